@@ -7,64 +7,76 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import fields
-from datetime import datetime
 from functools import cache
 from inspect import getdoc
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
 import click
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, create_model
+from pydantic import ConfigDict, TypeAdapter
+from pydantic.dataclasses import dataclass as with_schema
 
 from mavdem.cli.commands import imported_command, mavdem
 from mavdem.dem import Learned, document
-from mavdem.dem.settings import CompleteSettings
-from mavdem.documents import Key, keys_of, tables
+from mavdem.documents import DOCUMENTS
+from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
+from mavdem.heading import heading
 from mavdem.report.blocks import Table, markdown
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
-STRICT = ConfigDict(strict=True, extra="forbid", protected_namespaces=())
 WORDING = {"description", "title", "default"}  # of a schema: what may change without a new version
 
 
+class Published(NamedTuple):
+    """A document or table: its JSON schema, the version of that, and what it is."""
+
+    schema: dict[str, Any]
+    version: int
+    title: str
+
+
 @cache
-def adapters() -> dict[str, TypeAdapter[Any]]:
-    """Returns what checks each document, by its name."""
-    records = {name: _model(name, keys_of(name)) for name in tables()["records"]}
-    types = records | {
-        "number": float | None,
-        "datetime": datetime,
-        "Any": Any,
-        "Settings": CompleteSettings,
+def published() -> dict[str, Published]:
+    """Returns all documents, and the table of a fleet, by name."""
+    row = with_schema(FlightRow, frozen=True, config=ConfigDict(use_attribute_docstrings=True))
+    return {
+        **{
+            name: Published(_headed(name, one.model.model_json_schema(), one.version), *one[1:])
+            for name, one in DOCUMENTS.items()
+        },
+        "model": Published(
+            document._adapter(Learned).json_schema(), document.VERSION, "model.json"
+        ),
+        "flights": Published(
+            TypeAdapter(row).json_schema(), SCHEMA_VERSION, "flights.parquet, the table of a fleet"
+        ),
     }
-    found: dict[str, TypeAdapter[Any]] = {"model": document._adapter(Learned)}
-    for name, known in tables()["documents"].items():
-        head = {} if name == "flights" else keys_of("Header")
-        for key, value in (
-            (("document", name), ("schema_version", known["version"])) if head else ()
-        ):
-            head[key] = head[key]._replace(type=f"Literal[{value!r}]")
-        if name not in found:
-            model = _model(known["record"], head | keys_of(known["record"]))
-            model.model_rebuild(_types_namespace=types | {"Literal": Literal})
-            found[name] = TypeAdapter(model)
-    return found
 
 
-def _model(name: str, keys: dict[str, Key]) -> type[BaseModel]:
-    typed: dict[str, Any] = {}
-    for key, (kind, unit, meaning, optional) in keys.items():
-        said: dict[str, Any] = {
-            "description": meaning,
-            "json_schema_extra": {"unit": unit} if unit else None,
-        }
-        typed[key] = (
-            kind,
-            Field(default_factory=lambda: None, **said) if optional else Field(**said),
-        )
-    model: type[BaseModel] = create_model(name, __config__=STRICT, **typed)
-    return model
+def _headed(name: str, schema: dict[str, Any], version: int) -> dict[str, Any]:
+    """A document's ``schema`` with the keys of its header."""
+    types = {str: "string", int: "integer", dict: "object"}
+    keys = {
+        key: {"description": meaning, "type": types[type(value)]}
+        for (key, value), meaning in zip(heading(name, version, {}).items(), HEADER, strict=True)
+    }
+    keys["document"]["const"] = name
+    keys["schema_version"]["const"] = version
+    keys["units"]["additionalProperties"] = {"type": "string"}
+    return schema | {
+        "properties": keys | schema["properties"],
+        "required": [*keys, *schema.get("required", [])],
+    }
+
+
+HEADER = (
+    "which document this is: the command that makes it, model or error",
+    "version of its schema",
+    "version of the program that wrote it",
+    "units by key; * stands for any key or place in a list",
+)
 
 
 def structure(schema: Any) -> Any:
@@ -82,16 +94,12 @@ def structure(schema: Any) -> Any:
 
 def schema_text(name: str) -> str:
     """Returns the JSON Schema of the document of this ``name``, 2020-12."""
-    known = {
+    whole = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **adapters()[name].json_schema(),
+        **published()[name].schema,
+        "title": published()[name].title,
     }
-    return (
-        json.dumps(
-            known | {"title": tables()["documents"][name]["title"]}, indent=1, ensure_ascii=False
-        )
-        + "\n"
-    )
+    return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
 
 
 def command_page() -> str:
@@ -107,57 +115,85 @@ def command_page() -> str:
 
 def file_page() -> str:
     """Returns the page of all documents: their keys with type, unit and meaning."""
-    parts = ["# Files and JSON", INTRODUCTION, "## Every document", _keys(keys_of("Header"))]
-    for name, known in tables()["documents"].items():
-        version = known["version"]
+    parts = ["# Files and JSON", INTRODUCTION, "## Every document"]
+    parts += [
+        _table(
+            ["key", "meaning"],
+            [[f"`{k}`", m] for k, m in zip(heading("", 0, {}), HEADER, strict=True)],
+        )
+    ]
+    records = dict[str, Any]()
+    for name, one in published().items():
         parts += [
-            f"## {known['title']}",
-            f"`{name}`, version {version}: [schema](schemas/{name}-{version}.json).",
+            f"## {one.title}",
+            f"`{name}`, version {one.version}: [schema](schemas/{name}-{one.version}.json).",
         ]
         if name == "model":
             parts += [
-                "The attributes of [Learned](../api.md#learning), with those of each; arrays are nested lists."
+                "The attributes of [Learned](../api.md#learning), with those of each; arrays are nested lists.",
+                _attributes(Learned),
             ]
-            listed = re.findall(
-                r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", getdoc(Learned) or "", re.MULTILINE
-            )
-            said = {
-                key: re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
-                for keys, text in listed
-                for key in keys.split(", ")
-            }
-            rows = [[f"`{one.name}`", f"`{one.type}`", said[one.name]] for one in fields(Learned)]
-            parts += [_table(["key", "type", "meaning"], rows)]
         else:
-            parts += [_keys(keys_of(known["record"]))]
+            parts += [_keys(one.schema)]
+            records |= one.schema.get("$defs", {})
     parts += ["## Records", "What the documents are made of."]
-    used = {
-        word
-        for one in tables()["records"]
-        for key in keys_of(one).values()
-        for word in re.findall(r"\w+", key.type)
-    }
-    for name in sorted(used & tables()["records"].keys()):
-        parts += [f"### {name}", _keys(keys_of(name))]
+    for name in sorted(records):
+        if "properties" in records[name]:
+            parts += [f"### {name}", _keys(records[name])]
     return "\n\n".join(parts) + "\n"
 
 
-INTRODUCTION = """Every document begins with its name, the version of its schema, the version of mavdem and the units of
-its keys. As long as the version is the same, a key keeps its name, type, unit and meaning. What changes is a new version,
-and the schema of the old one stays here. `number` is null where a value is not known or not finite. Keys in *italics* are
-not in every document."""  # noqa: E501
+def _attributes(record: type) -> str:
+    """The attributes of a ``record`` that its docstring lists."""
+    listed = re.findall(
+        r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", getdoc(record) or "", re.MULTILINE
+    )
+    said = {
+        key: re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
+        for keys, text in listed
+        for key in keys.split(", ")
+    }
+    rows = [[f"`{one.name}`", f"`{one.type}`", said[one.name]] for one in fields(record)]
+    return _table(["key", "type", "meaning"], rows)
 
 
-def _keys(keys: dict[str, Key]) -> str:
+INTRODUCTION = """Every document begins with its name, the version of its schema, that of mavdem, and the units of
+its keys. As long as the version is the same, a key keeps its name, type, unit and meaning. What changes is a version,
+and the schema of the old one stays here. A number is null where its value is not known or not finite. Keys in *italics*
+are not in every document."""
+
+
+def _keys(record: Mapping[str, Any]) -> str:
     rows = []
-    for name, key in keys.items():
-        shown = re.sub(r"[A-Z]\w+", lambda word: _link(word[0]), key.type)
-        rows.append([f"*`{name}`*" if key.optional else f"`{name}`", shown, key.unit, key.meaning])
+    for name, key in record["properties"].items():
+        if name in heading("", 0, {}) and "$defs" in record:
+            continue
+        shown = f"`{name}`" if name in record.get("required", ()) else f"*`{name}`*"
+        rows.append([shown, _type(key), _unit(key), key.get("description", "")])
     return _table(["key", "type", "unit", "meaning"], rows)
 
 
-def _link(word: str) -> str:
-    return f"[{word}](#{word.lower()})" if word in tables()["records"] else word
+def _type(key: Mapping[str, Any]) -> str:
+    """The type of a ``key`` of a schema in words."""
+    if "$ref" in key:
+        name = key["$ref"].rpartition("/")[2]
+        return f"[{name}](#{name.lower()})"
+    if "anyOf" in key:
+        return " or ".join(map(_type, key["anyOf"]))
+    if "enum" in key or "const" in key:
+        return ", ".join(f"`{value}`" for value in key.get("enum", [key.get("const")]))
+    if "items" in key or "prefixItems" in key:
+        inner = key.get("items") or key["prefixItems"][0]
+        return f"list of {_type(inner)}"
+    if isinstance(key.get("additionalProperties"), dict):
+        return f"{_type(key['additionalProperties'])} by name"
+    return str(key.get("type", "any"))
+
+
+def _unit(key: Any) -> str:
+    if isinstance(key, dict):
+        return key.get("unit") or next(filter(None, map(_unit, key.values())), "")
+    return next(filter(None, map(_unit, key)), "") if isinstance(key, list) else ""
 
 
 def _table(header: list[str], rows: list[list[str]]) -> str:
@@ -168,10 +204,9 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 def contents() -> dict[Path, str]:
     """Returns every file that is made here, and what it must hold."""
-    known = tables()["documents"]
     schemas = {
-        FOLDER / "schemas" / f"{name}-{known[name]['version']}.json": schema_text(name)
-        for name in known
+        FOLDER / "schemas" / f"{name}-{one.version}.json": schema_text(name)
+        for name, one in published().items()
     }
     return {FOLDER / "commands.md": command_page(), FOLDER / "files.md": file_page(), **schemas}
 
@@ -182,7 +217,7 @@ def write() -> None:
         before = json.loads(path.read_text()) if path.suffix == ".json" and path.exists() else None
         if before is not None and structure(before) != structure(json.loads(text)):
             raise ValueError(
-                f"the document of {path.name} changed: raise its version in mavdem/documents.toml"
+                f"the document of {path.name} changed: raise its version in mavdem/documents"
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)

@@ -11,7 +11,7 @@ from mavdem.facts import Code
 from mavdem.report.words import table
 
 ROOT = Path(__file__).parents[1]
-ABOVE = {"report", "view", "export", "paper", "cli"}
+ABOVE = {"report", "documents", "view", "export", "paper", "cli"}
 """Rooms that may put results in words."""
 PROSE = {
     "alignment": 1000,

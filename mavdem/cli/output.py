@@ -6,7 +6,6 @@ import codecs
 import io
 import json
 import logging
-import math
 import os
 import signal
 import sys
@@ -23,7 +22,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
-from mavdem.documents import header
 from mavdem.errors import Unreadable
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
@@ -69,15 +67,10 @@ def json_text(document: dict[str, Any]) -> str:
     """Returns a JSON ``document`` of the command that runs, after its header; NaN and infinity become null."""
     context = click.get_current_context(silent=True)
     name = "error" if context is None or document.keys() == {"error"} else str(context.command.name)
-    return json.dumps(_finite(header(name) | document), indent=1, allow_nan=False)
+    # Imported here: `mavdem --help` need not wait for it.
+    from mavdem.documents import whole
 
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return json.dumps(whole(name, document), indent=1, allow_nan=False)
 
 
 def say(text: str = "") -> None:

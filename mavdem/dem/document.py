@@ -29,13 +29,16 @@ from pydantic import (
 
 from mavdem.dem.record import LABELS, STRICT, first_problem
 from mavdem.dem.settings import Settings
-from mavdem.documents import header
+from mavdem.heading import heading
 
 _PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text("utf-8"))
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
 vehicle, K of the engine, which may have a constant input more."""
 
+VERSION = 1
+"""Of the document's schema."""
+UNITS = {"record.dt": "s", "settings.horizon": "s"}
 POSITIVE = {"scaling.input_scale", "scaling.output_scale"}
 # of a covariance: how far below zero its least variance may be, relative to the largest
 ROUNDING = 1e-9
@@ -45,7 +48,7 @@ Kind = TypeVar("Kind")
 
 def to_text(result: Any) -> str:
     """Returns the document of a result, a dataclass."""
-    return json.dumps(header("model") | _plain(result))
+    return json.dumps(heading("model", VERSION, UNITS) | _plain(result))
 
 
 def from_text(kind: type[Kind], text: str) -> Kind:
@@ -55,7 +58,7 @@ def from_text(kind: type[Kind], text: str) -> Kind:
         if isinstance(text, str)
         else None
     )
-    if later and int(later[1]) > header("model")["schema_version"]:
+    if later and int(later[1]) > VERSION:
         raise ValueError("it is of a later version of mavdem: update this one")
     try:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text)

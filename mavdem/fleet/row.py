@@ -12,13 +12,32 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache
-from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
-from mavdem.documents import header
+from mavdem.heading import heading
+from mavdem.units import (
+    Acceleration,
+    AngularAcceleration,
+    ArmLengths,
+    DragUnit,
+    EffectPerInput,
+    GainOfOutput,
+    Hertz,
+    OfInputUnit,
+    OfOutput,
+    OfTrim,
+    PerRadian,
+    PerSecond,
+    Radians,
+    Seconds,
+    Speed,
+    UtcTime,
+    Volts,
+    units_of_fields,
+)
 
-SCHEMA_VERSION: int = header("flights")["schema_version"]
+SCHEMA_VERSION = 4
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 # the vehicle of a log that does not say whose it is, and health that is not known
@@ -43,111 +62,172 @@ class FlightRow:
     """One settled flight of a log: one vehicle, one axis. SI units, angles rad; None where a value is not known.
 
     A log that holds no such flight, or cannot be read, has one row whose ``status`` says why. Tuples have an entry for
-    each motor, in the order of ``motors``, unless documents.toml says otherwise. Intervals are half widths, 90 %.
+    each motor, in the order of ``motors``, unless its docstring says otherwise. Intervals are half widths, 90 %.
     """
 
-    file: str  # path or URL of the log
-    # hash of its content and its size, by which it is known again; empty if it could not be read at all
+    file: str
+    """path or URL of the log"""
     key: str = ""
-    # by what the log says of its identity; "unknown" where it says nothing
+    """hash of its content and its size"""
     vehicle: str = at("identity.name", UNKNOWN)
-    # of the name: "board", "accelerometer", "compass", or ``SHARED``
+    """name of the vehicle, or unknown"""
     vehicle_basis: str | None = at("identity.basis")
-    autopilot: str | None = at("identity.autopilot")  # as the log has them
+    """what the name is made of: board, accelerometer, compass or system id"""
+    autopilot: str | None = at("identity.autopilot")
+    """MAV_AUTOPILOT"""
     frame: str | None = at("identity.frame")
+    """MAV_TYPE"""
     firmware: str | None = at("identity.firmware")
-    system: int | None = at("identity.system")  # MAVLink ids
+    """version of the firmware, as logged"""
+    system: int | None = at("identity.system")
+    """MAVLink id"""
     component: int | None = None
-    # when the flight began, UTC; in the table without a zone
-    date: datetime | None = at("identity.date")
-    axis: str | None = None  # "roll" or "pitch"
-    # "a" everything, "b" the slow motion and conditions, "c" conditions only
+    """MAVLink id"""
+    date: UtcTime | None = at("identity.date")
+    """when the flight began"""
+    axis: str | None = None
+    """roll or pitch"""
     tier: str | None = at("tier")
-    tier_reason: str | None = at("reason")  # why no better one
-    duration: float | None = at("condition.settled")  # of the settled flight, s
-    attitude_rate: float | None = at("verdict.figures.attitude_rate")  # Hz
-    motor_rate: float | None = at("verdict.figures.motor_rate")
-    voltage_start: float | None = at("condition.battery.voltage_start")  # V
-    voltage_end: float | None = at("condition.battery.voltage_end")
-    voltage_mean: float | None = at("condition.battery.voltage_mean")
-    # mean of all motors, of their range: payload and thrust
+    """a (full model), b (slow motion) or c (condition only)"""
+    tier_reason: str | None = at("reason")
+    """why the tier is no better"""
+    duration: Seconds | None = at("condition.settled")
+    """duration of settled flight"""
+    attitude_rate: Hertz | None = at("verdict.figures.attitude_rate")
+    """rate of the attitude's messages"""
+    motor_rate: Hertz | None = at("verdict.figures.motor_rate")
+    """rate of the motors' messages"""
+    voltage_start: Volts | None = at("condition.battery.voltage_start")
+    """voltage at the start, median of 2 s"""
+    voltage_end: Volts | None = at("condition.battery.voltage_end")
+    """voltage at the end, median of 2 s"""
+    voltage_mean: Volts | None = at("condition.battery.voltage_mean")
+    """mean voltage"""
     collective: float | None = at("condition.collective")
-    lean_roll: float | None = at("condition.lean.roll.mean")  # mean angles, rad
-    lean_pitch: float | None = at("condition.lean.pitch.mean")
-    tilt_sd: float | None = at("condition.tilt_sd")  # of the angle from level, rad
-    tilt_max: float | None = at("condition.tilt_max")
-    vibration: Numbers | None = at("condition.vibration.level")  # x, y, z, m/s²
-    # how often an accelerometer was at its limit
+    """mean output of all motors, as a share of their range"""
+    lean_roll: Radians | None = at("condition.lean.roll.mean")
+    """mean roll"""
+    lean_pitch: Radians | None = at("condition.lean.pitch.mean")
+    """mean pitch"""
+    tilt_sd: Radians | None = at("condition.tilt_sd")
+    """standard deviation of the angle from level"""
+    tilt_max: Radians | None = at("condition.tilt_max")
+    """largest angle from level"""
+    vibration: tuple[Acceleration, ...] | None = at("condition.vibration.level")
+    """mean vibration, x, y and z or one level"""
     clips: int | None = at("condition.vibration.clips")
-    motors: tuple[str, ...] | None = at("condition.hover.motors")  # their names
-    # +1 counter-clockwise seen from above, -1 clockwise, 0 not known
+    """times that an accelerometer was out of range"""
+    motors: tuple[str, ...] | None = at("condition.hover.motors")
+    """names of the motors; lists that have an entry a motor are in this order"""
     spins: tuple[int, ...] | None = None
-    positions: tuple[tuple[float, float], ...] | None = None  # forward and right, in arm lengths
+    """+1 counter-clockwise seen from above, −1 clockwise, 0 not known"""
+    positions: tuple[tuple[ArmLengths, ArmLengths], ...] | None = None
+    """forward and right of each motor"""
     trim_unit: str | None = at("condition.hover.unit")
-    trim: Numbers | None = at("condition.hover.trim")  # mean output, in ``trim_unit``
-    # as a share of the range, over the mean of all
+    """unit of trim"""
+    trim: tuple[OfTrim, ...] | None = at("condition.hover.trim")
+    """mean output"""
     trim_share: Numbers | None = at("condition.hover.trim_share")
+    """trim as a share of the range, over the mean of all motors"""
     trim_share_interval: Numbers | None = at("condition.share_interval")
-    # left at the 99th percentile, as a share of the range
+    """half widths of the 90 % intervals of trim_share"""
     headroom: Numbers | None = at("condition.hover.headroom")
-    # share of the time at the upper stop
+    """share of the range that is left at the 99th percentile of the output"""
     saturated: Numbers | None = at("condition.hover.at_upper_limit")
-    # how long it oscillated by its own controller, s
-    oscillation: float | None = at("condition.oscillation.seconds")
+    """share of the time at the upper stop"""
+    oscillation: Seconds | None = at("condition.oscillation.seconds")
+    """duration of oscillation by its own controller"""
     balance: Numbers | None = None
+    """what is asked of the motors in roll, pitch and yaw, as shares of their mean command"""
     balance_error: Numbers | None = None
-    balance_lean: Numbers | None = None  # mean roll and pitch meanwhile, rad
-    # change of each by roll and by pitch, 1/rad, row after row, and standard error
-    lean_effect: Numbers | None = None
-    lean_effect_error: Numbers | None = None
-    # of the model, "motors" or one "demand" for the axis; without one, of ``mean_inputs``
+    """standard error of balance"""
+    balance_lean: tuple[Radians, ...] | None = None
+    """mean roll and pitch while balance was measured"""
+    lean_effect: tuple[PerRadian, ...] | None = None
+    """change of balance by roll and by pitch, row after row"""
+    lean_effect_error: tuple[PerRadian, ...] | None = None
+    """standard error of lean_effect"""
     inputs: str | None = None
+    """inputs of the model: motors or demand"""
     input_unit: str | None = None
-    # angular acceleration for one unit of each input, rad/s²
-    effect: Numbers | None = at("physical.effect")
-    effect_interval: Numbers | None = at("physical.interval_90_percent.effect")
+    """unit of the inputs"""
+    effect: tuple[EffectPerInput, ...] | None = at("physical.effect")
+    """control effectiveness of each input"""
+    effect_interval: tuple[EffectPerInput, ...] | None = at("physical.interval_90_percent.effect")
+    """half widths of the 90 % intervals of effect"""
     effect_status: str | None = at("physical.status.effect")
-    damping: float | None = at("physical.damping")  # 1/s
-    damping_interval: float | None = at("physical.interval_90_percent.damping")
+    """status of effect: reported, biased or not identifiable"""
+    damping: PerSecond | None = at("physical.damping")
+    """rate damping"""
+    damping_interval: PerSecond | None = at("physical.interval_90_percent.damping")
+    """half width of the 90 % interval of damping"""
     damping_status: str | None = at("physical.status.damping")
-    lag: float | None = at("physical.lag")  # of the motors, s
-    lag_interval: float | None = at("physical.interval_90_percent.lag")
+    """status of damping: reported, biased or not identifiable"""
+    lag: Seconds | None = at("physical.lag")
+    """motor time constant"""
+    lag_interval: Seconds | None = at("physical.interval_90_percent.lag")
+    """half width of the 90 % interval of lag"""
     lag_status: str | None = at("physical.status.lag")
-    wind_torque_sd: float | None = at("wind.sd")  # rad/s²; the interval is that of the mean
-    wind_torque_mean: float | None = at("wind.mean")
-    wind_torque_interval: float | None = at("wind.mean_band")
-    wind_speed: float | None = None  # of the mean wind, m/s
-    wind_speed_interval: Numbers | None = None  # both ends of it, m/s
-    wind_direction: float | None = None  # where it comes from, rad clockwise from north
-    wind_direction_interval: float | None = None  # half width, rad
-    drag: Numbers | None = None  # linear along body x and y, 1/s, then quadratic, 1/m
-    drag_interval: Numbers | None = None
-    # over the flight, of each input and output of the model
-    mean_inputs: Numbers | None = at("condition.hover.trim")
-    mean_outputs: Numbers | None = None
-    residual_gain_inputs: Numbers | None = None
-    residual_gain_outputs: Numbers | None = None
-    residual_offset: float | None = None
-    # what the flight says of its vehicle, in one plain sentence
+    """status of lag: reported, biased or not identifiable"""
+    wind_torque_sd: AngularAcceleration | None = at("wind.sd")
+    """standard deviation of the wind torque"""
+    wind_torque_mean: AngularAcceleration | None = at("wind.mean")
+    """steady part of the wind torque"""
+    wind_torque_interval: AngularAcceleration | None = at("wind.mean_band")
+    """half width of the 90 % interval of wind_torque_mean"""
+    wind_speed: Speed | None = None
+    """speed of the mean wind"""
+    wind_speed_interval: tuple[Speed, ...] | None = None
+    """ends of the 90 % interval of wind_speed"""
+    wind_direction: Radians | None = None
+    """where the wind comes from, clockwise from north"""
+    wind_direction_interval: Radians | None = None
+    """half width of the 90 % interval of wind_direction"""
+    drag: tuple[DragUnit, ...] | None = None
+    """linear drag along body x and y, then quadratic"""
+    drag_interval: tuple[DragUnit, ...] | None = None
+    """half widths of the 90 % intervals of drag"""
+    mean_inputs: tuple[OfInputUnit, ...] | None = at("condition.hover.trim")
+    """mean of each input over the flight"""
+    mean_outputs: tuple[OfOutput, ...] | None = None
+    """mean of each output over the flight"""
+    residual_gain_inputs: tuple[EffectPerInput, ...] | None = None
+    """the mean angular acceleration that this flight's frozen model leaves unexplained in another one is the sum of \
+gains times that flight's means, and of the offset"""
+    residual_gain_outputs: tuple[GainOfOutput, ...] | None = None
+    """the same gains of the outputs"""
+    residual_offset: AngularAcceleration | None = None
+    """the offset of that sum"""
     headline: str | None = at("headline")
-    # what overrides that: "oscillation", "motors", "saturation", "trim" or "data"
+    """what the flight says of its vehicle, one sentence"""
     overrides: tuple[str, ...] = ()
-    # of squared errors, on parts held out
+    """what makes the flight itself doubtful: oscillation, motors, saturation, trim or data"""
     error_ratio: float | None = at("forecast_over_constant_mean")
-    coverage: float | None = at("inside_90_percent_band")  # share of held-out samples
-    # what models of its healthy flights leave unexplained in this one, rad/s²
-    residual_mean: float | None = None
-    residual_mean_interval: float | None = None  # how far from 0 that is in 90 % of healthy flights
-    health: str = UNKNOWN  # "ok", "drift", "fault" or "unknown"
-    # that a motor works 8 % harder or more, whichever it is, from 0 to 1
+    """error ratio (NMSE) of forecasts in held-out windows"""
+    coverage: float | None = at("inside_90_percent_band")
+    """share of held-out samples in the 90 % band"""
+    residual_mean: AngularAcceleration | None = None
+    """mean acceleration that models of its healthy flights leave unexplained in this one"""
+    residual_mean_interval: AngularAcceleration | None = None
+    """distance of residual_mean from 0 within which 90 % of healthy flights are"""
+    health: str = UNKNOWN
+    """ok, drift, fault or unknown"""
     fault_probability: float | None = None
-    change_probability: float | None = None  # that anything changed, from 0 to 1
-    suspect_motor: int | None = None  # from 1; the number in the order of ``motors``
-    health_reason: str | None = None  # what speaks for it, or what is missing
-    warnings: tuple[str, ...] = ()  # one sentence each
-    status: str = OK  # "ok", or why there is no flight
-    page: str | None = None  # the flight's own page, relative to the folder of the fleet
-    mavdem_version: str = ""  # of the program that read the log
+    """probability that a motor works 8 % harder or more"""
+    change_probability: float | None = None
+    """probability that anything changed"""
+    suspect_motor: int | None = None
+    """number of the motor that is suspected, from 1, in the order of motors"""
+    health_reason: str | None = None
+    """what speaks for the health, or what is missing to judge it"""
+    warnings: tuple[str, ...] = ()
+    """what must be known before its figures are used, one sentence each"""
+    status: str = OK
+    """ok, or why there is no flight"""
+    page: str | None = None
+    """page of the flight, relative to the folder of the fleet"""
+    mavdem_version: str = ""
+    """version of the program that read the log"""
 
     def __post_init__(self) -> None:
         """Brings every value to its column's type, which makes rows equal that say the same."""
@@ -189,7 +269,7 @@ def _kinds() -> dict[str, Any]:
     """The type of each column, without None."""
     hints = get_type_hints(FlightRow)
     return {
-        name: get_args(hint)[0] if isinstance(hint, UnionType) else hint
+        name: get_args(hint)[0] if type(None) in get_args(hint) else hint
         for name, hint in hints.items()
     }
 
@@ -230,8 +310,8 @@ def row_schema() -> Any:
     def arrow(kind: Any) -> Any:
         return pyarrow.list_(arrow(get_args(kind)[0])) if get_origin(kind) is tuple else plain[kind]
 
-    head = header("flights")
-    units = {name: {"unit": unit} for name, unit in head["units"].items()}
+    units = {name: {"unit": unit} for name, unit in units_of_fields(FlightRow).items()}
+    head = heading("flights", SCHEMA_VERSION, {})
     columns = [
         pyarrow.field(name, arrow(kind), metadata=units.get(name))
         for name, kind in _kinds().items()

@@ -20,9 +20,9 @@ from mavdem.analysis.findings import PURPOSES
 from mavdem.cli.commands import main
 from mavdem.cli.learn import RESULT_FILES, named_after
 from mavdem.cli.output import json_text, print_blocks
-from mavdem.documents import header
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_learned
+from mavdem.heading import heading
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
@@ -70,7 +70,7 @@ def test_the_document_is_the_report_of_the_library(without_pictures, tmp_path, c
     held_out = evaluate.held_out_test(train, test, learned)
     expected = json.loads(json_text(model_figures([train], learned, held_out)))
     # in the command's document those of the log come first
-    for name in ("cautions", *header("error")):
+    for name in ("cautions", *heading("error", 2, {})):
         del expected[name]
     assert {name: report[name] for name in expected} == expected
     assert names(out) == FILES

@@ -13,7 +13,7 @@ from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.record import LABELS
 from mavdem.dem.settings import CompleteSettings
-from mavdem.documents import header
+from mavdem.heading import heading
 
 FLIGHT = simulated(wind=0.5)
 
@@ -50,7 +50,7 @@ def test_something_else_is_no_learned_model(text):
 
 def test_every_field_of_a_document_is_needed_and_checked(document):
     values = json.loads(document)
-    for name in values.keys() - header("model").keys():
+    for name in values.keys() - heading("model", 1, {}).keys():
         missing = {key: value for key, value in values.items() if key != name}
         with pytest.raises(
             ValueError, match=f"^not the document of a learned model: {name} is missing"

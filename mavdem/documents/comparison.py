@@ -1,0 +1,289 @@
+"""Methods and model orders compared: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.documents.document import Document, Error
+from mavdem.units import Nats, Number, Seconds, SquareOfOutput
+
+
+class Paired(Document):
+    """Paired test of the first method with each other one, over the whole test part."""
+
+    ratio: Number
+    """median of the first method's error over the other's"""
+    less: int
+    """number of windows in which the first method's error is lower"""
+    windows: int
+    """number of all windows"""
+    tested: int
+    """number of windows that do not overlap, which the test uses"""
+    p_value: Number
+    """two-sided p-value of Wilcoxon's signed-rank test"""
+    verdict: str
+    """lower, higher or not distinguishable"""
+
+
+class Refusal(Document):
+    """SOURCEs that cannot be compared."""
+
+    flight: str
+    """name of the flight"""
+    source: str
+    """as on the command line"""
+    error: Error
+    """why it cannot be used"""
+
+
+class Loss(Document):
+    """Where another method has the lower median error."""
+
+    flight: str
+    """name of the flight"""
+    method: str
+    """method whose error is lower"""
+    steps: int
+    """horizon in steps"""
+    ratio: Number
+    """first method's median error over that of the method"""
+    paired: Paired
+    """paired test, window by window"""
+
+
+class OverFlights(Document):
+    """Each method over all flights, the lowest error first."""
+
+    method: str
+    """name of the method"""
+    flights: int
+    """number of flights"""
+    relative: Number
+    """geometric mean of the flights' error ratios"""
+    horizons: list[Number]
+    """the same by horizon"""
+    inside: list[Number]
+    """share inside the 90 % band, by horizon"""
+    windows: int
+    """number of windows"""
+    failed: int
+    """number of windows without a forecast"""
+    diverged: int
+    """number of windows whose forecast is infinite or NaN"""
+    unstable: int
+    """number of models with a growing mode"""
+    worse_than_constant: int
+    """number of windows worse than the constant mean"""
+    mspe_total: Number
+    """mean squared error, summed over flights and outputs"""
+    reference: Paired
+    """paired test of the first method with this one, a pair a flight"""
+
+
+class Horizon(Document):
+    """Each horizon."""
+
+    steps: int
+    """horizon in steps"""
+    relative: Number
+    """median error ratio"""
+    relative_per_output: list[Number]
+    """median error ratio of each output"""
+    per_output: list[Number]
+    """median squared error of each output over its training variance"""
+    reference: Paired
+    """paired test of the first method with this one"""
+    inside: Number
+    """mean share inside the 90 % band"""
+
+
+class Standing(Document):
+    """Each method, the lowest error first."""
+
+    method: str
+    """name of the method"""
+    windows: int
+    """number of windows"""
+    failed: int
+    """number of windows without a forecast"""
+    failure: str
+    """reason of the first of these"""
+    diverged: int
+    """number of windows whose forecast is infinite or NaN"""
+    unstable: int
+    """number of models with a growing mode"""
+    mspe: list[SquareOfOutput | None]
+    """mean squared error of each output, mean over windows"""
+    mspe_total: Number
+    """sum over the outputs"""
+    relative: Number
+    """median error ratio"""
+    worst: Number
+    """largest error ratio"""
+    worse_than_constant: int
+    """number of windows worse than the constant mean"""
+    horizons: list[Horizon]
+    """each horizon; the last is the whole test part"""
+    seconds: Seconds
+    """processor time for a window"""
+
+
+class Mspe(Document):
+    """Errors over the whole test part."""
+
+    per_output: list[SquareOfOutput | None]
+    """mean squared error of each output"""
+    total: Number
+    """sum over the outputs"""
+
+
+class Skill(Document):
+    """Errors by horizon."""
+
+    steps: int
+    """horizon in steps"""
+    per_output: list[Number]
+    """squared error of each output over its training variance"""
+    total: Number
+    """sum over the outputs"""
+    relative_per_output: list[Number]
+    """error ratio of each output"""
+    relative: Number
+    """error ratio (NMSE)"""
+
+
+class FromZero(Document):
+    """Errors of forecasts that start at state 0."""
+
+    mspe: Mspe
+    """errors over the whole test part"""
+    skill: Skill
+    """error ratios over the whole test part"""
+
+
+class Outcome(Document):
+    """Each method, by name."""
+
+    failure: str
+    """why there is no forecast; empty where there is one"""
+    stable: bool | None
+    """whether the model has no growing mode"""
+    cautions: list[str]
+    """limits of the model"""
+    mspe: Mspe
+    """errors over the whole test part"""
+    skill: list[Skill]
+    """errors by horizon"""
+    inside_90_percent_band: list[Number]
+    """share inside the 90 % band, by horizon"""
+    from_zero: FromZero
+    """errors of forecasts that start at state 0"""
+    seconds: Seconds
+    """processor time"""
+
+
+class ComparedWindow(Document):
+    """Each window."""
+
+    start: int
+    """first sample of the window"""
+    time: Seconds
+    """time of the first sample"""
+    methods: dict[str, Outcome]
+    """each method, by name"""
+
+
+class ComparedFlight(Document):
+    """Each flight."""
+
+    flight: str
+    """name of the flight"""
+    dt: Seconds
+    """sampling step"""
+    outputs: list[str]
+    """names of the outputs"""
+    output_units: list[str]
+    """units of the outputs"""
+    training_samples: int
+    """training samples of a window"""
+    forecast_samples: int
+    """test samples of a window"""
+    standings: list[Standing]
+    """each method, the lowest error first"""
+    windows: list[ComparedWindow]
+    """each window"""
+
+
+class Comparison(Document):
+    """The same without the inputs of the time ahead."""
+
+    reference: str
+    """the first method, with which the others are compared"""
+    methods: list[str]
+    """names of all methods"""
+    start: str
+    """where forecasts start: data or zero"""
+    verdicts: dict[str, Paired]
+    """paired test of the first method with each other one, over the whole test part"""
+    losses: list[Loss]
+    """where another method has the lower median error"""
+    over_flights: list[OverFlights]
+    """each method over all flights, the lowest error first"""
+    flights: list[ComparedFlight]
+    """each flight"""
+    predictions: Comparison | None
+    """the same without the inputs of the time ahead"""
+
+
+class CompareReport(Comparison):
+    """Comparison.json, and `--json` of compare."""
+
+    axis: str
+    """roll or pitch"""
+    sources: dict[str, str]
+    """logs by the flight's name"""
+    refused: list[Refusal]
+    """SOURCEs that cannot be compared"""
+    files: dict[str, str]
+    """the files written, by name"""
+    seconds: Seconds
+    """time that it took"""
+
+
+class Order(Document):
+    """`--json` of order."""
+
+    orders: list[int]
+    """numbers of states that were tried"""
+    free_energy: list[list[Nats | None]]
+    """F̄ by flight and order"""
+    mean: list[Nats | None]
+    """mean of F̄ over the flights"""
+    spread: list[Nats | None]
+    """standard deviation of F̄ over the flights"""
+    chosen: int
+    """the order that F̄ chooses"""
+    saturated: bool
+    """whether a higher order was tried"""
+    reason: str
+    """why this order"""
+    remarks: list[str]
+    """why orders are missing"""
+    width: list[Seconds]
+    """width of the kernel that filters each flight"""
+    smoothness: list[list[Seconds | None]]
+    """estimated kernel width of the noise, by flight and order"""
+    samples: list[float]
+    """effective sample size of each flight"""
+    flights: list[str]
+    """names of the flights"""
+    axis: str
+    """roll or pitch"""
+    known_inputs: bool
+    """false with --unknown-inputs"""
+    seconds: Seconds
+    """time that it took"""
+    refused: list[Refusal]
+    """SOURCEs without an order"""
+    html: str | None
+    """the page that was written"""
+    advice: str
+    """what to do with the order"""

@@ -1,0 +1,141 @@
+"""What changed of a vehicle, and the table of many flights: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.documents.document import Document
+from mavdem.units import AngularAcceleration, Number, PerSecondOrSeconds, Radians, UtcText, Volts
+
+
+class Quantity(Document):
+    """Which quantity."""
+
+    kind: str
+    """share, effect, mean effect, damping or lag"""
+    motor: int
+    """number of the motor, from 1; 0 for none"""
+    axis: str
+    """roll, pitch or yaw; empty for none"""
+
+
+class Change(Document):
+    """Quantities that are known in both."""
+
+    quantity: Quantity
+    """which quantity"""
+    before: PerSecondOrSeconds | None
+    """mean of A; null for shares and effects"""
+    after: PerSecondOrSeconds | None
+    """mean of B; null for shares and effects"""
+    difference: PerSecondOrSeconds | None
+    """B less A; relative for shares and effects"""
+    half_width: PerSecondOrSeconds | None
+    """half width of its 90 % interval"""
+    p: Number
+    """probability of a difference as large if nothing changed"""
+    allowance: PerSecondOrSeconds | None
+    """standard deviation of what other conditions may do to it"""
+    outcome: str
+    """changed, same or uncertain"""
+
+
+class Incomparable(Document):
+    """Quantities that are not known in both."""
+
+    quantity: str
+    """name of the quantity"""
+    reason: str
+    """why it cannot be compared"""
+
+
+class FlightConditions(Document):
+    """Conditions of A and of B."""
+
+    voltage: Volts | None
+    """mean voltage"""
+    collective: Number
+    """mean output of all motors, as a share of their range"""
+    lean_roll: Radians | None
+    """mean roll"""
+    lean_pitch: Radians | None
+    """mean pitch"""
+    tilt_sd: Radians | None
+    """standard deviation of the angle from level"""
+    wind_torque: dict[str, AngularAcceleration]
+    """standard deviation of the wind torque, by axis"""
+
+
+class Difference(Document):
+    """What differs from the baseline."""
+
+    vehicles: list[list[str]]
+    """names in A and in B"""
+    shared: list[str]
+    """names that several vehicles may have"""
+    motors: list[str]
+    """names of the motors"""
+    flights: list[int]
+    """number of flights of A and of B"""
+    family_error: float
+    """probability that any quantity is called changed by chance (Holm)"""
+    level: float
+    """level of the intervals"""
+    changes: list[Change]
+    """quantities that are known in both"""
+    incomparable: list[Incomparable]
+    """quantities that are not known in both"""
+    conditions: list[FlightConditions]
+    """conditions of A and of B"""
+
+
+class Diff(Difference):
+    """`--json` of diff."""
+
+    a: str
+    """A as on the command line"""
+    b: str
+    """B as on the command line"""
+
+
+class FailedLog(Document):
+    """Logs without a flight."""
+
+    file: str
+    """name of the log"""
+    status: str
+    """why there is no flight"""
+
+
+class SinceBaseline(Document):
+    """Latest flight of each vehicle beside the baseline."""
+
+    file: str
+    """log of the latest flight"""
+    date: UtcText | None
+    """date of the latest flight"""
+    found: Difference | None
+    """what differs from the baseline"""
+
+
+class Track(Document):
+    """`--json` of track."""
+
+    fleet: str
+    """folder of the fleet"""
+    index: str
+    """its page"""
+    logs: int
+    """number of logs that LOGS name"""
+    read: int
+    """number of these that were read now"""
+    flights: int
+    """number of flights in the fleet"""
+    vehicles: int
+    """number of vehicles with a name of their own"""
+    tiers: dict[str, int]
+    """number of flights by tier"""
+    health: dict[str, int]
+    """number of flights by health"""
+    failed: list[FailedLog]
+    """logs without a flight"""
+    since_baseline: dict[str, SinceBaseline]
+    """latest flight of each vehicle beside the baseline"""

@@ -1,0 +1,469 @@
+"""A model of a flight, and what it is judged by: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.dem.settings import CompleteSettings
+from mavdem.documents.document import Document, Error
+from mavdem.documents.vehicle import (
+    Condition,
+    Findings,
+    Hover,
+    Identity,
+    Mixer,
+    MotorHealth,
+    Scale,
+    Segment,
+    Tier,
+    Verdict,
+)
+from mavdem.documents.wind import WindVelocity
+from mavdem.units import (
+    AngularAcceleration,
+    Effectiveness,
+    Hertz,
+    Nats,
+    Number,
+    OfInput,
+    OfOutput,
+    PerMinute,
+    PerSecond,
+    Seconds,
+    SeeUnit,
+    SquareOfAngleOrRate,
+    TorqueDensity,
+)
+
+
+class Provenance(Document):
+    """Where the training data come from."""
+
+    source: str
+    """the log"""
+    system: int
+    """MAVLink id"""
+    component: int
+    """MAVLink id"""
+    vehicle: str
+    """MAV_TYPE"""
+    autopilot: str
+    """MAV_AUTOPILOT"""
+    axis: str
+    """roll, pitch or yaw"""
+    segment: Segment
+    """the longest segment of settled flight"""
+    messages: dict[str, str]
+    """names of the messages of attitude and of motors"""
+    rates: dict[str, Hertz]
+    """rates of these messages"""
+    dt: Seconds
+    """sampling step"""
+    resampling: dict[str, str]
+    """how attitude and motors came onto one clock"""
+    motors: Mixer
+    """channels and places of the motors"""
+    scale: Scale
+    """range of the inputs"""
+    setpoints: dict[str, str]
+    """messages of the setpoints, by name"""
+    repairs: list[str]
+    """what was put right, one sentence each"""
+    parameters: dict[str, float]
+    """the autopilot's parameters of control and motors"""
+    earlier: dict[str, float]
+    """parameters that changed, with the value before"""
+    cautions: list[str]
+    """what makes a model less reliable"""
+
+
+class SegmentSamples(Document):
+    """Segments of settled flight that the model is trained on."""
+
+    start: Seconds
+    """on the boot clock"""
+    samples: int
+    """number of samples"""
+
+
+class Matrices(Document):
+    """Ẋ = A x + B (u − u₀) + d, y = C x + y₀, in units of inputs and outputs, and s."""
+
+    A: list[list[float]]
+    """(n, n)"""
+    B: list[list[float]]
+    """(n, r)"""
+    C: list[list[float]]
+    """(m, n)"""
+    offset: list[float]
+    """d (n,)"""
+    input_trim: list[OfInput]
+    """u₀ (r,)"""
+    output_trim: list[OfOutput]
+    """y₀ (m,)"""
+
+
+class ModelErrors(Document):
+    """Half widths of 90 % intervals, by the simulation-error fit."""
+
+    A: list[list[Number]]
+    """(n, n)"""
+    B: list[list[Number]]
+    """(n, r)"""
+    C: list[list[Number]]
+    """(m, n)"""
+
+
+class FreeEnergy(Document):
+    """Free energy action F̄ of A, B and C."""
+
+    start: Nats
+    """F̄ of the first iteration"""
+    end: Nats
+    """F̄ of the last iteration"""
+    gained: Nats
+    """increase over all iterations"""
+    terms: dict[str, Nats]
+    """terms of F̄ of the last iteration, by name"""
+
+
+class HeldOut(Document):
+    """Forecasts of windows that no model has seen."""
+
+    windows: int
+    """number of windows"""
+    seconds: Seconds
+    """length of a window"""
+    start: list[Seconds]
+    """start of each window, on the boot clock"""
+    rmse: dict[str, list[OfOutput | None]]
+    """root mean squared error of each output, by forecast"""
+    error_ratio: dict[str, Number]
+    """error ratio (NMSE), by forecast"""
+    error_ratios: list[Number]
+    """error ratio of the forecast, by window"""
+    median_error_ratio: Number
+    """median of error_ratios"""
+    error_ratio_quartiles: list[Number]
+    """quartiles of error_ratios"""
+    share_worse_than_constant_mean: float
+    """share of the windows whose forecast is worse than the constant mean"""
+    share_worse_than_hold_last: float
+    """share of the windows whose forecast is worse than the last sample held"""
+    inside_90_percent_band: float
+    """share of the samples inside the 90 % band"""
+    over_expected_error: Number
+    """squared error over the one to expect"""
+    failures: list[str]
+    """why models of parts of the flight could not be learned, one sentence each"""
+
+
+class Errors(Document):
+    """Errors one step ahead in the training data, by method, the lowest first."""
+
+    per_output: list[SquareOfAngleOrRate | None]
+    """mean squared error of each output"""
+    total: Number
+    """sum over the outputs"""
+    relative: Number
+    """error ratio (NMSE), outputs in units of their variance"""
+
+
+class Prediction(Document):
+    """How far ahead predictions without the motors are useful."""
+
+    half_explained_seconds: list[Seconds]
+    """horizon up to which half of the variance is predicted, of each output"""
+    error_ratio: Number
+    """error ratio of predictions in held-out windows"""
+
+
+class SimulationFit(Document):
+    """Simulation-error fit of A, B and C."""
+
+    samples: int
+    """length of a simulation segment"""
+    converged: bool
+    """whether the fit converged"""
+    numbers: float
+    """effective sample size"""
+    parameters: int
+    """number of free parameters"""
+    turning: list[float]
+    """combination of motors that turns the axis"""
+    terms: dict[str, Nats]
+    """terms of F̄, by name"""
+
+
+class Joint(Document):
+    """The joint model of outputs and motors, which forecasts."""
+
+    lags: int
+    """number of samples from which the next one is predicted"""
+    prior_precision: float
+    """precision of the prior of its coefficients"""
+    smooth: bool
+    """whether the prior is smooth over the lags"""
+    combinations: list[list[float]]
+    """combinations of motors that are its inputs"""
+    spectral_radius: float
+    """largest magnitude of its eigenvalues; above 1 it is unstable"""
+    free_energy: dict[str, Nats]
+    """terms of F̄, by name"""
+
+
+class PhysicalInterval(Document):
+    """Half widths of 90 % intervals."""
+
+    effect: list[Effectiveness] | None
+    """half width of each motor's control effectiveness"""
+    damping: PerSecond | None
+    """half width of the rate damping"""
+    lag: Seconds | None
+    """half width of the motor time constant"""
+    delay: Seconds | None
+    """half width of the delay"""
+
+
+class WindowTable(Document):
+    """Estimates of each window of the flight."""
+
+    start: list[Seconds]
+    """start of the window, after the first sample"""
+    effect: list[Effectiveness | None]
+    """mean magnitude of the motors' control effectiveness"""
+    effect_sd: list[Effectiveness | None]
+    """standard deviation of effect"""
+    damping: list[PerSecond | None]
+    """rate damping"""
+    damping_sd: list[PerSecond | None]
+    """standard deviation of damping"""
+    lag: list[Seconds | None]
+    """motor time constant"""
+    lag_sd: list[Seconds | None]
+    """standard deviation of lag"""
+    wind: list[AngularAcceleration | None]
+    """standard deviation of the wind torque"""
+
+
+class Physical(Document):
+    """Physical parameters of the axis."""
+
+    effect: list[Effectiveness]
+    """control effectiveness of each motor"""
+    damping: PerSecond
+    """rate damping"""
+    lag: Seconds
+    """motor time constant"""
+    delay: Seconds
+    """dead time of the motors' commands"""
+    status: dict[str, str]
+    """reported, biased or not identifiable, of effect, damping and lag"""
+    reasons: dict[str, str]
+    """why a parameter is not reported, of effect, damping and lag"""
+    bias: float
+    """likely relative error of the effect"""
+    wind: AngularAcceleration
+    """standard deviation of the angular acceleration that the motors do not cause"""
+    wind_share: float
+    """share of the wind in the variance of all torque"""
+    refinements: dict[str, float]
+    """parameters that predict unseen windows better"""
+    interval_90_percent: PhysicalInterval
+    """half widths of 90 % intervals; null of what is not identifiable"""
+    windows: WindowTable
+    """estimates of each window of the flight"""
+
+
+class Gust(Document):
+    """In order of time."""
+
+    sample: int
+    """first sample of the gust"""
+    start: Seconds
+    """after the first sample"""
+    length: Seconds
+    """duration of the gust"""
+    size: AngularAcceleration
+    """largest torque of the gust, with its sign"""
+
+
+class Spectrum(Document):
+    """Spectrum of the estimate and of its model."""
+
+    frequency: list[Hertz]
+    """frequencies of both densities"""
+    density: list[TorqueDensity | None]
+    """power spectral density of the estimate"""
+    model: list[TorqueDensity | None]
+    """power spectral density of the model"""
+
+
+class WindTorque(Document):
+    """Torque of the wind about the axis."""
+
+    mean: AngularAcceleration
+    """steady part, if motors are equal and the load is centred"""
+    mean_band: AngularAcceleration
+    """half width of the 90 % interval of mean"""
+    sd: AngularAcceleration
+    """standard deviation of the wind torque"""
+    scale_error: Number
+    """relative standard deviation of the error of sd"""
+    resolved: bool
+    """whether its course is larger than its errors"""
+    reason: str | None
+    """why the wind torque is not reported"""
+    gust_threshold: AngularAcceleration | None
+    """distance from the running level beyond which it is a gust"""
+    false_gusts_per_minute: PerMinute | None
+    """gusts a minute that turbulence shows by chance"""
+    answered: Number
+    """share of its variance that the motors cancel"""
+    answered_below_1_hz: Number
+    """share of its variance below 1 Hz that the motors cancel"""
+    gusts: list[Gust]
+    """in order of time"""
+    spectrum: Spectrum
+    """spectrum of the estimate and of its model"""
+    explained_by_mean_wind: Number = None
+    """share of its variance that the wind in m/s explains"""
+
+
+class AxisFigures(Document):
+    """With --axis all: roll, pitch and yaw."""
+
+    physical: Physical | None
+    """physical parameters of the axis"""
+    wind: WindTorque | None
+    """torque of the wind about the axis"""
+    reason: str
+    """why there are no physical parameters"""
+
+
+class TrueParameter(Document):
+    """Parameters beside their truth."""
+
+    name: str
+    """name of the parameter"""
+    unit: str
+    """unit of estimate, half_width and truth"""
+    estimate: SeeUnit
+    """estimate of the flight"""
+    half_width: SeeUnit | None
+    """half width of its 90 % interval"""
+    truth: SeeUnit
+    """value in the simulator"""
+    status: str
+    """reported, biased or not identifiable"""
+    inside: bool | None
+    """whether the interval holds the truth"""
+
+
+class TrueWind(Document):
+    """The wind torque beside its truth."""
+
+    correlation: Number
+    """correlation of the estimate with the truth"""
+    sd: AngularAcceleration
+    """standard deviation of the estimate"""
+    true_sd: AngularAcceleration
+    """standard deviation of the truth"""
+    inside: float
+    """share of the samples whose truth is in the 90 % band"""
+    resolved: bool
+    """whether the estimate is larger than its errors"""
+    mean: TrueParameter
+    """steady part beside its truth"""
+
+
+class Truth(Document):
+    """Estimates beside the truth of a simulated flight, with --truth."""
+
+    source: str
+    """name of the truth file"""
+    parameters: list[TrueParameter]
+    """parameters beside their truth"""
+    wind: TrueWind | None
+    """the wind torque beside its truth"""
+
+
+class Report(Tier, MotorHealth, Findings):
+    """Report.json, and `--json` of learn and open."""
+
+    flight: Provenance | None = None
+    """where the training data come from; keys in italics are there with a model only, but for error"""
+    segments: list[SegmentSamples] | None = None
+    """segments of settled flight that the model is trained on"""
+    inputs: list[str] | None = None
+    """names of the inputs"""
+    outputs: list[str] | None = None
+    """names of the outputs"""
+    dt: Seconds | None = None
+    """sampling step"""
+    training_samples: int | None = None
+    """number of training samples"""
+    forecast_samples: int | None = None
+    """samples of a held-out window"""
+    order: int | None = None
+    """number of states"""
+    converged: bool | None = None
+    """whether the last fit converged"""
+    model: Matrices | None = None
+    """ẋ = A x + B (u − u₀) + d, y = C x + y₀, in units of inputs and outputs, and s"""
+    model_interval_90_percent: ModelErrors | None = None
+    """half widths of 90 % intervals, by the simulation-error fit"""
+    spectral_abscissa: PerSecond | None = None
+    """largest real part of the poles of A"""
+    free_energy: FreeEnergy | None = None
+    """free energy action F̄ of A, B and C"""
+    held_out: HeldOut | None = None
+    """forecasts of windows that no model has seen"""
+    one_step_mspe: dict[str, Errors] | None = None
+    """errors one step ahead in the training data, by method, the lowest first"""
+    forecast_mspe: dict[str, Errors] | None = None
+    """errors in the held-out windows, by method, the lowest first"""
+    forecast_over_constant_mean: Number = None
+    """error ratio (NMSE) of the forecast in held-out windows"""
+    expected_error: Number = None
+    """squared error to expect of the forecast, over the variance of the training data"""
+    inside_90_percent_band: float | None = None
+    """share of the held-out samples inside the 90 % band"""
+    prediction: Prediction | None = None
+    """how far ahead predictions without the motors are useful"""
+    simulation_fit: SimulationFit | None = None
+    """simulation-error fit of A, B and C"""
+    joint: Joint | None = None
+    """the joint model of outputs and motors, which forecasts"""
+    physical: Physical | None = None
+    """physical parameters of the axis"""
+    wind: WindTorque | None = None
+    """torque of the wind about the axis"""
+    closed_loop: None = None
+    """always null"""
+    cautions: list[str] | None = None
+    """limits of the model, one sentence each"""
+    axes: dict[str, AxisFigures]
+    """with --axis all: roll, pitch and yaw"""
+    hover: Hover | None
+    """what each motor does in settled flight"""
+    reason: str
+    """why there is no full model; empty where there is one"""
+    remedy: str
+    """what to change to get a full model"""
+    condition: Condition
+    """figures of the vehicle that any rate shows"""
+    identity: Identity
+    """which vehicle it is"""
+    truth: Truth | None
+    """estimates beside the truth of a simulated flight, with --truth"""
+    settings: CompleteSettings | None
+    """all settings of the fit; docs/engine.md"""
+    verdict: Verdict
+    """whether a full model can be learned"""
+    wind_velocity: WindVelocity | None
+    """wind in m/s"""
+    seconds: Seconds
+    """time that the analysis took"""
+    files: dict[str, str]
+    """the files written, by name"""
+    error: Error | None = None
+    """why there is no model"""

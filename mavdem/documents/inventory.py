@@ -1,0 +1,138 @@
+"""What a log holds: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.documents.document import Document
+from mavdem.documents.vehicle import (
+    Condition,
+    Findings,
+    Identity,
+    LongSegment,
+    MotorHealth,
+    Tier,
+    Verdict,
+)
+from mavdem.documents.wind import WindVelocity
+from mavdem.units import Hertz, Number, Seconds, UnixSeconds
+
+
+class Unread(Document):
+    """Frames that could not be decoded."""
+
+    message_id: int
+    """MAVLink id of the message"""
+    system: int
+    """MAVLink id"""
+    component: int
+    """MAVLink id"""
+    frames: int
+    """number of frames that cannot be read"""
+    of: int
+    """number of all frames of this id"""
+    cause: str
+    """another dialect or damage"""
+
+
+class Speaker(Document):
+    """All components that sent something."""
+
+    system: int
+    """MAVLink id"""
+    component: int
+    """MAVLink id"""
+    kind: str
+    """MAV_TYPE"""
+    messages: int
+    """number of messages"""
+    lost: int
+    """number of lost messages, by gaps in the sequence numbers"""
+    lost_share: float
+    """share of the sequence numbers that do not occur"""
+    missing_share: Number
+    """share of the messages that its streams lack, by their usual step"""
+
+
+class Stream(Document):
+    """Messages by name."""
+
+    count: int
+    """number of messages"""
+    rate: Hertz | None
+    """mean rate"""
+
+
+class AutopilotAlarm(Document):
+    """What the autopilot itself warned of (STATUSTEXT), the worst first."""
+
+    severity: str
+    """emergency, alert, critical, error or warning"""
+    text: str
+    """the text as sent"""
+    time: Seconds
+    """time of the first, on the boot clock"""
+    boot: int
+    """number of the vehicle's boot, from 0"""
+    count: int
+    """number of times that it was sent"""
+
+
+class Vehicle(Tier, MotorHealth, Findings):
+    """The vehicles among them."""
+
+    system: int
+    """MAVLink id"""
+    component: int
+    """MAVLink id"""
+    vehicle: str
+    """MAV_TYPE"""
+    autopilot: str
+    """MAV_AUTOPILOT"""
+    translated_from: str
+    """format of the log, where it is not MAVLink; else empty"""
+    names: dict[str, str]
+    """the log's own names of messages"""
+    parameters: int
+    """number of parameters"""
+    messages: dict[str, Stream]
+    """messages by name"""
+    boots: int
+    """number of boots"""
+    segments: list[LongSegment]
+    """segments of settled flight, the longest first"""
+    repairs: list[str]
+    """what was put right, one sentence each"""
+    verdict: Verdict
+    """whether a full model can be learned"""
+    identity: Identity
+    """which vehicle it is"""
+    condition: Condition
+    """figures of the vehicle that any rate shows"""
+    autopilot_alarms: list[AutopilotAlarm]
+    """what the autopilot itself warned of (STATUSTEXT), the worst first"""
+    watched: bool
+    """whether a motor that weakens would have been seen"""
+    model: str | None
+    """model that can be learned: full or slow motion"""
+    wind_velocity: WindVelocity | None
+    """wind in m/s"""
+
+
+class Inventory(Document):
+    """`--json` of info."""
+
+    source: str
+    """the log"""
+    frames: int
+    """number of MAVLink frames or messages"""
+    bytes_skipped: int
+    """bytes that belong to no frame"""
+    receive_time: list[UnixSeconds | None]
+    """receive times of the first and the last message"""
+    unread: list[Unread]
+    """frames that could not be decoded"""
+    speakers: list[Speaker]
+    """all components that sent something"""
+    vehicles: list[Vehicle]
+    """the vehicles among them"""
+    learnable: bool
+    """whether any model can be learned from the log"""

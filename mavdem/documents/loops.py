@@ -1,0 +1,226 @@
+"""Control loops, gains, and the twin for simulators: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.documents.document import Document, Error
+from mavdem.documents.wind import Drag
+from mavdem.units import (
+    AngularRate,
+    Decibels,
+    Degrees,
+    DegreesPerSecond,
+    Hertz,
+    Inertia,
+    Kilograms,
+    Metres,
+    Number,
+    OfParameter,
+    Percent,
+    PerSecond,
+    Radians,
+    Rejection,
+    Seconds,
+)
+
+
+class Margins(Document):
+    """Figures of the rate loop."""
+
+    crossover: Hertz | None
+    """highest frequency at which the gain is 1"""
+    crossover_interval: list[Hertz | None]
+    """ends of the 90 % interval"""
+    phase_margin: Degrees | None
+    """phase margin; negative where the loop is unstable"""
+    phase_margin_interval: list[Degrees | None]
+    """ends of the 90 % interval"""
+    gain_margin: Decibels | None
+    """gain margin; null where no frequency has it"""
+    gain_margin_interval: list[Decibels | None]
+    """ends of the 90 % interval"""
+    delay_margin: Seconds | None
+    """delay margin"""
+    delay_margin_interval: list[Seconds | None]
+    """ends of the 90 % interval"""
+    ms: Number
+    """largest sensitivity (Ms)"""
+    ms_interval: list[Number]
+    """ends of the 90 % interval"""
+    bandwidth: Hertz | None
+    """frequency up to which the closed loop is at least −3 dB"""
+    bandwidth_interval: list[Hertz | None]
+    """ends of the 90 % interval"""
+    rejection: Rejection | None
+    """largest response of the rate, or the angle, to a torque"""
+    rejection_interval: list[Rejection | None]
+    """ends of the 90 % interval"""
+
+
+class Measured(Document):
+    """Response measured in flight, beside the predicted one."""
+
+    band: list[Hertz | None]
+    """frequencies between which the two can be compared"""
+    fit: Percent | None
+    """fit of the predicted rate to the measured one, 100 (1 − NRMSE)"""
+    agreement: Percent | None
+    """fit of the predicted rate to what the setpoint explains of the measured one"""
+    reason: str
+    """why they do not agree; empty where they do"""
+    controller_gain: float | None = None
+    """gain of the demand in flight over that of the parameters"""
+
+
+class Loop(Document):
+    """The loops with the gains of the log."""
+
+    axis: str
+    """roll, pitch or yaw"""
+    rate: Margins
+    """figures of the rate loop"""
+    attitude: Margins
+    """figures of the attitude loop"""
+    lean_in_wind: Radians | None
+    """angle by a steady torque of one standard deviation of the wind"""
+    cautions: list[str]
+    """what limits the figures, one sentence each"""
+    measured: Measured | None
+    """response measured in flight, beside the predicted one"""
+    agrees: bool | None
+    """whether measured and predicted response agree"""
+
+
+class Target(Document):
+    """The margins asked for."""
+
+    phase_margin: Degrees
+    """least phase margin"""
+    gain_margin: Decibels
+    """least gain margin"""
+    ms: float
+    """largest Ms"""
+
+
+class Gain(Document):
+    """Gains by the autopilot's name."""
+
+    now: OfParameter
+    """value in the log"""
+    set: OfParameter
+    """value to set"""
+
+
+class Noise(Document):
+    """Noise of the gyro in the demand."""
+
+    lowest: Hertz
+    """lowest frequency that counts as noise"""
+    highest: Hertz
+    """highest frequency that the log shows"""
+    before: float
+    """standard deviation of the demand, 1 being all that the mixer takes"""
+    after: float
+    """the same with the gains to set"""
+    by_d: float
+    """part of the D term, before"""
+    heat: float
+    """factor by which fast commands heat the motors more"""
+
+
+class AxisAdvice(Document):
+    """Loops and gains of each axis."""
+
+    refusal: str | None = None
+    """why there are no loops; no other key is there then"""
+    loop: Loop | None = None
+    """the loops with the gains of the log"""
+    target: Target | None = None
+    """the margins asked for"""
+    verdict: str | None = None
+    """whether the loops have these margins, one sentence"""
+    sentence: str | None = None
+    """what to do, one or two sentences"""
+    sure: float | None = None
+    """share of the plants that fit the flight in which both loops have the margins"""
+    gains: dict[str, Gain] | None = None
+    """gains by the autopilot's name"""
+    expected: Loop | None = None
+    """the loops with the gains to set"""
+    noise: Noise | None = None
+    """noise of the gyro in the demand"""
+
+
+class Tune(Document):
+    """`--json` of tune."""
+
+    source: str
+    """the log"""
+    margins: str
+    """the value of --margins"""
+    axes: dict[str, AxisAdvice]
+    """loops and gains of each axis"""
+    parameters: dict[str, OfParameter]
+    """gains to set, where they change"""
+    error: Error | None = None
+    """why no gains are advised"""
+
+
+class TwinVehicle(Document):
+    """The vehicle for simulators."""
+
+    autopilot: str
+    """px4 or ardupilot"""
+    mass: Kilograms
+    """mass, given or assumed"""
+    inertia: list[Inertia]
+    """moments of inertia about forward, right and down"""
+    arm: list[Metres]
+    """distance of the motors forward and to the right of the centre of mass"""
+    hover: float
+    """share of the motors' range in hover"""
+    expo: float
+    """share of a motor's thrust that is quadratic in its command"""
+    moment: Metres
+    """torque of a propeller by its thrust"""
+    damping: list[PerSecond]
+    """damping of the rates of roll, pitch and yaw"""
+    lag: Seconds
+    """motor time constant"""
+    delay: Seconds
+    """delay from the motion to the motors' command"""
+    noise: AngularRate
+    """standard deviation of a measured rate"""
+    drag: Drag | None
+    """drag; null where no wind is known"""
+    parameters: dict[str, OfParameter]
+    """parameters of the autopilot's control"""
+    notes: dict[str, str]
+    """how sure each value is"""
+
+
+class Alike(Document):
+    """Figures of the recorded flight, and their mean over the twin's."""
+
+    levels: list[Decibels | None]
+    """level of the roll rate's spectrum by band, the twin's over the recorded"""
+    lean: list[Degrees | None]
+    """mean roll, recorded and twin's"""
+    sway: list[Degrees | None]
+    """standard deviation of roll, recorded and twin's"""
+    rate: list[DegreesPerSecond | None]
+    """standard deviation of the roll rate, recorded and twin's"""
+    peak: list[Number] | None = None
+    """peak of the roll rate's step response, recorded and twin's"""
+    rise: list[Seconds | None] | None = None
+    """time to half of that peak, recorded and twin's"""
+
+
+class Twin(Document):
+    """`--json` of twin."""
+
+    vehicle: TwinVehicle
+    """the vehicle for simulators"""
+    missing: list[str]
+    """what is not learned, one sentence each"""
+    alike: Alike | None
+    """figures of the recorded flight, and their mean over the twin's"""

@@ -1,0 +1,175 @@
+"""Conversions, simulated flights and the paper again: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mavdem.documents.document import Document
+from mavdem.units import Seconds
+
+
+class Convert(Document):
+    """`--json` of convert."""
+
+    source: str
+    """IN as on the command line"""
+    out: str
+    """OUT as on the command line"""
+    frames: int | None = None
+    """number of frames written; with the next five for a stream only"""
+    left_out: int | None = None
+    """number of messages that cannot be encoded"""
+    unread: int | None = None
+    """number of frames of another dialect, or damaged"""
+    stamps_filled: int | None = None
+    """number of frames with the receive time of the one before"""
+    bytes_skipped: int | None = None
+    """number of bytes that belong to no frame"""
+    repairs: list[str] | None = None
+    """what was put right, one sentence each"""
+    samples: int | None = None
+    """number of rows; with the others for a table only"""
+    columns: list[str] | None = None
+    """names of the columns, with units"""
+    dt: Seconds | None = None
+    """sampling step; null where every signal is at its own stamps"""
+    resampling: dict[str, str] | None = None
+    """how signals came onto one clock"""
+    start: Seconds | None = None
+    """first time stamp, on the boot clock"""
+    end: Seconds | None = None
+    """last time stamp, on the boot clock"""
+    learnable: bool | None = None
+    """whether a full model can be learned"""
+    cautions: list[str] | None = None
+    """what limits the table, one sentence each"""
+
+
+class Listed(Document):
+    """All scenarios."""
+
+    name: str
+    """name of the scenario"""
+    description: str
+    """what it is, one sentence"""
+
+
+class Fly(Document):
+    """`--json` of fly."""
+
+    scenarios: list[Listed] | None = None
+    """all scenarios; with --list only"""
+    scenario: str | None = None
+    """name or file of the scenario"""
+    words: list[str] | None = None
+    """the scenario in words; with --describe only"""
+    values: dict[str, Any] | None = None
+    """all keys of the scenario's file; with --describe only"""
+    seed: int | None = None
+    """seed of the wind"""
+    duration: Seconds | None = None
+    """time from arming to disarming"""
+    out: str | None = None
+    """log that was written"""
+    frames: int | None = None
+    """number of frames written or sent"""
+    truth: str | None = None
+    """file of the true states"""
+    rrd: str | None = None
+    """recording for Rerun"""
+    took: Seconds | None = None
+    """time that it took"""
+    cautions: list[str] | None = None
+    """what the vehicle could not do, one sentence each"""
+    udp: str | None = None
+    """ground station; with the next four for a live flight only"""
+    commands: int | None = None
+    """number of commands received"""
+    unheard: int | None = None
+    """number of datagrams that were dropped"""
+    flown: Seconds | None = None
+    """time that was simulated"""
+    stopped: bool | None = None
+    """whether the flight was ended early"""
+
+
+class ListedClaim(Document):
+    """All claims."""
+
+    name: str
+    """name of the claim"""
+    title: str
+    """title of the claim"""
+    section: str
+    """section of the paper"""
+
+
+class Claim(Document):
+    """Where the claim stands in the paper."""
+
+    section: str
+    """section of the paper"""
+    labels: list[str]
+    """labels of its figures and tables"""
+    claim: str
+    """the claim in the paper's words"""
+
+
+class Check(Document):
+    """Conditions of the claim."""
+
+    rule: str
+    """the condition"""
+    holds: bool
+    """whether it holds"""
+    finding: str
+    """the result with its numbers"""
+
+
+class Beyond(Document):
+    """Findings beyond the claim."""
+
+    sentence: str
+    """what was found"""
+    checks: list[Check]
+    """conditions"""
+
+
+class Item(Document):
+    """The paper's claims."""
+
+    name: str
+    """name of the claim, as in --list"""
+    title: str
+    """title of the claim"""
+    paper: Claim
+    """where the claim stands in the paper"""
+    verdict: str
+    """whether it holds"""
+    sentence: str
+    """what was found"""
+    checks: list[Check]
+    """conditions of the claim"""
+    beyond: Beyond
+    """findings beyond the claim"""
+    numbers: Any
+    """all figures, by name"""
+    remarks: list[str]
+    """what to know of it, one sentence each"""
+
+
+class Reproduce(Document):
+    """Numbers.json, and `--json` of reproduce."""
+
+    claims: list[ListedClaim] | None = None
+    """all claims; with --list, and nothing else"""
+    paper: str | None = None
+    """title of the paper"""
+    mavdem: str | None = None
+    """version of the program"""
+    python: str | None = None
+    """version of Python"""
+    seconds: Seconds | None = None
+    """time that it took"""
+    items: list[Item] | None = None
+    """the paper's claims"""

@@ -1,0 +1,131 @@
+"""A live session: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.documents.document import Document
+from mavdem.documents.vehicle import Finding, MotorHealth, Override
+from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
+
+
+class LiveSamples(Document):
+    """Number of rows."""
+
+    learnt: int
+    """number of rows that the learner used"""
+    shown: int
+    """number of rows that were only shown"""
+
+
+class Behind(Document):
+    """How far the analysis was behind the link."""
+
+    most: Seconds
+    """longest delay"""
+    datagrams_dropped: int
+    """datagrams that this computer dropped"""
+
+
+class Latency(Document):
+    """Time from a packet's arrival to its estimate."""
+
+    median: Seconds | None
+    """median over the last rows"""
+    p99: Seconds | None
+    """99th percentile over the last rows"""
+    max: Seconds | None
+    """longest of all rows"""
+
+
+class Ahead(Document):
+    """Band of a prediction."""
+
+    seconds: Seconds | None
+    """how far ahead"""
+    half_width_rad: Number
+    """half width of the angle's 90 % band there, rad"""
+
+
+class Useful(Document):
+    """Longest useful horizon of predictions."""
+
+    seconds: Seconds | None
+    """the horizon"""
+    error_ratio: Number
+    """squared error over that of the better of last sample and mean"""
+
+
+class LiveWind(Document):
+    """Latest wind in m/s."""
+
+    speed: Speed | None
+    """speed"""
+    speed_from: Speed | None
+    """lower end of its 90 % interval"""
+    speed_to: Speed | None
+    """upper end of its 90 % interval"""
+    direction: Degrees | None
+    """where the wind comes from, clockwise from north"""
+    direction_interval: Degrees | None
+    """half width of the 90 % interval of direction"""
+
+
+class Recorded(Document):
+    """Telemetry log that was recorded."""
+
+    file: str
+    """name of the file"""
+    frames: int
+    """number of frames"""
+
+
+class Live(MotorHealth):
+    """`--json` of live."""
+
+    link: str
+    """as on the command line"""
+    vehicle: str | None
+    """the vehicle, system:component"""
+    seconds: Seconds
+    """duration of the session"""
+    account: dict[str, Seconds]
+    """the same by what the seconds were"""
+    samples: LiveSamples
+    """number of rows"""
+    rates: dict[str, Hertz | None]
+    """rates over the last 2 s, by message"""
+    lost: int
+    """number of lost messages, by sequence numbers"""
+    missing: Seconds
+    """duration of gaps whose messages are not in lost"""
+    behind: Behind
+    """how far the analysis was behind the link"""
+    latency: Latency
+    """time from a packet's arrival to its estimate"""
+    ahead: Ahead
+    """band of a prediction"""
+    useful: Useful
+    """longest useful horizon of predictions"""
+    obstacle: str
+    """why there are no rows or no model"""
+    wind: LiveWind | None
+    """latest wind in m/s"""
+    headline: str | None = None
+    """what the flight says of the vehicle, one sentence; with the next four only after a first model"""
+    overrides: list[Override] | None = None
+    """what makes the flight itself doubtful, the worst first"""
+    findings: list[Finding] | None = None
+    """what the model is good for"""
+    warnings: list[str] | None = None
+    """what must be known before the model is used"""
+    next_step: str | None = None
+    """what to do next, one sentence"""
+    events: list[str]
+    """what was said in flight, one sentence each"""
+    rrd: str | None
+    """recording for Rerun"""
+    record: Recorded | None
+    """telemetry log that was recorded"""
+    model: str | None
+    """file of the model"""
+    html: str | None
+    """page of the session"""

@@ -1,0 +1,402 @@
+"""What a log says of its vehicle, whatever its rate: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.documents.document import Document
+from mavdem.units import (
+    Acceleration,
+    Amperes,
+    AngularRate,
+    ArmLengths,
+    Degrees,
+    DegreesPerSecond,
+    Hertz,
+    Number,
+    OfInput,
+    Percent,
+    PerHour,
+    Radians,
+    Seconds,
+    UtcText,
+    Volts,
+)
+
+
+class Segment(Document):
+    """The longest segment of settled flight."""
+
+    boot: int
+    """number of the vehicle's boot, from 0"""
+    start: Seconds
+    """on the boot clock"""
+    end: Seconds
+    """on the boot clock"""
+
+
+class LongSegment(Segment):
+    """Segments of settled flight, the longest first."""
+
+    duration: Seconds
+    """from start to end"""
+
+
+class Mixer(Document):
+    """Channels and places of the motors."""
+
+    channels: list[int]
+    """output channel of each motor, from 1"""
+    positions: list[tuple[ArmLengths, ArmLengths]]
+    """forward and right, of each motor"""
+    basis: str
+    """what the positions are known from"""
+    channels_assumed: bool
+    """whether the channels are assumed"""
+    positions_assumed: bool
+    """whether the positions are assumed"""
+    spins: list[int]
+    """+1 counter-clockwise seen from above, −1 clockwise, 0 not known"""
+
+
+class Scale(Document):
+    """Range of the inputs."""
+
+    name: str
+    """kind of output, such as PWM, or demand"""
+    unit: str
+    """unit of the inputs"""
+    low: OfInput
+    """value of no throttle"""
+    high: OfInput
+    """value of full throttle"""
+    step: OfInput
+    """quantisation step"""
+    stop: Number
+    """share of the range beyond which the autopilot sends no motor"""
+
+
+class Hover(Document):
+    """What each motor does in settled flight."""
+
+    motors: list[str]
+    """names of the motors; every list has one entry for each"""
+    unit: str
+    """unit of trim"""
+    seconds: Seconds
+    """duration of settled flight"""
+    trim: list[OfInput]
+    """mean output"""
+    trim_of_range: list[float]
+    """mean output as a share of the range"""
+    trim_share: list[float]
+    """trim_of_range over its mean of all motors"""
+    headroom: list[float]
+    """share of the range that is left at the 99th percentile of the output"""
+    at_upper_limit: list[float]
+    """share of the time at the upper limit"""
+    at_lower_limit: list[float]
+    """share of the time at the lower limit"""
+    roll: Degrees | None
+    """mean roll"""
+    pitch: Degrees | None
+    """mean pitch"""
+    imbalance: list[Percent]
+    """trim deviation: 100 (trim_share − 1)"""
+
+
+class Steady(Document):
+    """Steady command about each axis, as a share of the motors' range."""
+
+    mean: float
+    """mean over settled flight"""
+    interval: Number
+    """half width of the 90 % interval of mean"""
+    sd: float
+    """standard deviation"""
+
+
+class Lean(Document):
+    """Mean roll and pitch."""
+
+    mean: Radians
+    """mean over settled flight"""
+    interval: Radians | None
+    """half width of the 90 % interval of mean"""
+    sd: Radians
+    """standard deviation"""
+
+
+class Vibration(Document):
+    """Vibration of the first IMU."""
+
+    level: list[Acceleration]
+    """mean vibration: x, y and z of ArduPilot, one level of PX4"""
+    clips: int
+    """times that an accelerometer was out of range"""
+
+
+class Battery(Document):
+    """Figures of the first battery."""
+
+    voltage_start: Volts
+    """voltage at the start, median of 2 s"""
+    voltage_end: Volts
+    """voltage at the end, median of 2 s"""
+    voltage_mean: Volts
+    """mean voltage"""
+    voltage_min: Volts
+    """least voltage"""
+    current_mean: Amperes | None
+    """mean current"""
+    current_max: Amperes | None
+    """largest current"""
+
+
+class Oscillation(Document):
+    """A limit cycle."""
+
+    axis: str
+    """the axis that turns faster: roll or pitch"""
+    frequency: Hertz | None
+    """frequency; null where it may be an alias"""
+    rate: DegreesPerSecond
+    """standard deviation of the body rate"""
+    at_limit: float
+    """share of that time in which a motor is at a limit"""
+    growing: bool
+    """whether the amplitude grew"""
+    seconds: Seconds
+    """duration of the oscillation"""
+
+
+class Condition(Document):
+    """Figures of the vehicle that any rate shows."""
+
+    duration: Seconds
+    """duration of the log, over all boots"""
+    armed: Seconds | None
+    """time that the vehicle was armed"""
+    settled: Seconds
+    """duration of settled flight"""
+    hover: Hover | None
+    """what each motor does"""
+    share_interval: list[Number]
+    """half widths of the 90 % intervals of trim_share"""
+    command: dict[str, Steady]
+    """steady command about each axis, as a share of the motors' range"""
+    lean: dict[str, Lean]
+    """mean roll and pitch"""
+    tilt_mean: Radians | None
+    """mean angle from level"""
+    tilt_sd: Radians | None
+    """standard deviation of the angle from level"""
+    tilt_max: Radians | None
+    """largest angle from level"""
+    vibration: Vibration | None
+    """vibration of the first IMU"""
+    battery: Battery | None
+    """figures of the first battery"""
+    oscillation: Oscillation | None
+    """a limit cycle; null where there is none"""
+    collective: Number
+    """mean output of all motors, as a share of their range"""
+
+
+class Identity(Document):
+    """Which vehicle it is."""
+
+    name: str
+    """name of the vehicle, the same in all its logs"""
+    basis: str
+    """what the name is made of: board, accelerometer, compass or system id"""
+    system: int
+    """MAVLink id"""
+    autopilot: str
+    """MAV_AUTOPILOT"""
+    frame: str
+    """MAV_TYPE"""
+    firmware: str
+    """version of the firmware, as logged"""
+    hardware: str
+    """kind of board, as its firmware calls it"""
+    place: list[Degrees] | None
+    """latitude and longitude of the first fix"""
+    date: UtcText | None
+    """when the settled flight began"""
+
+
+class MotorAlarm(Document):
+    """Motors that lost thrust in flight."""
+
+    time: Seconds
+    """when it was found, on the boot clock"""
+    since: Seconds
+    """when it began, on the boot clock"""
+    motor: int | None
+    """number of the motor, from 1; null where no motor is named"""
+    name: str
+    """name of the motor; empty without one"""
+    size: float
+    """rise of the motor's own command, as a share of it"""
+    probability: float
+    """probability that this is the cause"""
+    assumed: bool
+    """whether the motors' places, and so the name, are assumed"""
+    boot: int
+    """number of the vehicle's boot, from 0"""
+    loss: list[float]
+    """90 % interval of the share of its thrust that the motor lost"""
+    sentence: str
+    """the alarm in words"""
+
+
+class FalseAlarms(Document):
+    """Rate of false alarms."""
+
+    at_most: PerHour
+    """upper bound with 95 % confidence"""
+    basis: str
+    """what the bound is from"""
+
+
+class MotorHealth(Document):
+    """MotorHealth."""
+
+    alarms: list[MotorAlarm]
+    """motors that lost thrust in flight"""
+    recoveries: list[MotorAlarm]
+    """motors that gave their thrust again in flight"""
+    torque_changes: list[MotorAlarm]
+    """lasting changes of the torque in roll and pitch that no motor explains"""
+    false_alarms_per_hour: FalseAlarms
+    """rate of false alarms"""
+
+
+class NextTier(Document):
+    """The next better tier."""
+
+    tier: str
+    """its letter"""
+    needs: str
+    """what the log must have for it"""
+    remedy: str
+    """what to change for it"""
+
+
+class Tier(Document):
+    """Tier."""
+
+    tier: str | None
+    """what the log allows: a (full model), b (slow motion) or c (condition only)"""
+    tier_reason: str
+    """why the tier is no better"""
+    allows: str
+    """what this tier gives"""
+    next_tier: NextTier | None
+    """the next better tier"""
+
+
+class Quality(Document):
+    """What was measured on that segment."""
+
+    armed: Seconds
+    """time armed, over all boots"""
+    airborne: Seconds
+    """time in the air, over all boots"""
+    segments: int
+    """number of segments of settled flight"""
+    duration: Seconds | None
+    """duration of the segment"""
+    samples: int | None
+    """samples of the segment"""
+    dt: Seconds | None
+    """sampling step"""
+    attitude_rate: Hertz | None
+    """rate of the attitude's messages"""
+    motor_rate: Hertz | None
+    """rate of the motors' messages"""
+    attitude_fresh: Hertz | None
+    """rate of new values of attitude"""
+    motor_fresh: Hertz | None
+    """rate of new values of the motors"""
+    attitude_gap: Seconds | None
+    """longest step between messages of attitude"""
+    motor_gap: Seconds | None
+    """longest step between messages of the motors"""
+    angle_sd: Radians | None
+    """standard deviation of the angle"""
+    rate_sd: AngularRate | None
+    """standard deviation of the rate"""
+    angle_step: Radians | None
+    """quantisation step of the angle"""
+    rate_step: AngularRate | None
+    """quantisation step of the rate"""
+    output_snr: Number
+    """variance of the outputs' changes over that of rounding"""
+    input_sd: OfInput | None
+    """standard deviation of the motors' combination that turns the axis"""
+    input_step: OfInput | None
+    """quantisation step of the motor outputs"""
+    input_snr: Number
+    """variance of that combination over that of rounding"""
+    saturation: Number
+    """share of the samples with a motor at its limit"""
+    consistency: Number
+    """share of the angle's changes that the rates explain"""
+
+
+class Verdict(Document):
+    """Whether a full model can be learned."""
+
+    axis: str
+    """roll, pitch or yaw"""
+    learnable: bool
+    """whether a full model can be learned"""
+    reason: str
+    """the figures that decided, one sentence"""
+    remedy: str
+    """what to change; empty where a model can be learned"""
+    cautions: list[str]
+    """what makes a model less reliable, one sentence each"""
+    segment: Segment | None
+    """the segment to learn from, or the longest"""
+    figures: Quality
+    """what was measured on that segment"""
+
+
+class Override(Document):
+    """What makes the flight itself doubtful, the worst first."""
+
+    kind: str
+    """oscillation, motors, saturation, trim or data"""
+    headline: str
+    """what is wrong, one plain sentence"""
+    sentence: str
+    """what is wrong, with its figures"""
+    remedy: str
+    """what to do"""
+
+
+class Finding(Document):
+    """What the model is good for."""
+
+    purpose: str
+    """motor effectiveness, damping and lag, wind, prediction or residuals"""
+    grade: str
+    """GOOD, LIMITED or NOT IDENTIFIABLE"""
+    reason: str
+    """the figures that decide, one sentence"""
+
+
+class Findings(Document):
+    """Findings."""
+
+    headline: str
+    """what the flight says of the vehicle, one sentence"""
+    overrides: list[Override]
+    """what makes the flight itself doubtful, the worst first"""
+    findings: list[Finding]
+    """what the model is good for"""
+    warnings: list[str]
+    """what must be known before the model is used"""
+    next_step: str
+    """what to do next, one sentence"""

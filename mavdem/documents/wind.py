@@ -1,0 +1,99 @@
+"""The wind in m/s, and the drag: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from mavdem.documents.document import Document
+from mavdem.units import Degrees, Metres, Number, OfParameter, PerMetre, PerSecond, Seconds, Speed
+
+
+class WindMinute(Document):
+    """Mean wind of each minute."""
+
+    start: Seconds
+    """on the boot clock"""
+    end: Seconds
+    """on the boot clock"""
+    speed: Speed
+    """mean speed"""
+    low: Speed
+    """lower end of its 90 % interval"""
+    high: Speed
+    """upper end of its 90 % interval"""
+    direction: Degrees
+    """where the wind comes from, clockwise from north"""
+
+
+class WindLayer(Document):
+    """Mean wind of layers of 10 m."""
+
+    height: Metres
+    """height of the middle of the layer"""
+    speed: Speed
+    """mean speed"""
+    direction: Degrees
+    """where the wind comes from, clockwise from north"""
+
+
+class Drag(Document):
+    """Drag of the vehicle."""
+
+    linear: list[PerSecond]
+    """linear drag along body x and y"""
+    quadratic: list[PerMetre]
+    """quadratic drag along body x and y"""
+    mean: list[float]
+    """mean of the six numbers (logarithms, and leans) that it is computed with"""
+    covariance: list[list[float]]
+    """covariance of these numbers"""
+    linear_interval: list[list[PerSecond]]
+    """ends of the 90 % intervals of linear"""
+    quadratic_interval: list[list[PerMetre]]
+    """ends of the 90 % intervals of quadratic"""
+    source: str
+    """what it is known from: flight, parameters, population or an earlier flight"""
+
+
+class WindVelocity(Document):
+    """Wind in m/s."""
+
+    speed: Speed
+    """speed of the mean wind"""
+    speed_interval: list[Speed]
+    """ends of the 90 % interval of speed"""
+    direction: Degrees
+    """where the wind comes from, clockwise from north"""
+    direction_interval: Degrees
+    """half width of the 90 % interval of direction"""
+    gust: Speed | None
+    """largest mean over gust_seconds"""
+    gust_seconds: Seconds
+    """time over which a gust is averaged"""
+    turbulence_intensity: Number
+    """standard deviation of the wind along its mean direction, over its speed"""
+    time: list[Seconds]
+    """stamps of velocity and band, on the boot clock"""
+    velocity: list[list[Speed | None]]
+    """north and east components of where the air moves to"""
+    band: list[list[Speed | None]]
+    """half widths of the 90 % band of velocity"""
+    minutes: list[WindMinute]
+    """mean wind of each minute"""
+    profile: list[WindLayer]
+    """mean wind of layers of 10 m"""
+    drag: Drag
+    """drag of the vehicle"""
+    status: dict[str, str]
+    """reported, biased or not identifiable, of speed, direction and drag"""
+    reasons: dict[str, str]
+    """why a figure is not reported, of speed, direction and drag"""
+    boot: int
+    """number of the vehicle's boot, from 0"""
+    calm: bool
+    """whether still air is likely as well"""
+
+
+class Wind(WindVelocity):
+    """`--json` of wind."""
+
+    parameters: dict[str, list[OfParameter | None]]
+    """drag parameters of the autopilot: value to set, and ends of its 90 % interval"""

@@ -1,0 +1,17 @@
+"""Heading: what every JSON document of mavdem begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
+
+def heading(document: str, version: int, units: Mapping[str, str]) -> dict[str, Any]:
+    """Returns the name of a ``document``, the ``version`` of its schema, that of mavdem, and ``units`` by key."""
+    return {
+        "document": document,
+        "schema_version": version,
+        "mavdem_version": metadata.version("mavdem"),
+        "units": dict(units),
+    }
