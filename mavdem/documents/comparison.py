@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Error
+from mavdem.documents.document import Document, Error, OneFact, Said, fact_in
 from mavdem.units import Nats, Number, Seconds, SquareOfOutput
 
 
@@ -19,7 +19,7 @@ class Paired(Document):
     """number of windows that do not overlap, which the test uses"""
     p_value: Number
     """two-sided p-value of Wilcoxon's signed-rank test"""
-    verdict: str
+    verdict: Said
     """lower, higher or not distinguishable"""
 
 
@@ -104,7 +104,7 @@ class Standing(Document):
     """number of windows"""
     failed: int
     """number of windows without a forecast"""
-    failure: str
+    failure: Said
     """reason of the first of these"""
     diverged: int
     """number of windows whose forecast is infinite or NaN"""
@@ -162,11 +162,13 @@ class FromZero(Document):
 class Outcome(Document):
     """Each method, by name."""
 
-    failure: str
+    failure: Said
     """why there is no forecast; empty where there is one"""
+    failure_fact: OneFact = fact_in("failure")
+    """failure as a fact; null where there is none"""
     stable: bool | None
     """whether the model has no growing mode"""
-    cautions: list[str]
+    cautions: list[Said]
     """limits of the model"""
     mspe: Mspe
     """errors over the whole test part"""
@@ -263,9 +265,9 @@ class Order(Document):
     """the order that F̄ chooses"""
     saturated: bool
     """whether a higher order was tried"""
-    reason: str
+    reason: Said
     """why this order"""
-    remarks: list[str]
+    remarks: list[Said]
     """why orders are missing"""
     width: list[Seconds]
     """width of the kernel that filters each flight"""
@@ -285,5 +287,5 @@ class Order(Document):
     """SOURCEs without an order"""
     html: str | None
     """the page that was written"""
-    advice: str
+    advice: Said
     """what to do with the order"""

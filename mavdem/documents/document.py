@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
 from mavdem.facts import Fact
 
@@ -21,6 +21,16 @@ def _said(value: Any) -> Any:
 
 Said = Annotated[str, BeforeValidator(_said)]
 """The sentence of a fact; empty without one."""
+
+
+def fact_in(name: str) -> Any:
+    """Returns the field that takes the attribute ``name`` where that is a fact, not where it is its sentence only."""
+    return Field(default=None, validation_alias=name)
+
+
+def facts_in(name: str) -> Any:
+    """Returns the field that takes the facts of the attribute ``name``."""
+    return Field(default=(), validation_alias=name)
 
 
 class Document(BaseModel):
@@ -43,7 +53,8 @@ class Document(BaseModel):
     def gather(cls, *results: Any, **given: Any) -> Self:
         """Returns the document of the ``given`` values, and of the first of the ``results`` that has each other."""
         values = dict(given)
-        for name in cls.model_fields.keys() - given.keys():
+        names = {str(field.validation_alias or name) for name, field in cls.model_fields.items()}
+        for name in names - given.keys():
             holder = next((result for result in results if hasattr(result, name)), None)
             if holder is not None:
                 values[name] = getattr(holder, name)
@@ -85,12 +96,24 @@ class Sentence(Document):
         return {name: _figure(value) for name, value in values.items()}
 
 
+def _fact(value: Any) -> Any:
+    return value if isinstance(value, Fact) else None
+
+
+def _facts(values: Any) -> Any:
+    return [value for value in values or () if isinstance(value, Fact)]
+
+
+OneFact = Annotated[Sentence | None, BeforeValidator(_fact)]
+Facts = Annotated[list[Sentence], BeforeValidator(_facts)]
+
+
 class Error(Document):
     """Why there is no result."""
 
-    reason: str
+    reason: Said
     """what is wrong, one sentence"""
-    remedy: str
+    remedy: Said
     """what to do; empty where the reason says it"""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document
+from mavdem.documents.document import Document, OneFact, Said, fact_in
 from mavdem.units import AngularAcceleration, Number, PerSecondOrSeconds, Radians, UtcText, Volts
 
 
@@ -43,8 +43,10 @@ class Incomparable(Document):
 
     quantity: str
     """name of the quantity"""
-    reason: str
+    reason: Said
     """why it cannot be compared"""
+    reason_fact: OneFact = fact_in("reason")
+    """reason as a fact; null where there is none"""
 
 
 class FlightConditions(Document):
@@ -101,7 +103,7 @@ class FailedLog(Document):
 
     file: str
     """name of the log"""
-    status: str
+    status: Said
     """why there is no flight"""
 
 

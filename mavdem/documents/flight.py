@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mavdem.dem.settings import CompleteSettings
-from mavdem.documents.document import Document, Error
+from mavdem.documents.document import Document, Error, Facts, OneFact, Said, fact_in, facts_in
 from mavdem.documents.vehicle import (
     Condition,
     Findings,
@@ -65,13 +65,13 @@ class Provenance(Document):
     """range of the inputs"""
     setpoints: dict[str, str]
     """messages of the setpoints, by name"""
-    repairs: list[str]
+    repairs: list[Said]
     """what was put right, one sentence each"""
     parameters: dict[str, float]
     """the autopilot's parameters of control and motors"""
     earlier: dict[str, float]
     """parameters that changed, with the value before"""
-    cautions: list[str]
+    cautions: list[Said]
     """what makes a model less reliable"""
 
 
@@ -152,8 +152,10 @@ class HeldOut(Document):
     """share of the samples inside the 90 % band"""
     over_expected_error: Number
     """squared error over the one to expect"""
-    failures: list[str]
+    failures: list[Said]
     """why models of parts of the flight could not be learned, one sentence each"""
+    failures_facts: Facts = facts_in("failures")
+    """failures as facts"""
 
 
 class Errors(Document):
@@ -257,7 +259,7 @@ class Physical(Document):
     """dead time of the motors' commands"""
     status: dict[str, str]
     """reported, biased or not identifiable, of effect, damping and lag"""
-    reasons: dict[str, str]
+    reasons: dict[str, Said]
     """why a parameter is not reported, of effect, damping and lag"""
     bias: float
     """likely relative error of the effect"""
@@ -310,8 +312,10 @@ class WindTorque(Document):
     """relative standard deviation of the error of sd"""
     resolved: bool
     """whether its course is larger than its errors"""
-    reason: str | None
+    reason: Said | None
     """why the wind torque is not reported"""
+    reason_fact: OneFact = fact_in("reason")
+    """reason as a fact; null where there is none"""
     gust_threshold: AngularAcceleration | None
     """distance from the running level beyond which it is a gust"""
     false_gusts_per_minute: PerMinute | None
@@ -335,8 +339,10 @@ class AxisFigures(Document):
     """physical parameters of the axis"""
     wind: WindTorque | None
     """torque of the wind about the axis"""
-    reason: str
+    reason: Said
     """why there are no physical parameters"""
+    reason_fact: OneFact = fact_in("reason")
+    """reason as a fact; null where there is none"""
 
 
 class TrueParameter(Document):
@@ -352,7 +358,7 @@ class TrueParameter(Document):
     """half width of its 90 % interval"""
     truth: SeeUnit
     """value in the simulator"""
-    status: str
+    status: Said
     """reported, biased or not identifiable"""
     inside: bool | None
     """whether the interval holds the truth"""
@@ -439,15 +445,19 @@ class Report(Tier, MotorHealth, Findings):
     """torque of the wind about the axis"""
     closed_loop: None = None
     """always null"""
-    cautions: list[str] | None = None
+    cautions: list[Said] | None = None
     """limits of the model, one sentence each"""
+    cautions_facts: Facts = facts_in("cautions")
+    """cautions as facts"""
     axes: dict[str, AxisFigures]
     """with --axis all: roll, pitch and yaw"""
     hover: Hover | None
     """what each motor does in settled flight"""
-    reason: str
+    reason: Said
     """why there is no full model; empty where there is one"""
-    remedy: str
+    reason_fact: OneFact = fact_in("reason")
+    """reason as a fact; null where there is none"""
+    remedy: Said
     """what to change to get a full model"""
     condition: Condition
     """figures of the vehicle that any rate shows"""

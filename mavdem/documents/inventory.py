@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document
+from mavdem.documents.document import Document, Said
 from mavdem.documents.vehicle import (
     Condition,
     Findings,
@@ -99,7 +99,7 @@ class Vehicle(Tier, MotorHealth, Findings):
     """number of boots"""
     segments: list[LongSegment]
     """segments of settled flight, the longest first"""
-    repairs: list[str]
+    repairs: list[Said]
     """what was put right, one sentence each"""
     verdict: Verdict
     """whether a full model can be learned"""

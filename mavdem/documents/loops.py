@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Error
+from mavdem.documents.document import Document, Error, Facts, OneFact, Said, fact_in, facts_in
 from mavdem.documents.wind import Drag
 from mavdem.units import (
     AngularRate,
@@ -65,8 +65,10 @@ class Measured(Document):
     """fit of the predicted rate to the measured one, 100 (1 − NRMSE)"""
     agreement: Percent | None
     """fit of the predicted rate to what the setpoint explains of the measured one"""
-    reason: str
+    reason: Said
     """why they do not agree; empty where they do"""
+    reason_fact: OneFact = fact_in("reason")
+    """reason as a fact; null where there is none"""
     controller_gain: float | None = None
     """gain of the demand in flight over that of the parameters"""
 
@@ -82,8 +84,10 @@ class Loop(Document):
     """figures of the attitude loop"""
     lean_in_wind: Radians | None
     """angle by a steady torque of one standard deviation of the wind"""
-    cautions: list[str]
+    cautions: list[Said]
     """what limits the figures, one sentence each"""
+    cautions_facts: Facts = facts_in("cautions")
+    """cautions as facts"""
     measured: Measured | None
     """response measured in flight, beside the predicted one"""
     agrees: bool | None
@@ -130,15 +134,19 @@ class Noise(Document):
 class AxisAdvice(Document):
     """Loops and gains of each axis."""
 
-    refusal: str | None = None
+    refusal: Said | None = None
     """why there are no loops; no other key is there then"""
+    refusal_fact: OneFact = fact_in("refusal")
+    """refusal as a fact; null where there is none"""
     loop: Loop | None = None
     """the loops with the gains of the log"""
     target: Target | None = None
     """the margins asked for"""
-    verdict: str | None = None
+    verdict: Said | None = None
     """whether the loops have these margins, one sentence"""
-    sentence: str | None = None
+    verdict_fact: OneFact = fact_in("verdict")
+    """verdict as a fact; null where there is none"""
+    sentence: Said | None = None
     """what to do, one or two sentences"""
     sure: float | None = None
     """share of the plants that fit the flight in which both loops have the margins"""
@@ -194,7 +202,7 @@ class TwinVehicle(Document):
     """drag; null where no wind is known"""
     parameters: dict[str, OfParameter]
     """parameters of the autopilot's control"""
-    notes: dict[str, str]
+    notes: dict[str, Said]
     """how sure each value is"""
 
 
@@ -220,7 +228,7 @@ class Twin(Document):
 
     vehicle: TwinVehicle
     """the vehicle for simulators"""
-    missing: list[str]
+    missing: list[Said]
     """what is not learned, one sentence each"""
     alike: Alike | None
     """figures of the recorded flight, and their mean over the twin's"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mavdem.documents.document import Document
+from mavdem.documents.document import Document, Said
 from mavdem.units import Seconds
 
 
@@ -25,7 +25,7 @@ class Convert(Document):
     """number of frames with the receive time of the one before"""
     bytes_skipped: int | None = None
     """number of bytes that belong to no frame"""
-    repairs: list[str] | None = None
+    repairs: list[Said] | None = None
     """what was put right, one sentence each"""
     samples: int | None = None
     """number of rows; with the others for a table only"""
@@ -41,7 +41,7 @@ class Convert(Document):
     """last time stamp, on the boot clock"""
     learnable: bool | None = None
     """whether a full model can be learned"""
-    cautions: list[str] | None = None
+    cautions: list[Said] | None = None
     """what limits the table, one sentence each"""
 
 
@@ -79,7 +79,7 @@ class Fly(Document):
     """recording for Rerun"""
     took: Seconds | None = None
     """time that it took"""
-    cautions: list[str] | None = None
+    cautions: list[Said] | None = None
     """what the vehicle could not do, one sentence each"""
     udp: str | None = None
     """ground station; with the next four for a live flight only"""
@@ -129,7 +129,7 @@ class Check(Document):
 class Beyond(Document):
     """Findings beyond the claim."""
 
-    sentence: str
+    sentence: Said
     """what was found"""
     checks: list[Check]
     """conditions"""
@@ -144,9 +144,9 @@ class Item(Document):
     """title of the claim"""
     paper: Claim
     """where the claim stands in the paper"""
-    verdict: str
+    verdict: Said
     """whether it holds"""
-    sentence: str
+    sentence: Said
     """what was found"""
     checks: list[Check]
     """conditions of the claim"""
@@ -154,7 +154,7 @@ class Item(Document):
     """findings beyond the claim"""
     numbers: Any
     """all figures, by name"""
-    remarks: list[str]
+    remarks: list[Said]
     """what to know of it, one sentence each"""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document
+from mavdem.documents.document import Document, Facts, OneFact, Said, fact_in, facts_in
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
 
@@ -105,22 +105,26 @@ class Live(MotorHealth):
     """band of a prediction"""
     useful: Useful
     """longest useful horizon of predictions"""
-    obstacle: str
+    obstacle: Said
     """why there are no rows or no model"""
+    obstacle_fact: OneFact = fact_in("obstacle")
+    """obstacle as a fact; null where there is none"""
     wind: LiveWind | None
     """latest wind in m/s"""
-    headline: str | None = None
+    headline: Said | None = None
     """what the flight says of the vehicle, one sentence; with the next four only after a first model"""
     overrides: list[Override] | None = None
     """what makes the flight itself doubtful, the worst first"""
     findings: list[Finding] | None = None
     """what the model is good for"""
-    warnings: list[str] | None = None
+    warnings: list[Said] | None = None
     """what must be known before the model is used"""
-    next_step: str | None = None
+    next_step: Said | None = None
     """what to do next, one sentence"""
-    events: list[str]
+    events: list[Said]
     """what was said in flight, one sentence each"""
+    events_facts: Facts = facts_in("events")
+    """events as facts"""
     rrd: str | None
     """recording for Rerun"""
     record: Recorded | None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document
+from mavdem.documents.document import Document, Facts, OneFact, Said, fact_in, facts_in
 from mavdem.units import (
     Acceleration,
     Amperes,
@@ -47,7 +47,7 @@ class Mixer(Document):
     """output channel of each motor, from 1"""
     positions: list[tuple[ArmLengths, ArmLengths]]
     """forward and right, of each motor"""
-    basis: str
+    basis: Said
     """what the positions are known from"""
     channels_assumed: bool
     """whether the channels are assumed"""
@@ -206,7 +206,7 @@ class Identity(Document):
 
     name: str
     """name of the vehicle, the same in all its logs"""
-    basis: str
+    basis: Said
     """what the name is made of: board, accelerometer, compass or system id"""
     system: int
     """MAVLink id"""
@@ -245,8 +245,10 @@ class MotorAlarm(Document):
     """number of the vehicle's boot, from 0"""
     loss: list[float]
     """90 % interval of the share of its thrust that the motor lost"""
-    sentence: str
+    sentence: Said
     """the alarm in words"""
+    sentence_fact: OneFact = fact_in("sentence")
+    """sentence as a fact; null where there is none"""
 
 
 class FalseAlarms(Document):
@@ -254,7 +256,7 @@ class FalseAlarms(Document):
 
     at_most: PerHour
     """upper bound with 95 % confidence"""
-    basis: str
+    basis: Said
     """what the bound is from"""
 
 
@@ -276,9 +278,9 @@ class NextTier(Document):
 
     tier: str
     """its letter"""
-    needs: str
+    needs: Said
     """what the log must have for it"""
-    remedy: str
+    remedy: Said
     """what to change for it"""
 
 
@@ -287,9 +289,9 @@ class Tier(Document):
 
     tier: str | None
     """what the log allows: a (full model), b (slow motion) or c (condition only)"""
-    tier_reason: str
+    tier_reason: Said
     """why the tier is no better"""
-    allows: str
+    allows: Said
     """what this tier gives"""
     next_tier: NextTier | None
     """the next better tier"""
@@ -351,12 +353,16 @@ class Verdict(Document):
     """roll, pitch or yaw"""
     learnable: bool
     """whether a full model can be learned"""
-    reason: str
+    reason: Said
     """the figures that decided, one sentence"""
-    remedy: str
+    reason_fact: OneFact = fact_in("reason")
+    """reason as a fact; null where there is none"""
+    remedy: Said
     """what to change; empty where a model can be learned"""
-    cautions: list[str]
+    cautions: list[Said]
     """what makes a model less reliable, one sentence each"""
+    cautions_facts: Facts = facts_in("cautions")
+    """cautions as facts"""
     segment: Segment | None
     """the segment to learn from, or the longest"""
     figures: Quality
@@ -368,11 +374,13 @@ class Override(Document):
 
     kind: str
     """oscillation, motors, saturation, trim or data"""
-    headline: str
+    headline: Said
     """what is wrong, one plain sentence"""
-    sentence: str
+    sentence: Said
     """what is wrong, with its figures"""
-    remedy: str
+    sentence_fact: OneFact = fact_in("sentence")
+    """sentence as a fact; null where there is none"""
+    remedy: Said
     """what to do"""
 
 
@@ -383,20 +391,28 @@ class Finding(Document):
     """motor effectiveness, damping and lag, wind, prediction or residuals"""
     grade: str
     """GOOD, LIMITED or NOT IDENTIFIABLE"""
-    reason: str
+    reason: Said
     """the figures that decide, one sentence"""
+    reason_fact: OneFact = fact_in("reason")
+    """reason as a fact; null where there is none"""
 
 
 class Findings(Document):
     """Findings."""
 
-    headline: str
+    headline: Said
     """what the flight says of the vehicle, one sentence"""
+    headline_fact: OneFact = fact_in("headline")
+    """headline as a fact; null where there is none"""
     overrides: list[Override]
     """what makes the flight itself doubtful, the worst first"""
     findings: list[Finding]
     """what the model is good for"""
-    warnings: list[str]
+    warnings: list[Said]
     """what must be known before the model is used"""
-    next_step: str
+    warnings_facts: Facts = facts_in("warnings")
+    """warnings as facts"""
+    next_step: Said
     """what to do next, one sentence"""
+    next_step_fact: OneFact = fact_in("next_step")
+    """next_step as a fact; null where there is none"""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document
+from mavdem.documents.document import Document, Said
 from mavdem.units import Degrees, Metres, Number, OfParameter, PerMetre, PerSecond, Seconds, Speed
 
 
@@ -84,7 +84,7 @@ class WindVelocity(Document):
     """drag of the vehicle"""
     status: dict[str, str]
     """reported, biased or not identifiable, of speed, direction and drag"""
-    reasons: dict[str, str]
+    reasons: dict[str, Said]
     """why a figure is not reported, of speed, direction and drag"""
     boot: int
     """number of the vehicle's boot, from 0"""

@@ -101,13 +101,18 @@ class Fact:
             **{**self.figures, **figures},
         )
 
-    def __str__(self) -> str:
+    @property
+    def sentence(self) -> str:
+        """The fact in words."""
         return _words(self).sentence
 
     @property
     def remedy(self) -> str:
         """What to do about it, in words; empty where there is nothing to be done."""
         return _words(self).remedy
+
+    def __str__(self) -> str:
+        return self.sentence
 
 
 def _plain(value: Any) -> Figure:
