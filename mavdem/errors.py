@@ -8,6 +8,7 @@ from math import pi
 from typing import Any
 
 from mavdem.facts import Fact
+from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.prose import Prose, prose
 
 REMEDIES = {
@@ -65,6 +66,14 @@ class Unreadable(Refusal):
 
 class NotLearnable(Refusal):
     """Data that cannot support the request: fitting them would give numbers that mean nothing."""
+
+
+def fact_of(error: BaseException) -> Fact:
+    """Returns what an ``error`` says: the fact of a refusal, else its message, with its type where that is unusual."""
+    if isinstance(error, Refusal):
+        return error.fact
+    kind = "" if isinstance(error, ValueError) else type(error).__name__
+    return Fact(Forecasts.FAILED, error=kind, text=str(error))
 
 
 SLIPS = {57.3: "The angle seems to be in degrees", 1 / 57.3: "The rate seems to be in degrees/s"}

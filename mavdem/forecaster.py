@@ -7,6 +7,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mavdem.facts import Fact
+
 
 @runtime_checkable
 class Forecaster(Protocol):
@@ -22,8 +24,8 @@ class Forecaster(Protocol):
     """
 
     @property
-    def cautions(self) -> tuple[str, ...]:
-        """One sentence for each thing a user must know before using the model."""
+    def cautions(self) -> tuple[Fact | str, ...]:
+        """What a user must know before using the model."""
 
     @property
     def spectral_radius(self) -> float:

@@ -35,6 +35,7 @@ BUGS = {
     "KeyError",
     "AssertionError",
     "NotImplementedError",
+    "LinAlgError",
 }
 """Errors of a caller's program, whose messages are for its author."""
 WORDS = re.compile(r"[A-Za-z’]{2,}[,:;]? [A-Za-z’]{2,}")
@@ -47,6 +48,9 @@ def prose_of(path: Path) -> Iterator[tuple[int, str]]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             allowed.add(node.value)
+        elif isinstance(node, ast.ClassDef) and "StrEnum" in map(ast.unparse, node.bases):
+            # Names of things, which documents have as values.
+            allowed.update(each.value for each in node.body if isinstance(each, ast.Assign))
         elif isinstance(node, ast.Call):
             called = (
                 node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")

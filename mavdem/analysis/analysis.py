@@ -27,17 +27,12 @@ from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES, checked
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.held_out import (
-    BASELINES,
-    FOLDS,
-    HeldOut,
-    compare_with_truth,
-    held_out_test,
-    held_out_windows,
-    read_truth,
-    truth_of,
-)
-from mavdem.evaluate.scores import SIGNIFICANCE, Length, TooFewSamples, paired, part_samples
+from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
+from mavdem.evaluate.paired import SIGNIFICANCE, paired
+from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
+from mavdem.evaluate.windows import Length, TooFewSamples, part_samples, too_short
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import Forecasts, TestResult
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.ingest import Log
@@ -259,7 +254,7 @@ def slow_motion_refusal(held_out: HeldOut) -> str:
         error += " windows that it has not seen"
         if not ratio <= MAX_SLOW_RATIO:
             return f"{error}: at most {MAX_SLOW_RATIO:g} times would make it worth having."
-        if test.verdict != "lower":
+        if test.result != TestResult.LOWER:
             return f"{error}, which may be luck (p = {test.p_value:.2g}, needed {SIGNIFICANCE:g})."
     return ""
 
@@ -276,8 +271,7 @@ def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
         if len(one) - skip >= FEWEST_SAMPLES
     )
     if not left:
-        few = f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s."
-        raise TooFewSamples(few, "Start earlier, with a smaller --start.")
+        raise TooFewSamples(Fact(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start))
     return left
 
 
@@ -287,10 +281,15 @@ def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
     samples = sum(map(len, flights))
     fewer = max(1, samples // (FOLDS + 1))
     shorter = fewer < steps and samples >= 2 * part_samples(dt)[1]
+    options = ("--test", str(fewer)) if shorter else ()
     return TooFewSamples(
-        f"The settled flight has {samples} samples ({samples * dt:.1f} s), too few for test windows of {steps}.",
-        "" if shorter else "Fly longer, or give a smaller --start.",
-        ("--test", str(fewer)) if shorter else (),
+        Fact(
+            Forecasts.NO_TEST_WINDOW,
+            samples=samples,
+            duration=samples * dt,
+            test_samples=steps,
+            options=options,
+        )
     )
 
 
@@ -300,6 +299,5 @@ def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tup
     length, ahead = part_samples(flight.dt, train, test)
     end = first + length
     if len(flight) < end + ahead:
-        remedy = "Start earlier, with a smaller --start."
-        raise TooFewSamples.of(flight, start, length, ahead, FEWEST_SAMPLES, remedy)
+        raise too_short(flight, start, length, ahead, FEWEST_SAMPLES)
     return flight[first:end], flight[end : end + ahead]

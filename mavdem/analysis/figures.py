@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from functools import cached_property
 from os import PathLike
 from typing import Any, NamedTuple
@@ -28,7 +29,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.comparison import JOINT
 from mavdem.evaluate.held_out import (
     BASELINES,
     CONSTANT_MEAN,
@@ -36,9 +36,10 @@ from mavdem.evaluate.held_out import (
     HOLD_LAST,
     PREDICTION,
     HeldOut,
-    TruthComparison,
 )
 from mavdem.evaluate.scores import error_over, mspe
+from mavdem.evaluate.truth import TruthComparison
+from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
@@ -166,14 +167,17 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     fit = learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
     one_step = {
-        JOINT: learned.one_step()[after_first],
+        MethodName.JOINT: learned.one_step()[after_first],
         HOLD_LAST: measured[after_first - 1],
         CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
     }
     one_step_errors = {
         name: mspe(measured[after_first], values).per_output for name, values in one_step.items()
     }
-    names = {JOINT: FORECAST, **dict(zip(BASELINES, BASELINES, strict=True))}
+    names: dict[StrEnum, HeldOutForecast] = {
+        MethodName.JOINT: FORECAST,
+        **dict(zip(BASELINES, BASELINES, strict=True)),
+    }
     forecast_errors = {
         shown: held_out.squared_errors(name).mean(axis=0) for shown, name in names.items()
     }
@@ -208,7 +212,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "held_out": held_out.as_dict(),
         "one_step_mspe": _ranked(one_step_errors, measured.var(axis=0)),
         "forecast_mspe": ranked,
-        "forecast_over_constant_mean": ranked[JOINT]["relative"],
+        "forecast_over_constant_mean": ranked[MethodName.JOINT]["relative"],
         "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
@@ -240,7 +244,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     }
 
 
-def _ranked(errors: dict[str, Array], variance: Array) -> dict[str, Any]:
+def _ranked(errors: dict[StrEnum, Array], variance: Array) -> dict[str, Any]:
     """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
     mean = (errors[CONSTANT_MEAN] / variance).sum()
     values = {

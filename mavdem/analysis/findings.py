@@ -21,6 +21,8 @@ from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, HOLD_LAST, HeldOut
+from mavdem.facts import Fact, Level
+from mavdem.facts.forecasts import Forecasts
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 
@@ -436,7 +438,7 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
     limits = PREDICTION_LIMITS
     if held_out is not None:
         warnings += [
-            f"No model of a part of the flight could be learned: {failure}."
+            str(Fact(Forecasts.PART_NOT_LEARNED, Level.WATCH, because=failure))
             for failure in held_out.failures
         ]
         if held_out.coverage < limits.coverage:

@@ -17,6 +17,9 @@ from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.var import RIDGE, Forecast, Var, lagged
 from mavdem.dem.record import Record, UniformRecord, is_number, required_number
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
 # inputs (T, k) and outputs (T, m) of each segment, in a method's units
 Segments = list[tuple[Array, Array]]
@@ -48,11 +51,13 @@ class Baseline:
         """Whether no mode grows, but for rounding."""
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
-
-def unstable(radius: float) -> str:
-    """The caution of a model of this spectral radius; empty where it is stable."""
-    grows = f"a mode grows by {radius - 1:.2g} of itself at each sample, and so may forecasts"
-    return f"The model is unstable: {grows}." if radius > 1 + STABILITY_TOLERANCE else ""
+    @property
+    def cautions(self) -> tuple[Fact, ...]:
+        """Limitations of the model."""
+        if self.stable:
+            return ()
+        growth = self.spectral_radius - 1
+        return (Fact(Forecasts.MODEL_UNSTABLE, Level.WATCH, subject=self.method, growth=growth),)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +69,7 @@ class Identified(Baseline):
         model: A, B, C, D and K of one sampling step.
         record: the training data.
         starts: (segments, n) the state of each segment's first sample, as the method has it.
-        cautions: one sentence for each limitation of the model.
+        iterations: after which the method was still improving the model; ``None`` where it has converged.
 
     Raises:
         ValueError: from every method, for inputs or outputs of another shape or not finite, fewer steps than 1, or a
@@ -73,7 +78,20 @@ class Identified(Baseline):
 
     model: StateSpace
     starts: Array
-    cautions: tuple[str, ...] = ()
+    iterations: int | None = None
+
+    @property
+    def cautions(self) -> tuple[Fact, ...]:
+        """Limitations of the model."""
+        if self.iterations is None:
+            return super().cautions
+        caution = Fact(
+            Forecasts.STILL_IMPROVING,
+            Level.WATCH,
+            subject=self.method,
+            iterations=self.iterations,
+        )
+        return (*super().cautions, caution)
 
     def one_step(self) -> Array:
         """Returns (T, m): each training sample predicted from those before it in its segment, and the inputs."""
@@ -128,27 +146,28 @@ class Identified(Baseline):
 
 
 class Fitted(NamedTuple):
-    """What a method found, in its units: a model, and the first states of segments (segments, n)."""
+    """What a method found, in its units: a model, and the first states of segments (segments, n).
+
+    ``iterations`` are those after which it was still improving, ``None`` where it has converged.
+    """
 
     model: StateSpace
     starts: Array
-    converged: bool = True
+    iterations: int | None = None
 
 
 def identified(
     method: str,
     train: UniformRecord | Sequence[UniformRecord],
     fit: Callable[[Segments], Fitted],
-    unfinished: str = "",
 ) -> Identified:
-    """The result of ``fit``; ``unfinished`` says what it still did where it has not converged."""
+    """The result of ``fit``."""
     record = Record.of(train)
     units = Units.of(record)
     with one_thread():
         fitted = fit(units.segments(record))
-    slow = "" if fitted.converged else f"{unfinished}: the model is not the best of its order."
-    cautions = tuple(filter(None, (unstable(fitted.model.spectral_radius), slow)))
-    return Identified(method, units.physical(fitted.model), record, fitted.starts, cautions)
+    model = units.physical(fitted.model)
+    return Identified(method, model, record, fitted.starts, fitted.iterations)
 
 
 RANK_TOLERANCE = 1e-8
@@ -234,7 +253,7 @@ def hold(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
 
 def constant_mean(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
     """Forecasts the mean of the training data ``train``."""
-    return _without_dynamics("constant mean", Record.of(train))
+    return _without_dynamics(HeldOutForecast.CONSTANT_MEAN, Record.of(train))
 
 
 def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
@@ -278,9 +297,13 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
         (rows, columns) = regressors.shape
         m = targets.shape[1]
         if rows <= columns:
-            raise ValueError(
-                f"train has {rows} samples with {order} before them, and ARX({order}) of it has {columns} parameters "
-                f"for each output: lower the order, or train on more samples"
+            raise NotLearnable(
+                Fact(
+                    Forecasts.TOO_FEW_FOR_ORDER,
+                    subject=f"ARX({order})",
+                    samples=rows,
+                    parameters=columns,
+                )
             )
         return Fitted(
             _realised(regression(regressors, targets), order, m),
@@ -344,7 +367,9 @@ def var(
         raise ValueError(f"ridge must be a positive number, not {ridge!r}")
     record = Record.of(train)
     with one_thread():
-        return JointAutoregression(f"joint VAR({order})", Var.learn(record, order, ridge), record)
+        return JointAutoregression(
+            f"{MethodName.JOINT_VAR}({order})", Var.learn(record, order, ridge), record
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -362,11 +387,6 @@ class JointAutoregression(Baseline):
     """
 
     model: Var
-
-    @property
-    def cautions(self) -> tuple[str, ...]:
-        """One sentence where vehicle and autopilot together grow."""
-        return tuple(filter(None, (unstable(self.spectral_radius),)))
 
     def one_step(self) -> Array:
         """Returns (T, m): each training sample from those before it in its segment, and the inputs up to its own."""

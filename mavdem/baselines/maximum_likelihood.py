@@ -24,6 +24,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import WORST_MODES, recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord, required_number
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import Forecasts
 
 REWEIGHTINGS = 30  # times at most that the errors are weighted again by their own covariance
 EVALUATIONS = 30  # of the errors at most, with one weighting
@@ -41,10 +44,7 @@ def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
     ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
     order = required_number(order, "order")
-    unfinished = f"The prediction errors were still falling after {REWEIGHTINGS} rounds"
-    return identified(
-        f"PEM({order})", train, lambda segments: _minimised(segments, order), unfinished
-    )
+    return identified(f"PEM({order})", train, lambda segments: _minimised(segments, order))
 
 
 class FreeParameters(NamedTuple):
@@ -192,7 +192,6 @@ def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
     A, B, C, _, K, offset, *_ = found.model
     best = FreeParameters(A, B, C, K, offset, found.starts)
-    converged = False
     errors = prediction_errors(best, found.model, segments)
     for _ in range(REWEIGHTINGS):
         weight = np.linalg.cholesky(np.linalg.inv(_covariance(errors)))
@@ -204,9 +203,8 @@ def _minimised(segments: Segments, order: int) -> Fitted:
             best = tried
             errors = errors_there
         if gained * len(errors) / 2 < CONVERGED_NATS:
-            converged = True
-            break
-    return Fitted(with_parameters(found.model, best), best.starts, converged)
+            return Fitted(with_parameters(found.model, best), best.starts)
+    return Fitted(with_parameters(found.model, best), best.starts, REWEIGHTINGS)
 
 
 def _downhill(
@@ -263,8 +261,7 @@ def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identi
     for :func:`mavdem.baselines.subspace`; ``ValueError`` too where EM breaks down.
     """
     order = required_number(order, "order")
-    unfinished = f"The likelihood was still rising after {MAX_ITERATIONS} iterations of EM"
-    return identified(f"EM({order})", train, lambda segments: _fitted(segments, order), unfinished)
+    return identified(f"EM({order})", train, lambda segments: _fitted(segments, order))
 
 
 class EMFit(NamedTuple):
@@ -365,12 +362,9 @@ def _fitted(segments: Segments, order: int) -> Fitted:
         m = len(C)
         gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
     except np.linalg.LinAlgError:
-        raise ValueError(
-            f"EM for {order} states broke down, since covariances lost their rank or left the range of numbers: lower "
-            "the order, or train on other samples"
-        ) from None
+        raise NotLearnable(Fact(Forecasts.EM_BROKE_DOWN, order=order)) from None
     return Fitted(
         StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim),
         fit.starts,
-        fit.converged,
+        None if fit.converged else len(fit.log_likelihoods),
     )

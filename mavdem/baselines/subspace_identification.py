@@ -24,6 +24,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord, required_number
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import Forecasts
 
 LONGEST_HORIZON = 20  # samples of past and of future that the state is found from, at most
 WINDOWS_PER_COLUMN = 2  # so many windows there must be for each number in one of them
@@ -81,9 +84,7 @@ def found_by_projection(segments: Segments, order: int) -> Fitted:
     try:
         K = innovation_gain(A, C, Q, R, S)
     except np.linalg.LinAlgError:
-        raise ValueError(
-            f"the training data determine no model of {order} observable states: lower the order"
-        ) from None
+        raise NotLearnable(Fact(Forecasts.NOT_OBSERVABLE, order=order)) from None
     model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
     return Fitted(model, estimated_starts(model, segments, R))
 
@@ -103,9 +104,13 @@ def _horizon(segments: Segments, order: int) -> int:
         return number >= WINDOWS_PER_COLUMN * (1 + 2 * horizon * (k + m))
 
     if not enough(fewest):
-        raise ValueError(
-            f"train has too few samples for {order} states: {sum(lengths)} in segments of {max(lengths)} at most; "
-            f"lower the order, or train on more samples without gaps"
+        raise NotLearnable(
+            Fact(
+                Forecasts.TOO_FEW_FOR_ORDER,
+                subject=f"A model of {order} states",
+                samples=sum(lengths),
+                parameters=WINDOWS_PER_COLUMN * (1 + 2 * fewest * (k + m)),
+            )
         )
     longest = max(
         horizon for horizon in range(fewest, max(fewest, LONGEST_HORIZON) + 1) if enough(horizon)
@@ -138,10 +143,8 @@ def _state_map(windows: Windows, order: int, past: int, k: int) -> Array:
         basis.T @ of_future @ _orthonormal(of_future)[1], full_matrices=False
     )[0]
     if directions.shape[1] < order:
-        raise ValueError(
-            f"the training data have no {order} states: their past and future share only {directions.shape[1]}; lower "
-            f"the order"
-        )
+        states = directions.shape[1]
+        raise NotLearnable(Fact(Forecasts.TOO_FEW_STATES, order=order, states=states))
     return np.asarray(to_basis @ directions[:, :order] * np.sqrt(windows.number))
 
 

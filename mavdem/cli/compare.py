@@ -21,14 +21,13 @@ from mavdem.cli.options import (
 from mavdem.cli.output import check_folder, files_in, json_text, print_result, printable, progress
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
-from mavdem.evaluate.scores import (
-    FROM_ZERO,
-    KNOWN,
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN
+from mavdem.evaluate.windows import (
     TRAIN_SECONDS,
     Length,
-    TooFewSamples,
     Window,
     part_samples,
+    too_short,
     windows,
 )
 from mavdem.flight import Flight
@@ -107,7 +106,7 @@ def compare_command(
         lengths = part_samples(flight.dt, train, test)
         if found := windows(name, flight, *lengths, hop):
             return found
-        raise TooFewSamples.of(flight, 0.0, *lengths, FEWEST_SAMPLES, "Record a longer flight.")
+        raise too_short(flight, 0.0, *lengths, FEWEST_SAMPLES)
 
     cut, refused = of_each(sources, axis, vehicle, inputs, windows_of)
     if not cut:

@@ -2,17 +2,9 @@
 
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, compare
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows, score_of
-from mavdem.evaluate.scores import (
-    HORIZONS,
-    Mspe,
-    Paired,
-    Window,
-    horizons,
-    mspe,
-    paired,
-    relative_mspe,
-    windows,
-)
+from mavdem.evaluate.paired import Paired, paired
+from mavdem.evaluate.scores import HORIZONS, Mspe, horizons, mspe, relative_mspe
+from mavdem.evaluate.windows import Window, windows
 
 __all__ = [
     "HORIZONS",
@@ -24,8 +16,6 @@ __all__ = [
     "Paired",
     "Window",
     "compare",
-]
-__all__ += [
     "held_out_test",
     "held_out_windows",
     "horizons",

@@ -8,7 +8,7 @@ flights it is the geometric mean of these medians, so that each flight counts on
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -22,23 +22,25 @@ from mavdem import baselines
 from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
+from mavdem.errors import fact_of
+from mavdem.evaluate.paired import FEWEST_PAIRS, Paired, paired
 from mavdem.evaluate.scores import (
-    FEWEST_PAIRS,
     FROM_ZERO,
     KNOWN,
     UNKNOWN,
-    Paired,
+    Question,
     ScoreTable,
-    Window,
     by_horizon,
     error_over,
     horizons,
-    paired,
     ratio,
     score,
     score_values,
     table_type,
 )
+from mavdem.evaluate.windows import Window
+from mavdem.facts import Fact, Level
+from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 
@@ -58,13 +60,12 @@ class Method(NamedTuple):
 
 
 PLANT = Settings(forecasts="plant")
-JOINT = "DEM joint"
 DEM = {
-    JOINT: Settings(),
-    "DEM plant": PLANT,
-    "DEM plant p=1": replace(PLANT, p=1, d=1),
-    "DEM paper": Settings.paper(),
-    "DEM paper p=1": replace(Settings.paper(), p=1, d=1, window=2),
+    MethodName.JOINT: Settings(),
+    MethodName.PLANT: PLANT,
+    MethodName.PLANT_P1: replace(PLANT, p=1, d=1),
+    MethodName.PAPER: Settings.paper(),
+    MethodName.PAPER_P1: replace(Settings.paper(), p=1, d=1, window=2),
 }
 PEERS = (
     *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
@@ -72,18 +73,20 @@ PEERS = (
     Method("EM(2)", partial(baselines.em, order=2)),
     *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
     *(
-        Method(f"joint VAR({order})", partial(baselines.var, order=order), predicts=True)
+        Method(
+            f"{MethodName.JOINT_VAR}({order})", partial(baselines.var, order=order), predicts=True
+        )
         for order in (4, 10)
     ),
 )
 METHODS = (
     *(
-        Method(name, partial(learn, settings=settings), predicts=name == JOINT)
+        Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
         for name, settings in DEM.items()
     ),
     *PEERS,
-    Method("constant mean", baselines.constant_mean, predicts=True),
-    Method("hold last", baselines.hold, predicts=True),
+    Method(HeldOutForecast.CONSTANT_MEAN, baselines.constant_mean, predicts=True),
+    Method(HeldOutForecast.HOLD_LAST, baselines.hold, predicts=True),
     Method("zero", baselines.zero),
 )
 """The methods of ``mavdem compare``; the first is compared with each of the others. "DEM joint" is the joint model of
@@ -95,7 +98,7 @@ paper calls without generalized coordinates (section V.G): the first derivative 
 class Outcome:
     """One method on one window; every error is infinite if it has no forecast.
 
-    ``failure`` says why, and is empty else; ``stable`` is ``None`` without a model; ``seconds`` are processor time of
+    ``failure`` says why; ``stable`` is ``None`` without a model; ``seconds`` are processor time of
     the training; ``scores`` have a row for each question and horizon, the last of a question that of the whole test
     part; ``forecasts`` are (H, m) by question.
     """
@@ -103,22 +106,22 @@ class Outcome:
     method: str
     flight: str
     start: int
-    failure: str
+    failure: Fact | None
     stable: bool | None
-    cautions: tuple[str, ...]
+    cautions: tuple[Fact | str, ...]
     seconds: float
     scores: ScoreTable
-    forecasts: dict[str, Array]
+    forecasts: Mapping[Question, Array]
 
-    def of(self, question: str) -> ScoreTable:
+    def of(self, question: Question) -> ScoreTable:
         """Returns the scores of a ``question``, the shortest horizon first."""
         return np.asarray(self.scores[self.scores["question"] == question])
 
-    def mspe(self, question: str = KNOWN) -> Array:
+    def mspe(self, question: Question = KNOWN) -> Array:
         """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
         return np.asarray(self.of(question)["squared_error"][-1])
 
-    def to_dict(self, question: str = KNOWN) -> dict[str, Any]:
+    def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
         """Returns plain JSON values by name, without the forecasts themselves; of a ``question``, and from zero."""
         rows = self.of(question)
         zero = self.of(FROM_ZERO)
@@ -127,9 +130,9 @@ class Outcome:
             for values in (self.mspe(question), self.mspe(FROM_ZERO))
         )
         return {
-            "failure": self.failure,
+            "failure": _words(self.failure),
             "stable": self.stable,
-            "cautions": list(self.cautions),
+            "cautions": [str(caution) for caution in self.cautions],
             "mspe": mspe,
             "skill": [score_values(row) for row in rows],
             "inside_90_percent_band": [
@@ -150,9 +153,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
             model = method.learn(window.train)
             return _outcome(method, window, model, thread_time() - began)
         except (ValueError, ArithmeticError, RuntimeError) as error:
-            failure = (
-                str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            )
+            failure = fact_of(error)
     steps = horizons(len(window.test), window.test.dt)
     m = window.test.outputs.shape[1]
     asked = (
@@ -183,7 +184,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
 def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) -> Outcome:
     train = window.train
     test = window.test
-    cautions = tuple(model.cautions)
+    cautions: tuple[Fact | str, ...] = tuple(model.cautions)
     forecasts = {
         KNOWN: model.forecast(test.inputs),
         FROM_ZERO: model.forecast(test.inputs, from_zero=True),
@@ -196,7 +197,7 @@ def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) 
         if method.predicts:
             bands[UNKNOWN] = model.predict_band(len(test))
         if (model.forecast_variance(test.inputs) / train.outputs.var(axis=0)).mean() > 1:
-            cautions += ("The error to expect of the forecast is larger than the constant mean's.",)
+            cautions += (Fact(Forecasts.WORSE_THAN_MEAN_EXPECTED, Level.WATCH),)
     rows = []
     for question, whole in forecasts.items():
         again = model.predict_every if question == UNKNOWN else model.forecast_every
@@ -214,7 +215,7 @@ def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) 
         window.flight,
         window.start,
     )
-    return Outcome(*who, "", model.stable, cautions, seconds, scores, forecasts)
+    return Outcome(*who, None, model.stable, cautions, seconds, scores, forecasts)
 
 
 def outcomes(
@@ -292,7 +293,7 @@ class Comparison:
         """The scores of all outcomes, one table."""
         return np.concatenate([one.scores for row in self.outcomes for one in row])
 
-    def methods_of(self, question: str) -> tuple[str, ...]:
+    def methods_of(self, question: Question) -> tuple[str, ...]:
         """Returns the names of the methods that answer a ``question``."""
         return tuple(one.method for one in self.outcomes[0] if len(one.of(question)))
 
@@ -306,7 +307,7 @@ class Comparison:
         windows, outcomes = zip(*own, strict=True)
         return Comparison(windows, self.methods, outcomes)
 
-    def summaries(self, flight: str, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
+    def summaries(self, flight: str, question: Question = KNOWN) -> tuple[dict[str, Any], ...]:
         """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
 
         ``windows`` and the ``COUNTS`` are numbers of windows; ``failure`` is the first reason; ``mspe`` per output and
@@ -329,7 +330,7 @@ class Comparison:
             )
         return found
 
-    def _summary(self, method: str, question: str, reference: str) -> dict[str, Any]:
+    def _summary(self, method: str, question: Question, reference: str) -> dict[str, Any]:
         """Of one flight."""
         asked = self.scores[self.scores["question"] == question]
         own, ours = (by_horizon(asked[asked["method"] == name]) for name in (method, reference))
@@ -340,10 +341,10 @@ class Comparison:
         return {
             "method": method,
             "windows": len(mine),
-            "failed": sum(bool(one.failure) for one in mine),
-            "failure": next((one.failure for one in mine if one.failure), ""),
+            "failed": sum(one.failure is not None for one in mine),
+            "failure": next((one.failure for one in mine if one.failure is not None), None),
             "diverged": sum(
-                not one.failure and not np.isfinite(one.mspe(from_data)).all() for one in mine
+                one.failure is None and not np.isfinite(one.mspe(from_data)).all() for one in mine
             ),
             "unstable": sum(one.stable is False for one in mine),
             "mspe": errors.tolist(),
@@ -372,7 +373,7 @@ class Comparison:
             "seconds": float(np.median([one.seconds for one in mine])),
         }
 
-    def losses(self, question: str = KNOWN) -> list[dict[str, Any]]:
+    def losses(self, question: Question = KNOWN) -> list[dict[str, Any]]:
         """Returns where the first method's median error of a ``question`` on a flight is larger than another's.
 
         The largest ``ratio`` of the medians comes first; that of ``paired``, window by window, may differ.
@@ -389,7 +390,7 @@ class Comparison:
                     lost.append({**names, "ratio": over, "paired": at["reference"]})
         return sorted(lost, key=lambda loss: -loss["ratio"])
 
-    def verdicts(self, question: str = KNOWN) -> dict[str, Paired]:
+    def verdicts(self, question: Question = KNOWN) -> dict[str, Paired]:
         """Returns the first method beside each other one over the whole test part, by name, for a ``question``.
 
         Pairs are flights where there are enough of them to distinguish anything, and else windows of all flights.
@@ -409,7 +410,7 @@ class Comparison:
         }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}
 
-    def over_flights(self, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
+    def over_flights(self, question: Question = KNOWN) -> tuple[dict[str, Any], ...]:
         """Returns each method's summary of a ``question`` over all flights, the lowest error first.
 
         ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
@@ -439,7 +440,7 @@ class Comparison:
             )
         return tuple(sorted(overall, key=lambda row: row["relative"]))
 
-    def to_dict(self, question: str = KNOWN) -> dict[str, Any]:
+    def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
         """Returns plain JSON values of a ``question``, by flight and by window, infinite errors as infinity.
 
         Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
@@ -459,7 +460,7 @@ class Comparison:
         )
         return values
 
-    def _flight(self, flight: str, question: str) -> dict[str, Any]:
+    def _flight(self, flight: str, question: Question) -> dict[str, Any]:
         part = self.of_flight(flight)
         train = part.windows[0].train
         test = part.windows[0].test
@@ -503,7 +504,7 @@ class Comparison:
                     for i, value in enumerate(values["per_output"])
                 },
                 "stable": one.stable,
-                "failure": one.failure,
+                "failure": _words(one.failure),
             }
             for window, outcomes in zip(self.windows, self.outcomes, strict=True)
             for one in outcomes
@@ -513,12 +514,18 @@ class Comparison:
 
 
 def _plain(value: Any) -> Any:
-    """With every paired test as plain JSON values."""
+    """With every paired test as plain JSON values, and every failure in words."""
     if isinstance(value, Paired):
         return value.to_dict()
+    if isinstance(value, Fact):
+        return str(value)
     if isinstance(value, dict):
         return {key: _plain(one) for key, one in value.items()}
     return [_plain(one) for one in value] if isinstance(value, list) else value
+
+
+def _words(failure: Fact | None) -> str:
+    return "" if failure is None else str(failure)
 
 
 def _mean(shares: Iterable[float | None]) -> float | None:

@@ -12,36 +12,32 @@ References:
 
 from __future__ import annotations
 
-import zipfile
-import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, isnan
-from os import PathLike, fspath
-from pathlib import Path
-from typing import Any, NamedTuple
+from math import ceil
+from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
 from mavdem.confidence import LEVEL
-from mavdem.dem import Learned, Physical, Settings, WindTorque
+from mavdem.dem import Learned, Settings
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import JointModel
-from mavdem.dem.graybox.identifiability import Status
 from mavdem.dem.learning import learn_forecasts
 from mavdem.dem.record import LABELS, folds
-from mavdem.errors import Unreadable
-from mavdem.evaluate.scores import error_over, part_samples
+from mavdem.errors import fact_of
+from mavdem.evaluate.scores import error_over
+from mavdem.evaluate.windows import part_samples
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.flight import Flight
 
 FOLDS = 5
 MIN_PIECE_SECONDS = 1.0
 """A piece of training data between two cuts that is shorter is left out: it is mostly the edge of its embedding."""
 
-FORECAST = "forecast"
-PREDICTION = "prediction"
-BASELINES = CONSTANT_MEAN, HOLD_LAST = "constant mean", "hold last"
+FORECAST, PREDICTION, CONSTANT_MEAN, HOLD_LAST = HeldOutForecast
+BASELINES = CONSTANT_MEAN, HOLD_LAST
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +51,16 @@ class HeldOut:
             baselines "constant mean", of the training data, and "hold last". NaN where no model could be learned.
         band, expected: (W, H, m) half width of the 90 % band of "forecast", and the squared error to expect of it.
         variance: (m,) of the training data: the unit in which the errors of outputs are added up.
-        failures: why models of parts could not be learned, one sentence each.
+        failures: why models of parts could not be learned.
     """
 
     time: Array
     measured: Array
-    forecasts: dict[str, Array]
+    forecasts: Mapping[HeldOutForecast, Array]
     band: Array
     expected: Array
     variance: Array
-    failures: tuple[str, ...] = ()
+    failures: tuple[Fact, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)
@@ -75,30 +71,32 @@ class HeldOut:
         steps = self.time.shape[1]
         return float(np.ptp(self.time[0]) * steps / (steps - 1)) if len(self) and steps > 1 else 0.0
 
-    def squared_errors(self, name: str = FORECAST) -> Array:
+    def squared_errors(self, name: HeldOutForecast = FORECAST) -> Array:
         """Returns the mean squared error (W, m) of the forecast ``name`` in each window; infinite without one."""
         with np.errstate(over="ignore", invalid="ignore"):
             squares = ((self.measured - self.forecasts[name]) ** 2).mean(axis=1)
         return np.where(np.isnan(squares), np.inf, squares)
 
-    def rmse(self, name: str = FORECAST) -> Array:
+    def rmse(self, name: HeldOutForecast = FORECAST) -> Array:
         """Returns the root mean squared error (m,) of the forecast ``name`` over all windows, in the outputs' units."""
         return np.asarray(np.sqrt(self.squared_errors(name).mean(axis=0)))
 
-    def error_ratio(self, name: str = FORECAST) -> float:
+    def error_ratio(self, name: HeldOutForecast = FORECAST) -> float:
         """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
         return float(error_over(self._sizes(name).mean(), self._sizes(CONSTANT_MEAN).mean()))
 
-    def error_ratios(self, name: str = FORECAST, baseline: str = CONSTANT_MEAN) -> Array:
+    def error_ratios(
+        self, name: HeldOutForecast = FORECAST, baseline: HeldOutForecast = CONSTANT_MEAN
+    ) -> Array:
         """Returns the mean squared error of the forecast ``name`` over that of the ``baseline``, by window (W,)."""
         return error_over(self._sizes(name), self._sizes(baseline))
 
-    def _sizes(self, name: str) -> Array:
+    def _sizes(self, name: HeldOutForecast) -> Array:
         """(W,) squared errors summed over outputs, each in units of its training variance."""
         return np.asarray((self.squared_errors(name) / self.variance).sum(axis=1))
 
     @property
-    def best_baseline(self) -> str:
+    def best_baseline(self) -> HeldOutForecast:
         """The baseline with the lower error over all windows."""
         return min(BASELINES, key=self.error_ratio)
 
@@ -136,7 +134,7 @@ class HeldOut:
             "share_worse_than_hold_last": float((self.error_ratios(baseline=HOLD_LAST) > 1).mean()),
             "inside_90_percent_band": self.coverage,
             "over_expected_error": self.over_expected,
-            "failures": list(self.failures),
+            "failures": [str(failure) for failure in self.failures],
         }
 
 
@@ -166,11 +164,11 @@ def held_out_windows(
     for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
         training = _others(flights, fold)
         model = None
-        failures = tuple[str, ...]()
+        failures = tuple[Fact, ...]()
         try:
             model = learn_forecasts(training, settings)
         except ValueError as error:
-            failures = (str(error),)
+            failures = (fact_of(error),)
         for i, first, stop in fold:
             flight = flights[i]
             # The filter finds its state in whole windows before the first that counts.
@@ -249,7 +247,7 @@ def _forecast(
     steps: int,
     lead: int,
     before: Array,
-    failures: tuple[str, ...] = (),
+    failures: tuple[Fact, ...] = (),
 ) -> HeldOut:
     """Windows of ``steps`` samples after the first ``lead`` of a part, which follows the sample ``before`` (1, m).
 
@@ -301,229 +299,4 @@ def _together(parts: Sequence[HeldOut]) -> HeldOut:
         expected,
         np.mean([part.variance for part in parts], axis=0),
         failures,
-    )
-
-
-MAX_DIFFERENCE = 0.3
-"""Root mean square over standard deviation, of the rate from that of the truth file: 0.01 in simulated flights of
-100 Hz, and 1.4 for another flight's."""
-
-
-class ComparedParameter(NamedTuple):
-    """An estimate beside its truth, both in ``unit``; ``half_width`` is NaN where it is not identifiable."""
-
-    name: str
-    unit: str
-    estimate: float
-    half_width: float
-    truth: float
-    status: Status = "reported"
-
-    @property
-    def inside(self) -> bool | None:
-        """Whether the interval holds the truth; ``None`` where there is none."""
-        return (
-            None
-            if isnan(self.half_width)
-            else bool(abs(self.estimate - self.truth) <= self.half_width)
-        )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        half = None if isnan(self.half_width) else self.half_width
-        return self._asdict() | {"half_width": half, "inside": self.inside}
-
-
-class ComparedWind(NamedTuple):
-    """The wind torque beside its truth, rad/s²: ``inside`` is the share of samples whose truth is in the 90 % band.
-
-    ``resolved``: whether the estimate is larger than its expected errors. ``mean`` is the steady part.
-    """
-
-    correlation: float
-    sd: float
-    true_sd: float
-    inside: float
-    resolved: bool
-    mean: ComparedParameter
-
-
-class TruthComparison(NamedTuple):
-    """Physical parameters and wind beside their truth, each empty or ``None`` where there is no estimate."""
-
-    source: str
-    parameters: tuple[ComparedParameter, ...]
-    wind: ComparedWind | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        wind = (
-            None if self.wind is None else self.wind._asdict() | {"mean": self.wind.mean.as_dict()}
-        )
-        return {
-            "source": self.source,
-            "parameters": [one.as_dict() for one in self.parameters],
-            "wind": wind,
-        }
-
-
-def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
-    """Returns one ``axis`` of a truth file of ``mavdem fly``, and its name as ``source``; N rows, r motors.
-
-    ``time`` (N,) on the boot clock; ``rate`` (N,) as the autopilot knew it; ``disturbance`` (N,), rad/s²;
-    ``effect`` (r,), rad/s² per µs, and once something broke, ``weak`` (N,), ``weak_effect``; ``damping``, ``lag`` and
-    ``delay``, 1/s, s, s.
-
-    Raises:
-        Unreadable: ``path`` is not one, or cannot be read.
-    """
-    name = Path(fspath(path)).name or fspath(path)
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            parts = {
-                **{name: file[name] for name in ("time", "weak", "delay")},
-                **{name: file[f"{axis}_{name}"] for name in ("disturbance", "effect")},
-                "rate": file["known_rates"][:, AXES.index(axis)],
-                "weak_effect": file[
-                    f"{axis}_effect{'_weak' if f'{axis}_effect_weak' in file else ''}"
-                ],
-                "damping": -file[f"{axis}_A"][-1, -1],
-                "lag": file["lag"][0],
-            }
-            columns = {key: np.asarray(value, np.float64) for key, value in parts.items()}
-    except OSError as error:
-        raise Unreadable(f"{name} cannot be read ({error.strerror or error}).") from None
-    except (
-        KeyError,
-        IndexError,
-        TypeError,
-        ValueError,
-        EOFError,
-        MemoryError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ):
-        raise Unreadable(
-            f"{name} is no truth file that this version of `mavdem fly` writes beside a log."
-        ) from None
-    rows = len(np.atleast_1d(columns["time"]))
-    motors = columns["effect"].size
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
-        ("time", "rate", "disturbance", "weak"), (rows,)
-    )
-    shapes |= dict.fromkeys(("effect", "weak_effect"), (motors,)) | dict.fromkeys(
-        ("damping", "lag", "delay"), ()
-    )
-    sound = all(
-        columns[key].shape == shape and np.isfinite(columns[key]).all()
-        for key, shape in shapes.items()
-    )
-    if not (sound and rows > 1 and (np.diff(columns["time"]) > 0).all()):
-        raise Unreadable(f"{name} is damaged: its arrays do not fit each other.")
-    return {"source": name, **columns}
-
-
-def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, Any]:
-    """Returns what the truth file at ``path`` says of the axis of ``flights``, the segments of one.
-
-    Raises:
-        Unreadable: the file is no truth file, or that of another flight.
-        ValueError: no output is the rate of an axis.
-    """
-    name = flights[0].output_names[-1]
-    axis = name.split(" ")[0]
-    if axis not in AXES:
-        raise ValueError(f"the last output must be the rate of roll, pitch or yaw, not {name}")
-    truth = read_truth(path, axis)
-    for segment in flights:
-        if (
-            not _difference(segment.outputs[:, -1], truth, truth["rate"], segment.time)
-            < MAX_DIFFERENCE
-        ):
-            raise Unreadable(
-                f"{truth['source']} is the truth of another flight: from {segment.time[0]:.1f} s to "
-                f"{segment.time[-1]:.1f} s its {name} is not the log's. Name the .truth.npz that `mavdem fly` wrote "
-                "beside this log."
-            )
-    return truth
-
-
-def compare_with_truth(
-    learned: Learned, flights: Sequence[Flight], truth: dict[str, Any]
-) -> TruthComparison:
-    """Returns the physical parameters and the wind torque of ``learned`` beside the ``truth`` of its ``flights``.
-
-    Raises:
-        ValueError: ``flights`` are not what ``learned`` was trained on.
-    """
-    if sum(map(len, flights)) != len(learned.record):
-        raise ValueError("flights must be what the model was trained on")
-    time = np.concatenate([segment.time for segment in flights])
-    parameters = (
-        () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
-    )
-    wind = None if learned.wind_torque is None else _wind(learned.wind_torque, truth, time)
-    return TruthComparison(truth["source"], parameters, wind)
-
-
-def _difference(measured: Array, truth: dict[str, Any], column: Array, time: Array) -> float:
-    """Root mean square difference over the measured standard deviation; infinite where no truth is known."""
-    stamps = truth["time"]
-    if time[0] < stamps[0] or time[-1] > stamps[-1]:
-        return float("inf")
-    difference = measured - np.interp(time, stamps, column)
-    return float(np.sqrt(np.mean(difference**2)) / measured.std())
-
-
-def _parameters(
-    physical: Physical, segments: Sequence[Flight], truth: dict[str, Any], time: Array
-) -> tuple[ComparedParameter, ...]:
-    effect, *halves = physical.interval(LEVEL)
-    status = physical.status
-    parameters = list[ComparedParameter]()
-    if segments[0].input_units == ("µs",) * truth["effect"].size:
-        weak = np.interp(time, truth["time"], truth["weak"]) >= 0.5
-        true = truth["weak_effect" if weak.mean() >= 0.5 else "effect"]
-        unit = "rad/s² per µs"
-        state = status["effect"]
-        motors = zip(
-            segments[0].input_names,
-            physical.effect.tolist(),
-            effect.tolist(),
-            true.tolist(),
-            strict=True,
-        )
-        parameters = [
-            ComparedParameter(f"effect of {name.split(' (')[0]}", unit, value, half, known, state)
-            for name, value, half, known in motors
-        ]
-        mean = float(np.abs(true).mean())
-        parameters.append(
-            ComparedParameter("mean effect", unit, *physical.mean_effect(LEVEL), mean, state)
-        )
-    others = (
-        ("damping", "1/s", "damping"),
-        ("lag of the motors", "s", "lag"),
-        ("delay", "s", "delay"),
-    )
-    for (name, unit, key), half in zip(others, halves, strict=True):
-        state = status.get(key, status["lag"])
-        parameters.append(
-            ComparedParameter(name, unit, getattr(physical, key), half, float(truth[key]), state)
-        )
-    return tuple(parameters)
-
-
-def _wind(wind: WindTorque, truth: dict[str, Any], time: Array) -> ComparedWind:
-    true = np.interp(time, truth["time"], truth["disturbance"])
-    still = not (true.std() and wind.torque.std())
-    return ComparedWind(
-        correlation=float("nan") if still else float(np.corrcoef(wind.torque, true)[0, 1]),
-        sd=wind.sd,
-        true_sd=float(true.std()),
-        inside=float(np.mean(np.abs(wind.torque - true) <= wind.band)),
-        resolved=wind.resolved,
-        mean=ComparedParameter(
-            "steady part", "rad/s²", wind.mean, wind.mean_band, float(true.mean())
-        ),
     )

@@ -6,135 +6,35 @@ A test part of H samples is forecast in pieces of k steps: at every k-th sample 
 it. So each sample counts once at every horizon, forecasts do not overlap, the error is the mean *up to* the k-th step,
 and the constant mean's error is the same at all horizons. k = H is the MSPE of the one forecast from the end of
 training.
-
-Methods run on the same windows, so each window gives one ratio of their errors. Wilcoxon's signed-rank test is on the
-logarithms of these ratios: twice the error and half the error are then equally far from zero. The test assumes
-independent windows, so it is applied to windows that do not overlap, as many as possible; the median ratio is of all.
-A small p-value of windows of one flight is about that flight; for flights in general, use one ratio of each of several.
-
-References:
-    F. Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1 (1945) 80-83.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import nan
-from typing import Any, Literal, NamedTuple
+from enum import StrEnum, auto
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-
-TRAIN_SECONDS = 7.0
-TEST_SECONDS = 1.5
-"""Default lengths of a training and a test part: a few periods of a vehicle's motion, as in the paper at 100 Hz."""
-
-
-class Length(NamedTuple):
-    """A length of flight: a number of samples, or of seconds."""
-
-    number: float
-    in_seconds: bool = True
-
-    def samples(self, dt: float) -> int:
-        """Returns the number of samples ``dt`` s apart, at least 1."""
-        return max(1, round(self.number / dt)) if self.in_seconds else int(self.number)
-
-
-def part_samples(
-    dt: float, train: Length | None = None, test: Length | None = None
-) -> tuple[int, int]:
-    """Returns the samples of a training and a test part ``dt`` s apart: as asked for, else 7 s and 1.5 s."""
-    return (train or Length(TRAIN_SECONDS)).samples(dt), (test or Length(TEST_SECONDS)).samples(dt)
-
-
-class TooFewSamples(NotLearnable):
-    """The settled flight is too short; ``lengths`` are options with windows that fit, ("--test", "40"), or empty."""
-
-    def __init__(self, reason: str, remedy: str = "", lengths: tuple[str, ...] = ()) -> None:
-        super().__init__(reason, remedy or f"Ask for shorter ones: `{' '.join(lengths)}`.")
-        self.lengths = lengths
-
-    @classmethod
-    def of(
-        cls, flight: Flight, start: float, train: int, test: int, least: int, remedy: str
-    ) -> TooFewSamples:
-        """Returns why ``train`` and ``test`` samples do not fit after ``start`` s of a ``flight``, and how many would.
-
-        With fewer than ``least`` training samples none do, and the ``remedy`` is another.
-        """
-        left = len(flight) - round(min(start / flight.dt, len(flight)))
-        shorter = min(test, max(left // 6, 1))
-        longest = min(train, left - shorter)
-        fits = longest >= least
-        after = f", {left} of them from {start:g} s on" if start else ""
-        return cls(
-            f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s){after}, but {train} training and "
-            f"{test} test samples were asked for.",
-            "" if fits else remedy,
-            ("--train", str(longest), "--test", str(shorter)) if fits else (),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Window:
-    """One window of the flight named ``flight``: from sample ``start`` on, ``train`` and, right after it, ``test``."""
-
-    flight: str
-    start: int
-    train: Flight
-    test: Flight
-
-    @property
-    def stop(self) -> int:
-        """The sample of the flight after the last of the window."""
-        return self.start + len(self.train) + len(self.test)
-
-
-def windows(
-    name: str,
-    flight: Flight,
-    train: int | None = None,
-    test: int | None = None,
-    hop: int | None = None,
-) -> tuple[Window, ...]:
-    """Returns every window that fits into the ``flight`` of this ``name``; none if it is too short.
-
-    ``train`` and ``test`` samples last 7 s and 1.5 s unless given. Windows begin ``hop`` samples apart: half a window
-    unless given, so that neighbours share a half.
-
-    Raises:
-        ValueError: a number of samples that is not positive.
-    """
-    usual = part_samples(flight.dt)
-    train = usual[0] if train is None else train
-    test = usual[1] if test is None else test
-    hop = max(1, (train + test) // 2) if hop is None else hop
-    if min(train, test, hop) < 1:
-        raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
-    return tuple(
-        Window(
-            name, start, flight[start : start + train], flight[start + train : start + train + test]
-        )
-        for start in range(0, len(flight) - train - test + 1, hop)
-    )
-
 
 HORIZONS = (1, 5, 10, 25, 50, 150)
 """Steps; the last is the paper's."""
 USUAL_RATE = 100.0
 FAST_RATE = 125.0
 """Hz: the rate of these steps, and the rate above which they last as long as at ``USUAL_RATE``."""
-KNOWN = "known"
-FROM_ZERO = "zero"
-UNKNOWN = "unknown"
-"""Questions: the outputs, given the inputs; the same from state 0, as the paper's figures; what comes next, without the
-inputs."""
+
+
+class Question(StrEnum):
+    """What is forecast: the outputs, given the inputs; likewise from state 0; what comes next, without the inputs."""
+
+    KNOWN = auto()
+    ZERO = auto()
+    UNKNOWN = auto()
+
+
+KNOWN, FROM_ZERO, UNKNOWN = Question
 
 ScoreTable = NDArray[np.void]
 
@@ -216,7 +116,7 @@ def score(
     test: Flight,
     predicted: ArrayLike,
     steps: int | None = None,
-    question: str = KNOWN,
+    question: Question = KNOWN,
 ) -> ScoreTable:
     """Returns one row: the error of ``predicted`` (H, m), forecasts of ``test`` in pieces of ``steps``, all at once.
 
@@ -281,85 +181,3 @@ def score_values(row: Any) -> dict[str, Any]:
         "relative_per_output": error_over(row["squared_error"], row["baseline"]).tolist(),
         "relative": float(ratio(np.array([row]))[0]),
     }
-
-
-SIGNIFICANCE = 0.05
-FEWEST_PAIRS = 6
-"""The level of the test, and the pairs that it takes: of k the p-value is 2¹⁻ᵏ at least."""
-Verdict = Literal["lower", "higher", "not distinguishable"]
-
-
-class Paired(NamedTuple):
-    """The errors of one method ("ours") beside those of another ("theirs").
-
-    Attributes:
-        ratio: the median over windows of our error over theirs: below 1, ours is lower. NaN without windows.
-        less, windows, tested: numbers of windows in which ours is lower, of all, and of those that do not overlap,
-            which the test uses.
-        p_value: of the test, two-sided; 1 where there is no difference at all, or no window.
-    """
-
-    ratio: float
-    less: int
-    windows: int
-    tested: int
-    p_value: float
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether our error is lower or higher than theirs, or the two cannot be told apart."""
-        if not self.p_value < SIGNIFICANCE:
-            return "not distinguishable"
-        return "lower" if self.ratio < 1 else "higher"
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain JSON values by name."""
-        return self._asdict() | {"verdict": self.verdict}
-
-
-def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None = None) -> Paired:
-    """Returns how two methods' errors compare on the same windows, ``ours`` and ``theirs``, (W,) each and at least 0.
-
-    They are infinite without a forecast; two that are both infinite, or both 0, count as equal. Without the
-    ``windows`` these count as independent.
-
-    Raises:
-        ValueError: arrays of different lengths, or errors that are negative or NaN.
-    """
-    a = np.asarray(ours, np.float64)
-    b = np.asarray(theirs, np.float64)
-    if a.shape != b.shape or a.ndim != 1 or (windows is not None and len(windows) != len(a)):
-        raise ValueError(
-            f"ours, theirs and windows must be of the same windows, not {a.shape} and {b.shape}"
-        )
-    if not ((a >= 0).all() and (b >= 0).all()):
-        raise ValueError("ours and theirs must be errors: at least 0, and no NaN")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        differences = np.log(a) - np.log(b)
-    differences = np.where(np.isnan(differences), 0.0, differences)
-    apart = np.arange(len(a)) if windows is None else disjoint(windows)
-    with np.errstate(invalid="ignore", over="ignore"):
-        # Two middle ones of opposite infinity have no mean: each method diverged as often as the other.
-        middle = (
-            float(np.exp(np.nan_to_num(np.median(differences), posinf=np.inf, neginf=-np.inf)))
-            if len(a)
-            else nan
-        )
-    from scipy.stats import rankdata, wilcoxon  # it takes half a second to import
-
-    # Only signs and ranks count, and ranks are finite if a method diverged.
-    tested = differences[apart][differences[apart] != 0]
-    ranks = np.sign(tested) * rankdata(np.abs(tested))
-    p_value = float(wilcoxon(ranks).pvalue) if len(tested) else 1.0
-    return Paired(middle, int((a < b).sum()), len(a), len(apart), p_value)
-
-
-def disjoint(windows: Sequence[Window]) -> NDArray[np.intp]:
-    """Returns the indices of ``windows`` that share no sample: as many as possible, those that end first."""
-    chosen: list[int] = []
-    free: dict[str, int] = {}
-    for i, window in sorted(enumerate(windows), key=lambda numbered: numbered[1].stop):
-        if window.start >= free.get(window.flight, window.start):
-            chosen.append(i)
-            free[window.flight] = window.stop
-    return np.array(sorted(chosen), np.intp)

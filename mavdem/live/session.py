@@ -296,7 +296,8 @@ class LiveSession:
         """The status as of now."""
         status = self.stream.status()
         silence = self._silence()
-        learning = self.learner.obstacle if self.learner is not None else ""
+        obstacle = None if self.learner is None else self.learner.obstacle
+        learning = "" if obstacle is None else str(obstacle)
         if not (self._settled and status.flying):
             learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates

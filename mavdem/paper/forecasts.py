@@ -12,7 +12,8 @@ from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import mspe, paired, relative_mspe
 from mavdem.evaluate.comparison import Outcome
-from mavdem.evaluate.scores import KNOWN, Window, ratio
+from mavdem.evaluate.scores import KNOWN, ratio
+from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import (
     DATA,
@@ -336,7 +337,7 @@ def _range(priors: Array) -> str:
 # Methods in the order of tables and legends: the paper's four, then others
 SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)
 
-NAMES = {WITH: "DEM with the paper’s settings", OURS: "the joint model"}
+NAMES: dict[str, str] = {WITH: "DEM with the paper’s settings", OURS: "the joint model"}
 
 Errors = dict[str, Array]  # The error (flights,) of each method
 

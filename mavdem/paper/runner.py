@@ -26,9 +26,11 @@ from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.comparison import JOINT, Method, Outcome, evaluate_window
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN, Window, windows
+from mavdem.evaluate.comparison import Method, Outcome, evaluate_window
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN
+from mavdem.evaluate.windows import Window, windows
 from mavdem.export.conversion import STREAMS
+from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import IN_AIR
@@ -192,14 +194,14 @@ PAPER = Settings.paper()
 PAPER_P1 = replace(PAPER, p=1, d=1, window=2)
 """The paper's settings without generalized coordinates: the first derivative, which the model needs, and no more."""
 
-WITH = "DEM paper"
-WITHOUT = "DEM paper p=1"
-PLANT = "DEM plant"
-PLANT_WITHOUT = "DEM plant p=1"
-OURS = JOINT
+WITH = MethodName.PAPER
+WITHOUT = MethodName.PAPER_P1
+PLANT = MethodName.PLANT
+PLANT_WITHOUT = MethodName.PLANT_P1
+OURS = MethodName.JOINT
 PEERS = ("subspace(2)", "PEM(2)", "EM(2)")  # the paper's, with as many states as its model
 OTHERS = ("subspace(4)", "ARX(2)")  # textbook methods that the paper does not compare
-MEAN = "constant mean"
+MEAN = HeldOutForecast.CONSTANT_MEAN
 
 METHODS = [
     method

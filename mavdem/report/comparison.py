@@ -12,17 +12,12 @@ from typing import Any
 from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.evaluate.comparison import Comparison
-from mavdem.evaluate.scores import (
-    FEWEST_PAIRS,
-    FROM_ZERO,
-    HORIZONS,
-    KNOWN,
-    SIGNIFICANCE,
-    UNKNOWN,
-    Paired,
-)
+from mavdem.evaluate.paired import FEWEST_PAIRS, SIGNIFICANCE, Paired
+from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
+from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, named, readable
+from mavdem.report.words import bare
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 Summary = dict[str, Any]
@@ -54,7 +49,7 @@ def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[B
     ]
 
 
-def _verdict(comparison: Comparison, question: str) -> str:
+def _verdict(comparison: Comparison, question: Question) -> str:
     """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
     silent = [
         row["method"]
@@ -76,22 +71,26 @@ def _verdict(comparison: Comparison, question: str) -> str:
         few = f"only {'1 window does' if pairs == 1 else f'{pairs} windows do'} not overlap"
         return f"{error} is not distinguishable from another method's: {few}, and it takes {FEWEST_PAIRS}.{without}"
     parts = []
-    for verdict, than in (("higher", "than"), ("not distinguishable", "from"), ("lower", "than")):
-        if names := [name for name, test in tests.items() if test.verdict == verdict]:
+    for result, than in (
+        (TestResult.HIGHER, "than"),
+        (TestResult.NOT_DISTINGUISHABLE, "from"),
+        (TestResult.LOWER, "than"),
+    ):
+        if names := [name for name, test in tests.items() if test.result == result]:
             which = (
                 f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
             )
-            if verdict == "higher":
+            if result is TestResult.HIGHER:
                 found = [(name, tests[name]) for name in names]
                 which = listed(
                     f"{name} ({_ratio(test.ratio)} times, p = {test.p_value:.2g})"
                     for name, test in found
                 )
-            parts.append(f"{verdict} {than} that of {which}")
+            parts.append(f"{result} {than} that of {which}")
     return f"{error} over the whole test part is {'; '.join(parts)}.{without}"
 
 
-def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
+def _failed_bands(comparison: Comparison, question: Question) -> list[Block]:
     """A caution for each flight on which the first method's band holds too few samples."""
     reference = comparison.methods_of(question)[0]
     cautions = list[Block]()
@@ -127,7 +126,7 @@ def _losses(comparison: Comparison) -> list[Block]:
             for one in losses
             if one["method"] == method and (one["flight"], one["steps"]) in steps
         ]
-        worse = sum(one["paired"].verdict == "higher" for one in lost)
+        worse = sum(one["paired"].result is TestResult.HIGHER for one in lost)
         if not lost or len(flights) > 1:
             return f"{len(lost)} ({worse})" if lost else ""
         return f"{'' if worse else '≈ '}{_ratio(lost[0]['ratio'])}"
@@ -141,7 +140,7 @@ def _losses(comparison: Comparison) -> list[Block]:
 
 
 def _shared_horizons(
-    comparison: Comparison, question: str
+    comparison: Comparison, question: Question
 ) -> tuple[list[str], list[set[tuple[str, int]]]]:
     """What horizons that all flights have are called, as at 100 Hz, and flights with steps; the last is the whole."""
     horizons = {
@@ -161,7 +160,7 @@ def _shared_horizons(
     return [*map(str, HORIZONS[: shared - 1]), str(*whole) if len(whole) == 1 else "all"], columns
 
 
-def _over_flights(comparison: Comparison, questions: Sequence[str]) -> list[Block]:
+def _over_flights(comparison: Comparison, questions: Sequence[Question]) -> list[Block]:
     header, _ = _shared_horizons(comparison, questions[0])
     text = f"{len(comparison.flights)} flights, {len(comparison.windows)} windows."
     blocks: list[Block] = [Sentence(text, "All flights:")]
@@ -206,7 +205,7 @@ def _counts(row: Summary, test: Paired) -> list[str]:
     ]
 
 
-def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> list[Block]:
+def _flight(comparison: Comparison, flight: str, questions: Sequence[Question]) -> list[Block]:
     windows = [window for window in comparison.windows if window.flight == flight]
     train = windows[0].train
     test = windows[0].test
@@ -246,7 +245,7 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> li
         blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
     for row in summaries:
         counts = (
-            ("failed", "made no forecast", f": {row['failure']}"),
+            ("failed", "made no forecast", f": {bare(row['failure'] or '')}"),
             ("diverged", "diverged to infinity or NaN", ""),
         )
         parts = [

@@ -14,7 +14,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from mavdem.evaluate.held_out import ComparedParameter, TruthComparison
+from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import (

@@ -47,7 +47,10 @@ from mavdem.report.numbers import (
 )
 
 # beside the baselines
-ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}
+ROWS: dict[str, str] = {
+    FORECAST: "forecast, motors recorded",
+    PREDICTION: "prediction, motors unknown",
+}
 PURPOSE_WORDS = {
     "motor effectiveness": "control effectiveness",
     "damping and lag": "damping and time constant",

@@ -354,7 +354,7 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
         if status.obstacle or until is None
         else "learning"
     )
-    reason = sentence(status.obstacle or (TOO_FEW if until is None else ""))
+    reason = sentence(status.obstacle or (str(TOO_FEW) if until is None else ""))
     said = (
         status.alarm
         or (doubts[0].headline if doubts else reason)
@@ -412,7 +412,7 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
     model = "No model yet."
-    reason = status.obstacle or TOO_FEW
+    reason = status.obstacle or str(TOO_FEW)
     if until is not None:
         ago = max(0.0, row.time - row.shift - until)
         model = f"The model was learned up to {ago:.1f} s ago."

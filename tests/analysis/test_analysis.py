@@ -16,7 +16,7 @@ from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.analysis.figures import model_figures
 from mavdem.dem import physical
-from mavdem.evaluate.comparison import JOINT
+from mavdem.facts.forecasts import MethodName
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
@@ -143,11 +143,11 @@ def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
         assert ratios == sorted(ratios) and errors["constant mean"]["relative"] == 1
     forecast = learned.forecast(test.inputs)
     one_step = learned.one_step()
-    assert report["forecast_mspe"][JOINT]["total"] == pytest.approx(
+    assert report["forecast_mspe"][MethodName.JOINT]["total"] == pytest.approx(
         evaluate.mspe(test.outputs, forecast).total
     )
     one_step_error = evaluate.mspe(train.outputs[1:], one_step[1:]).total
-    assert report["one_step_mspe"][JOINT]["total"] == pytest.approx(one_step_error)
+    assert report["one_step_mspe"][MethodName.JOINT]["total"] == pytest.approx(one_step_error)
     assert report["held_out"]["error_ratio"]["forecast"] == report["forecast_over_constant_mean"]
     variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
     assert report["expected_error"] == pytest.approx(variance.mean())

@@ -18,7 +18,10 @@ from mavdem.evaluate.comparison import (
     evaluate_window,
     outcomes,
 )
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio, windows
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio
+from mavdem.evaluate.windows import windows
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import Forecasts
 from mavdem.report.comparison import comparison_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
@@ -105,20 +108,22 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
 
 
 @pytest.mark.parametrize(
-    ("method", "failure"),
+    ("method", "error", "text"),
     [
-        (REFUSES, "train is not to my liking"),
-        (BREAKS, "ZeroDivisionError: division by zero"),
+        (REFUSES, "", "train is not to my liking"),
+        (BREAKS, "ZeroDivisionError", "division by zero"),
         (
             ARX,
+            "",
             "ARX(2) needs the inputs of the time it forecasts: use forecast(inputs), or mavdem.baselines.var for "
             "predictions without them",
         ),
     ],
 )
-def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, failure):
+def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, text):
     found = evaluate_window(method._replace(predicts=True), WINDOWS[0])
-    assert (found.failure, found.stable, found.forecasts) == (failure, None, {})
+    assert found.failure == Fact(Forecasts.FAILED, error=error, text=text)
+    assert (found.stable, found.forecasts) == (None, {})
     assert ratio(found.scores).tolist() == [np.inf] * 13
     assert found.of(UNKNOWN)["steps"].tolist() == list(HORIZONS)
 
@@ -129,9 +134,7 @@ def test_a_forecast_that_expects_more_than_the_constant_mean_s_error_is_cautione
         for times in (0.9, 1.1)
     }
     assert not found[0.9].cautions
-    assert found[1.1].cautions == (
-        "The error to expect of the forecast is larger than the constant mean's.",
-    )
+    assert [one.code for one in found[1.1].cautions] == [Forecasts.WORSE_THAN_MEAN_EXPECTED]
 
 
 def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_our_own_is_raised():

@@ -141,7 +141,7 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
 
     monkeypatch.setattr(module, "learn_forecasts", refused)
     none = held_out_windows([FLIGHT], QUICK, STEPS)
-    assert none.failures == ("the outputs must vary",)
+    assert [failure.figures["text"] for failure in none.failures] == ["the outputs must vary"]
     assert none.error_ratio() == np.inf and none.coverage == 0.0
     # The baselines need no model, and the band is judged by what was forecast.
     for name in (CONSTANT_MEAN, HOLD_LAST):

@@ -9,18 +9,10 @@ from scipy.stats import wilcoxon
 from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
 from mavdem.evaluate.comparison import Method, evaluate_window
-from mavdem.evaluate.scores import (
-    KNOWN,
-    Paired,
-    Window,
-    by_horizon,
-    disjoint,
-    paired,
-    ratio,
-    score,
-    score_values,
-    windows,
-)
+from mavdem.evaluate.paired import Paired, paired
+from mavdem.evaluate.scores import KNOWN, by_horizon, ratio, score, score_values
+from mavdem.evaluate.windows import Window, disjoint, windows
+from mavdem.facts.forecasts import TestResult
 
 RNG = np.random.default_rng(0)
 WALK = RNG.standard_normal((850, 2)).cumsum(axis=0) * [1, 10]
@@ -156,10 +148,11 @@ def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
 
 def test_what_is_distinguished_takes_six_pairs_and_a_side():
     assert (
-        paired([1.0] * 6, [2.0] * 6).verdict == "lower"
-        and paired([2.0] * 6, [1.0] * 6).verdict == "higher"
+        paired([1.0] * 6, [2.0] * 6).result is TestResult.LOWER
+        and paired([2.0] * 6, [1.0] * 6).result is TestResult.HIGHER
     )
-    assert paired([1.0] * 5, [2.0] * 5).verdict == paired([], []).verdict == "not distinguishable"
+    assert paired([1.0] * 5, [2.0] * 5).result is TestResult.NOT_DISTINGUISHABLE
+    assert paired([], []).result is TestResult.NOT_DISTINGUISHABLE
     assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).to_dict()["verdict"] == "not distinguishable"
 
 

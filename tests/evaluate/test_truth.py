@@ -5,13 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from mavdem import Flight
 from mavdem.dem import physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
-from mavdem.errors import Unreadable
-from mavdem.evaluate.held_out import TruthComparison, compare_with_truth, read_truth, truth_of
+from mavdem.evaluate.truth import TruthComparison, compare_with_truth, read_truth, truth_of
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import Forecasts
 from mavdem.paper.runner import hover
 from mavdem.report.flights import truth_blocks
 from sitl_scenarios.files import load
@@ -154,12 +156,10 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
 def test_the_truth_of_another_flight_is_refused(learned, flight, scenario, motion, path, tmp_path):
     other = dict(np.load(path)) | {"known_rates": np.roll(motion.known_rates, 1000, axis=0)}
     np.savez(tmp_path / "other.npz", **other)
-    with pytest.raises(
-        Unreadable, match="other.npz is the truth of another flight: from .* its roll rate is not"
-    ):
-        truth_of([flight], tmp_path / "other.npz")
-    with pytest.raises(Unreadable, match="of another flight"):
-        truth_of([later(flight, 100.0)], path)
+    fact = refused(truth_of, [flight], tmp_path / "other.npz")
+    assert (fact.code, fact.subject) == (Forecasts.TRUTH_OF_ANOTHER_FLIGHT, "roll rate")
+    assert (fact.time, fact.until) == (flight.time[0], flight.time[-1])
+    assert refused(truth_of, [later(flight, 100.0)], path).code is fact.code
 
 
 def later(flight: Flight, shift: float) -> Flight:
@@ -183,8 +183,9 @@ def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
         "pickle": {"time": np.array([{}], object)},
     }.get(change, {})
     np.savez(tmp_path / "odd.npz", **parts)
-    with pytest.raises(Unreadable, match=r"^odd\.npz is (no truth file|damaged)[^\n]*\.$"):
-        read_truth(tmp_path / "odd.npz", "pitch")
+    damaged = change in ("shape", "nan")
+    expected = Forecasts.TRUTH_DAMAGED if damaged else Forecasts.NO_TRUTH_FILE
+    assert refused(read_truth, tmp_path / "odd.npz", "pitch").code is expected
 
 
 def test_files_of_other_kinds_and_none_are_refused(tmp_path):
@@ -192,8 +193,7 @@ def test_files_of_other_kinds_and_none_are_refused(tmp_path):
     (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04" + bytes(50))
     np.save(tmp_path / "array.npy", np.zeros(3))
     for name in ("text.npz", "cut.npz", "array.npy"):
-        with pytest.raises(Unreadable, match="is no truth file"):
-            read_truth(tmp_path / name, "roll")
+        fact = refused(read_truth, tmp_path / name, "roll")
+        assert fact == Fact(Forecasts.NO_TRUTH_FILE, name=name, error="")
     for name in ("nowhere.npz", "."):
-        with pytest.raises(Unreadable, match="cannot be read"):
-            read_truth(tmp_path / name, "roll")
+        assert refused(read_truth, tmp_path / name, "roll").figures["error"]

@@ -12,7 +12,7 @@ import mavdem
 from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
 from mavdem.cli.reproduce import write_report
-from mavdem.evaluate.scores import Window
+from mavdem.evaluate.windows import Window
 from mavdem.paper import CLAIMS, forecasts, noise, oracle, order
 from mavdem.paper.forecasts import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport

@@ -17,7 +17,7 @@ from mavdem import baselines
 from mavdem.condition.inventory import inventory
 from mavdem.evaluate import compare, windows
 from mavdem.evaluate.comparison import Method
-from mavdem.evaluate.held_out import ComparedParameter, ComparedWind, TruthComparison
+from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
 from mavdem.ingest import read_log
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, Table, markdown, text_of

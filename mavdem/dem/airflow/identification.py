@@ -27,6 +27,8 @@ from mavdem.dem.airflow.model import (
 )
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.online import Airflow
 
 # between samples, and of a flight: a day
 SLOWEST_SECONDS = 10.0
@@ -79,12 +81,12 @@ def checked(
         raise ValueError("time must be in s, of one flight")
     usable = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
     if usable.sum() < 10:
-        what = (
+        missing = (
             "yaw"
             if np.isfinite(angles[:, 2]).sum() < 10 <= np.isfinite(angles[:, 0]).sum()
             else "velocity"
         )
-        raise NotLearnable(f"The {what} is not known, and without it there is no wind.")
+        raise NotLearnable(Fact(Airflow.MOTION_UNKNOWN, missing=missing))
     stamps = stamps[usable]
     angles = angles[usable]
     speeds = speeds[usable]
@@ -104,8 +106,7 @@ def checked(
             and turned.std() > TILTED
             and turned @ moved < FOLLOWED * (turned @ turned)
         ):
-            why = "the vehicle is held, carried or on the ground, or its velocity is not measured"
-            raise NotLearnable(f"The velocity does not follow the tilt: {why}.")
+            raise NotLearnable(Fact(Airflow.VELOCITY_INCONSISTENT))
     return stamps, angles, speeds, usable
 
 
@@ -121,7 +122,7 @@ def gridded(
     widest = max(step, float(np.median(np.diff(time))), float(time[-1] - time[0]) / most)
     found = motion(time, attitude, velocity, widest, wind)
     if found.known.sum() * found.step < LEAST_SECONDS:
-        raise NotLearnable(f"Attitude and velocity cover less than {LEAST_SECONDS:g} s of flight.")
+        raise NotLearnable(Fact(Airflow.MOTION_TOO_SHORT, duration=LEAST_SECONDS))
     return found
 
 

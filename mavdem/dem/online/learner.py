@@ -38,14 +38,17 @@ from mavdem.dem.record import (
     required_number,
 )
 from mavdem.dem.settings import Settings
+from mavdem.errors import NotLearnable, fact_of
+from mavdem.facts import Fact
+from mavdem.facts.online import Online
 
 BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
 HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
 ALIKE = 0.9  # cosine of the angle between turning combinations that differ by chance
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
-TOO_FEW = "there are not enough samples yet"
-FIRST_RUNS = "the first learning is still running"
+TOO_FEW = Fact(Online.TOO_FEW_SAMPLES_YET)
+FIRST_RUNS = Fact(Online.FIRST_LEARNING)
 
 
 class _Result(NamedTuple):
@@ -69,7 +72,7 @@ class OnlineLearner:
         horizons: steps ahead of ``Estimate.ahead``.
         learned, until: the last result of ``learn``, the model in use, and the end of its samples, s; None, NaN before.
         refits, fits_physical: whether model and physical parameters are fitted again: a caller may put that off.
-        obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
+        obstacle: why there is no model, or no newer one; ``None`` without a reason.
     """
 
     def __init__(
@@ -125,7 +128,7 @@ class OnlineLearner:
             )
         self.horizons = tuple(horizons)
         self.learned: Learned | None = None
-        self.obstacle = TOO_FEW
+        self.obstacle: Fact | None = TOO_FEW
         self.refits = True
         self.fits_physical = True
         self.until = np.nan
@@ -211,10 +214,7 @@ class OnlineLearner:
         if self.refits:
             self._ahead.advance()
         if self._gaps >= MAX_GAPS:
-            coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
-            self.obstacle = (
-                f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
-            )
+            self.obstacle = Fact(Online.SAMPLES_MISPLACED, interval=step, step=self._dt)
         return estimate
 
     def forget_since(self, time: float) -> None:
@@ -241,7 +241,7 @@ class OnlineLearner:
             TimeoutError: the executor took longer than ``timeout``, s.
         """
         if not self._memory.blocks:
-            raise ValueError(TOO_FEW)
+            raise NotLearnable(TOO_FEW)
         given = (
             self._memory.record(),
             self._settings if self.learned is None else self.learned.settings,
@@ -312,10 +312,10 @@ class OnlineLearner:
         self._ahead.add(self._memory.blocks[-1])
         self._wind.add(self._memory.blocks[-1], self.fits_physical)
 
-    def _missing(self) -> str:
-        """Why there is no model yet; empty where there is one."""
+    def _missing(self) -> Fact | None:
+        """Why there is no model yet; ``None`` where there is one."""
         if self._tracker is not None:
-            return ""
+            return None
         return TOO_FEW if self._pending is None else FIRST_RUNS
 
     def _relearn(self) -> None:
@@ -359,7 +359,7 @@ class OnlineLearner:
             return
         self.learned = learned
         self.until = until
-        self.obstacle = ""
+        self.obstacle = None
         self._surprise = Surprise(self._dt, tracking.past)
         self._tracker = Tracker(learned, tracking, until)
         before = self._ahead.combinations
@@ -369,8 +369,11 @@ class OnlineLearner:
 
     def _put_off(self, error: BaseException) -> None:
         """Tries again soon, with half the memory: a vehicle on the ground may have taken off since."""
-        reason = str(error) or "the whole learning was given up"
-        self.obstacle = reason if self._tracker is None else f"the model stays as it was: {reason}"
+        self.obstacle = Fact(
+            Online.LEARNING_FAILED,
+            because=fact_of(error) if str(error) else None,
+            kept=self._tracker is not None,
+        )
         self._next = self._next_choice = self._samples + self._first
         if isinstance(error, ValueError) and self._tracker is None:
             for _ in range(len(self._memory.blocks) // 2):

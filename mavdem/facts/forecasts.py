@@ -1,0 +1,65 @@
+"""Forecasts: held-out windows, methods that are compared, and the truth of simulated flights."""
+
+from __future__ import annotations
+
+from enum import StrEnum, auto
+
+from mavdem.facts.fact import Code
+
+
+class Forecasts(Code):
+    """What is said of windows, of models that are trained on them, and of truth files."""
+
+    FLIGHT_TOO_SHORT = auto()
+    NOTHING_LEFT = auto()
+    NO_TEST_WINDOW = auto()
+    PART_NOT_LEARNED = auto()
+    FAILED = auto()
+    TOO_FEW_FOR_ORDER = auto()
+    TOO_FEW_STATES = auto()
+    NOT_OBSERVABLE = auto()
+    EM_BROKE_DOWN = auto()
+    MODEL_UNSTABLE = auto()
+    STILL_IMPROVING = auto()
+    WORSE_THAN_MEAN_EXPECTED = auto()
+    NO_TRUTH_FILE = auto()
+    TRUTH_DAMAGED = auto()
+    TRUTH_OF_ANOTHER_FLIGHT = auto()
+
+
+class _InWords(StrEnum):
+    """An enumeration whose values are its names in words, as documents have them."""
+
+    @staticmethod
+    def _generate_next_value_(name: str, start: int, count: int, last_values: list[str]) -> str:
+        return name.lower().replace("_", " ")
+
+
+class TestResult(_InWords):
+    """Whether one method's error is lower or higher than another's, beyond chance."""
+
+    __test__ = False  # no test of pytest's
+
+    LOWER = auto()
+    HIGHER = auto()
+    NOT_DISTINGUISHABLE = auto()
+
+
+class MethodName(StrEnum):
+    """Fits of DEM and the joint autoregression, as documents name them; p = 1 is without generalized coordinates."""
+
+    JOINT = "DEM joint"
+    PLANT = "DEM plant"
+    PLANT_P1 = "DEM plant p=1"
+    PAPER = "DEM paper"
+    PAPER_P1 = "DEM paper p=1"
+    JOINT_VAR = "joint VAR"
+
+
+class HeldOutForecast(_InWords):
+    """The forecasts of held-out windows, by the names that documents have."""
+
+    FORECAST = auto()
+    PREDICTION = auto()
+    CONSTANT_MEAN = auto()
+    HOLD_LAST = auto()

@@ -1,0 +1,16 @@
+"""What a refusal says: its fact."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from mavdem.errors import Refusal
+from mavdem.facts import Fact
+
+
+def refused(call: Callable[..., Any], *arguments: Any) -> Fact:
+    """The fact of the refusal that a call raises."""
+    with pytest.raises(Refusal) as error:
+        call(*arguments)
+    return error.value.fact
