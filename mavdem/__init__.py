@@ -34,6 +34,7 @@ def _words(fact: Fact) -> Words:
 speak(_words)
 
 __all__ = [
+    "Drag",
     "Flight",
     "Forecaster",
     "HoverFigures",
@@ -42,19 +43,22 @@ __all__ = [
     "OnlineLearner",
     "Settings",
     "Telemetry",
-]
-__all__ += [
     "Unreadable",
     "VehicleFigures",
+    "WindVelocity",
     "baselines",
+    "estimate_drag",
+    "estimate_wind",
     "evaluate",
     "hover",
     "hover_figures",
     "learn",
     "learn_many",
+    "read_flight",
+    "read_segments",
+    "vehicle",
+    "wind",
 ]
-__all__ += ["read_flight", "read_segments", "vehicle"]
-__all__ += ["Drag", "WindVelocity", "estimate_drag", "estimate_wind", "wind"]
 _ROOMS = {
     "alignment": ("read_flight", "read_segments"),
     "analysis": ("VehicleFigures", "vehicle"),

@@ -30,7 +30,7 @@ from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.paired import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
-from mavdem.evaluate.windows import Length, TooFewSamples, part_samples, too_short
+from mavdem.evaluate.windows import Length, TooFewSamples, no_test_window, part_samples, too_short
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts, TestResult
 from mavdem.flight import Flight
@@ -227,7 +227,7 @@ def _model(
         with progress("Judging by held-out windows") as done:
             held_out = held_out_windows(flights, settings, steps, done)
     except ValueError as error:
-        raise _too_few(flights, steps) from error
+        raise no_test_window(sum(map(len, flights)), flights[0].dt, steps, FOLDS) from error
     if slow and (refusal := slow_motion_refusal(held_out)):
         raise NotLearnable(refusal, "")
     return flights, first if isinstance(first, Learned) else trained(learn), held_out
@@ -273,24 +273,6 @@ def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     if not left:
         raise TooFewSamples(Fact(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start))
     return left
-
-
-def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
-    """Why no held-out window of ``steps`` fits into a part of the flights, and which would."""
-    dt = flights[0].dt
-    samples = sum(map(len, flights))
-    fewer = max(1, samples // (FOLDS + 1))
-    shorter = fewer < steps and samples >= 2 * part_samples(dt)[1]
-    options = ("--test", str(fewer)) if shorter else ()
-    return TooFewSamples(
-        Fact(
-            Forecasts.NO_TEST_WINDOW,
-            samples=samples,
-            duration=samples * dt,
-            test_samples=steps,
-            options=options,
-        )
-    )
 
 
 def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tuple[Flight, Flight]:

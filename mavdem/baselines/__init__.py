@@ -23,5 +23,6 @@ __all__ = [
     "hold",
     "pem",
     "subspace",
+    "var",
+    "zero",
 ]
-__all__ += ["var", "zero"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,8 @@ class Baseline:
     method: str
     model: StateSpace | Var
     record: Record
+    iterations: int | None = field(default=None, kw_only=True)
+    """After which the method was still improving the model; ``None`` where it has converged."""
 
     def __repr__(self) -> str:
         (r, m) = (table.shape[1] for table in (self.record.inputs, self.record.outputs))
@@ -54,10 +56,14 @@ class Baseline:
     @property
     def cautions(self) -> tuple[Fact, ...]:
         """Limitations of the model."""
-        if self.stable:
-            return ()
         growth = self.spectral_radius - 1
-        return (Fact(Forecasts.MODEL_UNSTABLE, Level.WATCH, subject=self.method, growth=growth),)
+        caution = partial(Fact, level=Level.WATCH, subject=self.method)
+        cautions = []
+        if not self.stable:
+            cautions.append(caution(Forecasts.MODEL_UNSTABLE, growth=growth))
+        if self.iterations is not None:
+            cautions.append(caution(Forecasts.STILL_IMPROVING, iterations=self.iterations))
+        return tuple(cautions)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,7 +75,6 @@ class Identified(Baseline):
         model: A, B, C, D and K of one sampling step.
         record: the training data.
         starts: (segments, n) the state of each segment's first sample, as the method has it.
-        iterations: after which the method was still improving the model; ``None`` where it has converged.
 
     Raises:
         ValueError: from every method, for inputs or outputs of another shape or not finite, fewer steps than 1, or a
@@ -78,20 +83,6 @@ class Identified(Baseline):
 
     model: StateSpace
     starts: Array
-    iterations: int | None = None
-
-    @property
-    def cautions(self) -> tuple[Fact, ...]:
-        """Limitations of the model."""
-        if self.iterations is None:
-            return super().cautions
-        caution = Fact(
-            Forecasts.STILL_IMPROVING,
-            Level.WATCH,
-            subject=self.method,
-            iterations=self.iterations,
-        )
-        return (*super().cautions, caution)
 
     def one_step(self) -> Array:
         """Returns (T, m): each training sample predicted from those before it in its segment, and the inputs."""
@@ -167,7 +158,7 @@ def identified(
     with one_thread():
         fitted = fit(units.segments(record))
     model = units.physical(fitted.model)
-    return Identified(method, model, record, fitted.starts, fitted.iterations)
+    return Identified(method, model, record, fitted.starts, iterations=fitted.iterations)
 
 
 RANK_TOLERANCE = 1e-8

@@ -342,7 +342,7 @@ class Comparison:
             "method": method,
             "windows": len(mine),
             "failed": sum(one.failure is not None for one in mine),
-            "failure": next((one.failure for one in mine if one.failure is not None), None),
+            "failure": next((one.failure for one in mine if one.failure), None),
             "diverged": sum(
                 one.failure is None and not np.isfinite(one.mspe(from_data)).all() for one in mine
             ),
@@ -518,14 +518,14 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Paired):
         return value.to_dict()
     if isinstance(value, Fact):
-        return str(value)
+        return _words(value)
     if isinstance(value, dict):
         return {key: _plain(one) for key, one in value.items()}
     return [_plain(one) for one in value] if isinstance(value, list) else value
 
 
 def _words(failure: Fact | None) -> str:
-    return "" if failure is None else str(failure)
+    return "" if failure is None else f"{failure} {failure.remedy}".strip()
 
 
 def _mean(shares: Iterable[float | None]) -> float | None:

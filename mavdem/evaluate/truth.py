@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from collections.abc import Sequence
-from math import isnan
+from math import isnan, nan
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,10 +16,10 @@ from mavdem.alignment.drive import AXES
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.identifiability import Status
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.identifiability import Status
 from mavdem.flight import Flight
 
 MAX_DIFFERENCE = 0.3
@@ -35,16 +35,14 @@ class ComparedParameter(NamedTuple):
     estimate: float
     half_width: float
     truth: float
-    status: Status = "reported"
+    status: Status = Status.REPORTED
 
     @property
     def inside(self) -> bool | None:
         """Whether the interval holds the truth; ``None`` where there is none."""
-        return (
-            None
-            if isnan(self.half_width)
-            else bool(abs(self.estimate - self.truth) <= self.half_width)
-        )
+        if isnan(self.half_width):
+            return None
+        return bool(abs(self.estimate - self.truth) <= self.half_width)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
@@ -75,22 +73,31 @@ class TruthComparison(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values."""
-        wind = (
-            None if self.wind is None else self.wind._asdict() | {"mean": self.wind.mean.as_dict()}
-        )
+        wind = self.wind
         return {
             "source": self.source,
-            "parameters": [one.as_dict() for one in self.parameters],
-            "wind": wind,
+            "parameters": [parameter.as_dict() for parameter in self.parameters],
+            "wind": None if wind is None else wind._asdict() | {"mean": wind.mean.as_dict()},
         }
 
 
-def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
-    """Returns one ``axis`` of a truth file of ``mavdem fly``, and its name as ``source``; N rows, r motors.
+class Truth(NamedTuple):
+    """One axis of a truth file of ``mavdem fly``: N rows, r motors."""
 
-    ``time`` (N,) on the boot clock; ``rate`` (N,) as the autopilot knew it; ``disturbance`` (N,), rad/s²;
-    ``effect`` (r,), rad/s² per µs, and once something broke, ``weak`` (N,), ``weak_effect``; ``damping``, ``lag`` and
-    ``delay``, 1/s, s, s.
+    source: str  # the file's name
+    time: Array  # (N,) s on the boot clock
+    rate: Array  # (N,) rad/s, as the autopilot knew it
+    disturbance: Array  # (N,) rad/s²
+    weak: Array  # (N,) 1 once something broke
+    effect: Array  # (r,) rad/s² per µs
+    weak_effect: Array  # (r,) once something broke
+    damping: float  # 1/s
+    lag: float  # s
+    delay: float  # s
+
+
+def read_truth(path: str | PathLike[str], axis: str) -> Truth:
+    """Returns one ``axis`` of a truth file of ``mavdem fly``.
 
     Raises:
         Unreadable: ``path`` is not one, or cannot be read.
@@ -98,49 +105,39 @@ def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
     name = Path(fspath(path)).name or fspath(path)
     try:
         with np.load(path, allow_pickle=False) as file:
-            parts = {
-                **{name: file[name] for name in ("time", "weak", "delay")},
-                **{name: file[f"{axis}_{name}"] for name in ("disturbance", "effect")},
-                "rate": file["known_rates"][:, AXES.index(axis)],
-                "weak_effect": file[
-                    f"{axis}_effect{'_weak' if f'{axis}_effect_weak' in file else ''}"
-                ],
-                "damping": -file[f"{axis}_A"][-1, -1],
-                "lag": file["lag"][0],
-            }
-            columns = {key: np.asarray(value, np.float64) for key, value in parts.items()}
+            weak_effect = f"{axis}_effect_weak"
+            rate = file["known_rates"][:, AXES.index(axis)]
+            series = file["time"], rate, file[f"{axis}_disturbance"], file["weak"]
+            effects = file[f"{axis}_effect"], file.get(weak_effect, file[f"{axis}_effect"])
+            plant = -file[f"{axis}_A"][-1, -1], file["lag"][0], file["delay"][()]
+            # Arrays of different shapes cannot be stacked.
+            rows, motors, numbers = (np.array(part, np.float64) for part in (series, effects, plant))
+        shapes = rows.ndim, motors.ndim, numbers.ndim
+        finite = all(np.isfinite(part).all() for part in (rows, motors, numbers))
+        if shapes != (2, 2, 1) or not finite or not (np.diff(rows[0]) > 0).all():
+            raise ValueError("its arrays do not fit each other")
     except OSError as error:
         why = error.strerror or str(error)
         raise Unreadable(Fact(Forecasts.NO_TRUTH_FILE, name=name, error=why)) from None
-    except (
-        KeyError,
-        IndexError,
-        TypeError,
-        ValueError,
-        EOFError,
-        MemoryError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ):
+    except DAMAGE:
         raise Unreadable(Fact(Forecasts.NO_TRUTH_FILE, name=name, error="")) from None
-    rows = len(np.atleast_1d(columns["time"]))
-    motors = columns["effect"].size
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
-        ("time", "rate", "disturbance", "weak"), (rows,)
-    )
-    shapes |= dict.fromkeys(("effect", "weak_effect"), (motors,)) | dict.fromkeys(
-        ("damping", "lag", "delay"), ()
-    )
-    sound = all(
-        columns[key].shape == shape and np.isfinite(columns[key]).all()
-        for key, shape in shapes.items()
-    )
-    if not (sound and rows > 1 and (np.diff(columns["time"]) > 0).all()):
-        raise Unreadable(Fact(Forecasts.TRUTH_DAMAGED, name=name))
-    return {"source": name, **columns}
+    return Truth(name, *rows, *motors, *numbers.tolist())
 
 
-def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, Any]:
+DAMAGE = (
+    KeyError,
+    IndexError,
+    TypeError,
+    ValueError,
+    EOFError,
+    MemoryError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What reading a damaged archive, or one of other arrays, raises."""
+
+
+def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> Truth:
     """Returns what the truth file at ``path`` says of the axis of ``flights``, the segments of one.
 
     Raises:
@@ -153,24 +150,25 @@ def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, 
         raise ValueError(f"the last output must be the rate of roll, pitch or yaw, not {name}")
     truth = read_truth(path, axis)
     for segment in flights:
-        if (
-            not _difference(segment.outputs[:, -1], truth, truth["rate"], segment.time)
-            < MAX_DIFFERENCE
-        ):
+        time = segment.time
+        rate = segment.outputs[:, -1]
+        known = np.interp(time, truth.time, truth.rate, np.nan, np.nan)
+        difference = np.sqrt(np.mean((rate - known) ** 2)) / rate.std()
+        if not difference < MAX_DIFFERENCE:
             raise Unreadable(
                 Fact(
                     Forecasts.TRUTH_OF_ANOTHER_FLIGHT,
-                    time=segment.time[0],
-                    until=segment.time[-1],
+                    time=time[0],
+                    until=time[-1],
                     subject=name,
-                    name=truth["source"],
+                    name=truth.source,
                 )
             )
     return truth
 
 
 def compare_with_truth(
-    learned: Learned, flights: Sequence[Flight], truth: dict[str, Any]
+    learned: Learned, flights: Sequence[Flight], truth: Truth
 ) -> TruthComparison:
     """Returns the physical parameters and the wind torque of ``learned`` beside the ``truth`` of its ``flights``.
 
@@ -181,70 +179,54 @@ def compare_with_truth(
         raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
     parameters = (
-        () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
+        () if learned.physical is None else _parameters(learned.physical, flights[0], truth, time)
     )
     wind = None if learned.wind_torque is None else _wind(learned.wind_torque, truth, time)
-    return TruthComparison(truth["source"], parameters, wind)
-
-
-def _difference(measured: Array, truth: dict[str, Any], column: Array, time: Array) -> float:
-    """Root mean square difference over the measured standard deviation; infinite where no truth is known."""
-    stamps = truth["time"]
-    if time[0] < stamps[0] or time[-1] > stamps[-1]:
-        return float("inf")
-    difference = measured - np.interp(time, stamps, column)
-    return float(np.sqrt(np.mean(difference**2)) / measured.std())
+    return TruthComparison(truth.source, parameters, wind)
 
 
 def _parameters(
-    physical: Physical, segments: Sequence[Flight], truth: dict[str, Any], time: Array
+    physical: Physical, flight: Flight, truth: Truth, time: Array
 ) -> tuple[ComparedParameter, ...]:
     effect, *halves = physical.interval(LEVEL)
     status = physical.status
     parameters = list[ComparedParameter]()
-    if segments[0].input_units == ("µs",) * truth["effect"].size:
-        weak = np.interp(time, truth["time"], truth["weak"]) >= 0.5
-        true = truth["weak_effect" if weak.mean() >= 0.5 else "effect"]
-        unit = "rad/s² per µs"
-        state = status["effect"]
-        motors = zip(
-            segments[0].input_names,
-            physical.effect.tolist(),
-            effect.tolist(),
-            true.tolist(),
+    if flight.input_units == ("µs",) * truth.effect.size:
+        weak = np.interp(time, truth.time, truth.weak) >= 0.5
+        true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
+        names = [f"effect of {name.split(' (')[0]}" for name in flight.input_names]
+        estimates = [*zip(physical.effect.tolist(), effect.tolist(), strict=True)]
+        known = [*true.tolist(), float(np.abs(true).mean())]
+        for name, estimate, value in zip(
+            [*names, "mean effect"],
+            [*estimates, physical.mean_effect(LEVEL)],
+            known,
             strict=True,
-        )
-        parameters = [
-            ComparedParameter(f"effect of {name.split(' (')[0]}", unit, value, half, known, state)
-            for name, value, half, known in motors
-        ]
-        mean = float(np.abs(true).mean())
-        parameters.append(
-            ComparedParameter("mean effect", unit, *physical.mean_effect(LEVEL), mean, state)
-        )
-    others = (
-        ("damping", "1/s", "damping"),
-        ("lag of the motors", "s", "lag"),
-        ("delay", "s", "delay"),
-    )
-    for (name, unit, key), half in zip(others, halves, strict=True):
+        ):
+            parameters.append(
+                ComparedParameter(name, "rad/s² per µs", *estimate, value, status["effect"])
+            )
+    for (name, unit, key), half in zip(PLANT, halves, strict=True):
         state = status.get(key, status["lag"])
         parameters.append(
-            ComparedParameter(name, unit, getattr(physical, key), half, float(truth[key]), state)
+            ComparedParameter(name, unit, getattr(physical, key), half, getattr(truth, key), state)
         )
     return tuple(parameters)
 
 
-def _wind(wind: WindTorque, truth: dict[str, Any], time: Array) -> ComparedWind:
-    true = np.interp(time, truth["time"], truth["disturbance"])
-    still = not (true.std() and wind.torque.std())
+PLANT = (("damping", "1/s", "damping"), ("lag of the motors", "s", "lag"), ("delay", "s", "delay"))
+"""Names, units and attributes of what the rotation is made of."""
+
+
+def _wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
+    true = np.interp(time, truth.time, truth.disturbance)
+    mean = float(true.mean())
+    moves = true.std() and wind.torque.std()
     return ComparedWind(
-        correlation=float("nan") if still else float(np.corrcoef(wind.torque, true)[0, 1]),
+        correlation=float(np.corrcoef(wind.torque, true)[0, 1]) if moves else nan,
         sd=wind.sd,
         true_sd=float(true.std()),
         inside=float(np.mean(np.abs(wind.torque - true) <= wind.band)),
         resolved=wind.resolved,
-        mean=ComparedParameter(
-            "steady part", "rad/s²", wind.mean, wind.mean_band, float(true.mean())
-        ),
+        mean=ComparedParameter("steady part", "rad/s²", wind.mean, wind.mean_band, mean),
     )

@@ -64,6 +64,25 @@ def too_short(flight: Flight, start: float, train: int, test: int, least: int) -
     )
 
 
+def no_test_window(samples: int, dt: float, test: int, folds: int) -> TooFewSamples:
+    """Returns why no window of ``test`` samples fits into a part of so many ``folds``, and which would.
+
+    The flight has so many ``samples``, ``dt`` s apart.
+    """
+    shorter = max(1, samples // (folds + 1))
+    usual = part_samples(dt)[1]
+    options = ("--test", str(shorter)) if shorter < test and samples >= 2 * usual else ()
+    return TooFewSamples(
+        Fact(
+            Forecasts.NO_TEST_WINDOW,
+            samples=samples,
+            duration=samples * dt,
+            test_samples=test,
+            options=options,
+        )
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Window:
     """One window of the flight named ``flight``: from sample ``start`` on, ``train`` and, right after it, ``test``."""

@@ -17,7 +17,7 @@ from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, named, readable
-from mavdem.report.words import bare
+from mavdem.report.words import advised, bare
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 Summary = dict[str, Any]
@@ -245,7 +245,11 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[Question]) 
         blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
     for row in summaries:
         counts = (
-            ("failed", "made no forecast", f": {bare(row['failure'] or '')}"),
+            (
+                "failed",
+                "made no forecast",
+                f": {bare(advised(row['failure'])) if row['failure'] else ''}",
+            ),
             ("diverged", "diverged to infinity or NaN", ""),
         )
         parts = [

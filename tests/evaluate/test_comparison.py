@@ -92,7 +92,7 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
     window = WINDOWS[1]
     found = evaluate_window(ARX, window)
     model = baselines.arx(window.train)
-    assert (found.method, found.flight, found.start, found.failure) == ("ARX", "a", 425, "")
+    assert (found.method, found.flight, found.start, found.failure) == ("ARX", "a", 425, None)
     assert (found.stable, found.cautions) == (model.stable, model.cautions)
     forecasts = {
         KNOWN: model.forecast(window.test.inputs),
@@ -144,7 +144,7 @@ def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_
     still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
     (window, *_) = windows("still", still)
     for method in (HOLD, MEAN, METHODS[0]):
-        assert "vary" in evaluate_window(method, window).failure
+        assert "vary" in evaluate_window(method, window).failure.figures["text"]
 
 
 def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
@@ -177,7 +177,7 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     errors = np.mean([one.mspe() for one in column], axis=0)
     assert hold["mspe"] == errors.tolist() and hold["mspe_total"] == pytest.approx(errors.sum())
     assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
-    assert (refused["failed"], refused["failure"]) == (3, "train is not to my liking")
+    assert (refused["failed"], refused["failure"].code) == (3, Forecasts.FAILED)
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
     assert [row["relative"] for row in rows] == sorted(row["relative"] for row in rows)
 
