@@ -183,7 +183,7 @@ NODES = {
     "documents": 10100,
     "evaluate": 10900,
     "export": 3900,
-    "facts": 1100,
+    "facts": 1300,
     "fleet": 18500,
     "health": 11400,
     "ingest": 63900,

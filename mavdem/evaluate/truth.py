@@ -18,7 +18,7 @@ from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import Compared, Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.flight import Flight
 
@@ -35,7 +35,7 @@ class ComparedParameter(NamedTuple):
     estimate: float
     half_width: float
     truth: float
-    status: Status = Status.REPORTED
+    status: Status | str = Status.REPORTED
 
     @property
     def inside(self) -> bool | None:
@@ -111,7 +111,9 @@ def read_truth(path: str | PathLike[str], axis: str) -> Truth:
             effects = file[f"{axis}_effect"], file.get(weak_effect, file[f"{axis}_effect"])
             plant = -file[f"{axis}_A"][-1, -1], file["lag"][0], file["delay"][()]
             # Arrays of different shapes cannot be stacked.
-            rows, motors, numbers = (np.array(part, np.float64) for part in (series, effects, plant))
+            rows, motors, numbers = (
+                np.array(part, np.float64) for part in (series, effects, plant)
+            )
         shapes = rows.ndim, motors.ndim, numbers.ndim
         finite = all(np.isfinite(part).all() for part in (rows, motors, numbers))
         if shapes != (2, 2, 1) or not finite or not (np.diff(rows[0]) > 0).all():
@@ -194,11 +196,11 @@ def _parameters(
     if flight.input_units == ("µs",) * truth.effect.size:
         weak = np.interp(time, truth.time, truth.weak) >= 0.5
         true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
-        names = [f"effect of {name.split(' (')[0]}" for name in flight.input_names]
+        names = [f"{Compared.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names]
         estimates = [*zip(physical.effect.tolist(), effect.tolist(), strict=True)]
         known = [*true.tolist(), float(np.abs(true).mean())]
         for name, estimate, value in zip(
-            [*names, "mean effect"],
+            [*names, Compared.MEAN_EFFECT],
             [*estimates, physical.mean_effect(LEVEL)],
             known,
             strict=True,
@@ -214,7 +216,11 @@ def _parameters(
     return tuple(parameters)
 
 
-PLANT = (("damping", "1/s", "damping"), ("lag of the motors", "s", "lag"), ("delay", "s", "delay"))
+PLANT = (
+    (Compared.DAMPING, "1/s", "damping"),
+    (Compared.LAG_OF_THE_MOTORS, "s", "lag"),
+    (Compared.DELAY, "s", "delay"),
+)
 """Names, units and attributes of what the rotation is made of."""
 
 
@@ -228,5 +234,5 @@ def _wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
         true_sd=float(true.std()),
         inside=float(np.mean(np.abs(wind.torque - true) <= wind.band)),
         resolved=wind.resolved,
-        mean=ComparedParameter("steady part", "rad/s²", wind.mean, wind.mean_band, mean),
+        mean=ComparedParameter(Compared.STEADY_PART, "rad/s²", wind.mean, wind.mean_band, mean),
     )

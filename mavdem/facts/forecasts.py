@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum, auto
 
-from mavdem.facts.fact import Code
+from mavdem.facts.fact import Code, InWords
 
 
 class Forecasts(Code):
@@ -23,19 +23,10 @@ class Forecasts(Code):
     STILL_IMPROVING = auto()
     WORSE_THAN_MEAN_EXPECTED = auto()
     NO_TRUTH_FILE = auto()
-    TRUTH_DAMAGED = auto()
     TRUTH_OF_ANOTHER_FLIGHT = auto()
 
 
-class _InWords(StrEnum):
-    """An enumeration whose values are its names in words, as documents have them."""
-
-    @staticmethod
-    def _generate_next_value_(name: str, start: int, count: int, last_values: list[str]) -> str:
-        return name.lower().replace("_", " ")
-
-
-class TestResult(_InWords):
+class TestResult(InWords):
     """Whether one method's error is lower or higher than another's, beyond chance."""
 
     __test__ = False  # no test of pytest's
@@ -56,7 +47,18 @@ class MethodName(StrEnum):
     JOINT_VAR = "joint VAR"
 
 
-class HeldOutForecast(_InWords):
+class Compared(InWords):
+    """What is compared with the truth, by the names that documents have."""
+
+    EFFECT_OF = auto()
+    MEAN_EFFECT = auto()
+    DAMPING = auto()
+    LAG_OF_THE_MOTORS = auto()
+    DELAY = auto()
+    STEADY_PART = auto()
+
+
+class HeldOutForecast(InWords):
     """The forecasts of held-out windows, by the names that documents have."""
 
     FORECAST = auto()

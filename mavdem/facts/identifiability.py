@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum, auto
+from enum import auto
+
+from mavdem.facts.fact import InWords
 
 
-class Status(StrEnum):
+class Status(InWords):
     """Whether an estimate is reported: with its interval, though biased, or not at all; values as documents hold."""
-
-    @staticmethod
-    def _generate_next_value_(name: str, start: int, count: int, last_values: list[str]) -> str:
-        return name.lower().replace("_", " ")
 
     REPORTED = auto()
     BIASED = auto()

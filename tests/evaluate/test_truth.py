@@ -183,9 +183,8 @@ def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
         "pickle": {"time": np.array([{}], object)},
     }.get(change, {})
     np.savez(tmp_path / "odd.npz", **parts)
-    damaged = change in ("shape", "nan")
-    expected = Forecasts.TRUTH_DAMAGED if damaged else Forecasts.NO_TRUTH_FILE
-    assert refused(read_truth, tmp_path / "odd.npz", "pitch").code is expected
+    fact = refused(read_truth, tmp_path / "odd.npz", "pitch")
+    assert fact == Fact(Forecasts.NO_TRUTH_FILE, name="odd.npz", error="")
 
 
 def test_files_of_other_kinds_and_none_are_refused(tmp_path):
