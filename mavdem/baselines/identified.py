@@ -33,7 +33,6 @@ class Baseline:
     model: StateSpace | Var
     record: Record
     iterations: int | None = field(default=None, kw_only=True)
-    """After which the method was still improving the model; ``None`` where it has converged."""
 
     def __repr__(self) -> str:
         (r, m) = (table.shape[1] for table in (self.record.inputs, self.record.outputs))
@@ -75,6 +74,7 @@ class Identified(Baseline):
         model: A, B, C, D and K of one sampling step.
         record: the training data.
         starts: (segments, n) the state of each segment's first sample, as the method has it.
+        iterations: after which the method was still improving the model; ``None`` where it has converged.
 
     Raises:
         ValueError: from every method, for inputs or outputs of another shape or not finite, fewer steps than 1, or a
@@ -371,6 +371,7 @@ class JointAutoregression(Baseline):
         method: its name, such as ``joint VAR(10)``.
         model: its parameters.
         record: the training data.
+        iterations: none; it has a solution.
 
     Raises:
         ValueError: from every method, for inputs or outputs of another shape or not finite, fewer steps than 1, or a
