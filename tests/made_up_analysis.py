@@ -59,7 +59,7 @@ def physical(share: float | None = None, **status: str) -> Parameters:
         half=half,
         mean=(0.069, 0.003 if share is None else 0.069 * share),
         status={name: status.get(name, "reported") for name in names},
-        reasons={name: f"Why {name}. And more." if name in status else "" for name in names},
+        reasons={name: f"Why {name}." if name in status else "" for name in names},
         wind_share=0.07,
     )
 

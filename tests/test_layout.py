@@ -183,7 +183,7 @@ NODES = {
     "documents": 10100,
     "evaluate": 10900,
     "export": 3900,
-    "facts": 1300,
+    "facts": 4000,
     "fleet": 18500,
     "health": 11400,
     "ingest": 63900,

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
 from typing import TypeVar
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES, FLY, TILT_AXES
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
+from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
 from mavdem.analysis.findings import disown_torque
 from mavdem.condition import condition_of, identity_of
@@ -31,18 +32,16 @@ from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, h
 from mavdem.evaluate.paired import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
 from mavdem.evaluate.windows import Length, TooFewSamples, no_test_window, part_samples, too_short
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.forecasts import Forecasts, TestResult
+from mavdem.facts.prose import prose
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.ingest import Log
 
 # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
 MAX_SLOW_RATIO = 0.9
-SLOW_CAUTION = (
-    "The model is of the slow motion only: what shows at several Hz, such as the "
-    "control effectiveness, is not in it."
-)
 
 T = TypeVar("T")
 StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
@@ -54,124 +53,141 @@ def silent(title: str, measured: bool = True) -> AbstractContextManager[Callable
     return nullcontext(lambda share: None)
 
 
+@dataclass(frozen=True)
+class Options:
+    """What of a log is analysed, and how a model is learned.
+
+    Attributes:
+        vehicle, inputs: as for :func:`mavdem.read_flight`.
+        settings: of the fits.
+        start: seconds of settled flight that are left out at its beginning.
+        train, test: lengths of the training data and of a test window; without ``train`` all is trained on.
+        truth: the truth file of a simulated flight.
+        whole: with the model; without, only that of slow motion is learned, where whether there is one decides.
+    """
+
+    vehicle: str | None = None
+    inputs: str | None = None
+    settings: Settings = field(default_factory=Settings)
+    start: float = 0.0
+    train: Length | None = None
+    test: Length | None = None
+    truth: str | PathLike[str] | None = None
+    whole: bool = True
+
+
 def analyse(
     log: Log,
     axis: str = "roll",
-    vehicle: str | None = None,
-    inputs: str | None = None,
-    settings: Settings | None = None,
+    options: Options | None = None,
     *,
-    start: float = 0.0,
-    train: Length | None = None,
-    test: Length | None = None,
-    truth: str | PathLike[str] | None = None,
     progress: StepProgress = silent,
     signals: Signals | None = None,
     other_axis: LogAnalysis | None = None,
-    whole: bool = True,
 ) -> LogAnalysis:
     """Returns all that a log says of one vehicle and axis.
 
     The model is trained on the whole settled flight of the longest segment's boot and judged by held-out windows. With
-    ``train`` it is trained on so much of the longest segment, and tested once on what follows.
+    ``options.train`` it is trained on so much of the longest segment, and tested once on what follows.
 
     Args:
         log: of ``mavdem.ingest.read_log``.
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
-        vehicle, inputs: as for :func:`mavdem.read_flight`.
-        settings: of the fits; ``Settings()`` unless given.
-        start: seconds of settled flight that are left out at its beginning.
-        train, test: lengths of the training data and of a test window.
-        truth: the truth file of a simulated flight.
+        options: what is analysed, and how; ``Options()`` unless given.
         progress: shows the steps of the work.
         signals: of the vehicle, where they are known already; their axis and inputs do not matter.
         other_axis: the analysis of another axis of the vehicle, whose condition, identity and alarms are this one's.
-        whole: with the model; without, only that of slow motion is learned, where whether there is one decides.
 
     Raises:
         NotLearnable: no such vehicle, or the ``start``, ``train`` or ``test`` that was asked for does not fit.
         Unreadable: ``truth`` is not the truth of this flight.
         ValueError: an axis or inputs that are none.
     """
-    signals = Signals(choose_vehicle(log.vehicles, vehicle)) if signals is None else signals
+    options = options or Options()
+    inputs = options.inputs
+    if signals is None:
+        signals = Signals(choose_vehicle(log.vehicles, options.vehicle))
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
-    if other_axis is not None:
-        condition = other_axis.condition
-        identity = other_axis.identity
-        alarms = other_axis.alarms
-    else:
-        condition = condition_of(signals)
-        identity = identity_of(signals, log.receive_time[0])
-        alarms = motor_alarms(signals)
-    motor_rate = (
-        usual_rate(signals.motors)
-        if signals.motors is not None and signals.motors.layout.positions
-        else 0.0
-    )
-    tier = tier_of(verdict, condition)
-    motors = VehicleFigures({}, condition.hover)
-    is_watched = motor_rate >= MIN_RATE
-    known = verdict, tier, condition, identity, motors
-    found = LogAnalysis(*known, alarms=alarms, watched=is_watched, signals=signals)
-    measured = verdict.figures
-    if tier.name is None and measured.airborne and not measured.segments:
-        reason = f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
-        found = replace(found, reason=reason, remedy=FLY)
-    elif tier.name != "a":
-        found = replace(found, reason=tier.reason, remedy=tier.remedy)
-
-    def without_model(reason: str) -> LogAnalysis:
-        return replace(
-            found, reason=tier.reason if reason == tier.reason else f"{tier.reason} {reason}"
-        )
-
-    if truth is not None:  # what is no truth file is refused before the work
-        read_truth(truth, signals.axis)
+    found = _without_model(log, signals, verdict, other_axis)
+    tier = found.tier
+    if options.truth is not None:  # what is no truth file is refused before the work
+        read_truth(options.truth, signals.axis)
     slow = tier.name == "b" and signals.axis in TILT_AXES
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
-            return without_model(of_slow.reason)
-    if not segments or not (whole or slow):
+            return _refused(found, prose(of_slow.reason))
+    if not segments or not (options.whole or slow):
         return found
     try:
-        flights, learned, held_out = _model(
-            segments, settings or Settings(), start, train, test, progress, slow
-        )
+        flights, learned, held_out = _model(segments, options, progress, slow)
     except NotLearnable as error:
-        if isinstance(error, TooFewSamples) and (start or train or test):
+        if isinstance(error, TooFewSamples) and (options.start or options.train or options.test):
             raise
-        return (
-            without_model(error.reason)
-            if slow
-            else replace(found, reason=error.reason, remedy=error.remedy)
-        )
-    cautions = (
-        *([SLOW_CAUTION] if slow else []),
-        *flights[0].provenance["cautions"],
-        *learned.cautions,
-    )
+        return _refused(found, error.fact) if slow else replace(found, reason=error.fact)
+    caution = [str(Fact(Caveat.SLOW_MOTION_ONLY, Level.WATCH))] if slow else []
+    cautions = *caution, *flights[0].provenance["cautions"], *learned.cautions
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     changes = found.changes
     if changes and learned.physical is not None and learned.wind_torque is not None:
-        vars(learned)["wind_torque"] = wind(learned.physical, learned.record, changes)
-    disown_torque(learned, condition)
-    compared = (
-        None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
-    )
+        learned = learned.with_wind_torque(wind(learned.physical, learned.record, changes))
+    learned = disown_torque(learned, found.condition)
+    compared = None
+    if options.truth is not None:
+        compared = compare_with_truth(learned, flights, truth_of(flights, options.truth))
     if axis == ALL:
-        axes = {
-            AXES[0]: AxisFigures(
-                flights, learned.physical, learned.wind_torque, learned.physical_reason
-            )
-        }
+        known = learned.physical, learned.wind_torque, learned.physical_reason
+        axes = {AXES[0]: AxisFigures(flights, *known)}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
                 axes[other] = axis_figures(signals.about(other, inputs), log.components, changes)
                 done(len(axes) / len(AXES))
-        found = replace(found, vehicle=VehicleFigures(axes, condition.hover))
+        found = replace(found, vehicle=VehicleFigures(axes, found.condition.hover))
     return replace(found, flights=flights, learned=learned, held_out=held_out, truth=compared)
+
+
+def _without_model(
+    log: Log, signals: Signals, verdict: Verdict, other_axis: LogAnalysis | None
+) -> LogAnalysis:
+    """What a log says of a vehicle without a model of an axis, and why it allows none."""
+    if other_axis is None:
+        condition = condition_of(signals)
+        identity = identity_of(signals, log.receive_time[0])
+        alarms = motor_alarms(signals)
+    else:
+        condition = other_axis.condition
+        identity = other_axis.identity
+        alarms = other_axis.alarms
+    motors = signals.motors
+    placed = motors is not None and bool(motors.layout.positions)
+    tier = tier_of(verdict, condition)
+    reason = None
+    measured = verdict.figures
+    if tier.name is None and measured.airborne and not measured.segments:
+        reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=measured.airborne)
+    elif tier.name != "a":
+        reason = prose(tier.reason, tier.remedy)
+    return LogAnalysis(
+        verdict,
+        tier,
+        condition,
+        identity,
+        VehicleFigures({}, condition.hover),
+        reason,
+        alarms=alarms,
+        watched=placed and motors is not None and usual_rate(motors) >= MIN_RATE,
+        signals=signals,
+    )
+
+
+def _refused(found: LogAnalysis, refusal: Fact) -> LogAnalysis:
+    """Why there is no model of the slow motion either, after why there is no full one."""
+    if found.reason is None or str(refusal) == str(found.reason):
+        return found
+    return replace(
+        found, reason=Fact(NoModel.SLOW_MODEL_REFUSED, because=found.reason, refusal=refusal)
+    )
 
 
 def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
@@ -197,39 +213,34 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 
 
 def _model(
-    segments: tuple[Flight, ...],
-    settings: Settings,
-    start: float,
-    train: Length | None,
-    test: Length | None,
-    progress: StepProgress,
-    slow: bool,
+    segments: tuple[Flight, ...], options: Options, progress: StepProgress, slow: bool
 ) -> tuple[tuple[Flight, ...], Learned, HeldOut]:
     """What was trained on, the model, and forecasts of windows that no model saw.
 
     A model of ``slow`` motion is refused by these before it is learned.
     """
-    if train is not None:
-        training, following = cut(max(segments, key=len), start, train, test)
-        flights: tuple[Flight, ...] = (training,)
-    else:
-        # Times of another boot than the longest segment's cannot be compared.
-        boot = max(segments, key=len).provenance["segment"]["boot"]
-        flights = flown_after(
-            [one for one in segments if one.provenance["segment"]["boot"] == boot], start
-        )
+    settings = options.settings
+    longest = max(segments, key=len)
+    if options.train is not None:
+        training, following = cut(longest, options.start, options.train, options.test)
+        learned = _trained((training,), settings, progress, learn)
+        return (training,), learned, held_out_test(training, following, learned)
+    # Times of another boot than the longest segment's cannot be compared.
+    boot = longest.provenance["segment"]["boot"]
+    flights = flown_after(
+        [flight for flight in segments if flight.provenance["segment"]["boot"] == boot],
+        options.start,
+    )
     trained = partial(_trained, flights, settings, progress)
-    if train is not None:
-        return flights, (learned := trained(learn)), held_out_test(training, following, learned)
     first = trained(checked if slow else learn)
-    _, steps = part_samples(flights[0].dt, None, test)
+    _, steps = part_samples(flights[0].dt, None, options.test)
     try:
         with progress("Judging by held-out windows") as done:
             held_out = held_out_windows(flights, settings, steps, done)
     except ValueError as error:
         raise no_test_window(sum(map(len, flights)), flights[0].dt, steps, FOLDS) from error
     if slow and (refusal := slow_motion_refusal(held_out)):
-        raise NotLearnable(refusal, "")
+        raise NotLearnable(refusal)
     return flights, first if isinstance(first, Learned) else trained(learn), held_out
 
 
@@ -241,22 +252,26 @@ def _trained(
         with progress("Learning", measured=False):
             return how(flights, settings)
     except ValueError as error:
-        remedy = "Choose another part of the flight with --start, or a longer --train."
-        raise NotLearnable(f"No model could be learned: {error}.", remedy) from error
+        because = error.fact if isinstance(error, NotLearnable) else prose(str(error))
+        raise NotLearnable(Fact(NoModel.NOT_LEARNED, because=because)) from error
 
 
-def slow_motion_refusal(held_out: HeldOut) -> str:
-    """Returns why a model does not beat each baseline in ``held_out`` windows by a margin, beyond chance; or empty."""
+def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
+    """Returns why a model does not beat each baseline in ``held_out`` windows by a margin, beyond chance; or None."""
     for name in BASELINES:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
-        error = f"A model of the slow motion has {ratio:.2g} times the squared error of “{name}” in {len(held_out)}"
-        error += " windows that it has not seen"
-        if not ratio <= MAX_SLOW_RATIO:
-            return f"{error}: at most {MAX_SLOW_RATIO:g} times would make it worth having."
-        if test.result != TestResult.LOWER:
-            return f"{error}, which may be luck (p = {test.p_value:.2g}, needed {SIGNIFICANCE:g})."
-    return ""
+        is_weak = not ratio <= MAX_SLOW_RATIO
+        if is_weak or test.result != TestResult.LOWER:
+            return Fact(
+                NoModel.SLOW_MODEL_TOO_WEAK,
+                name=name,
+                windows=len(held_out),
+                ratio=ratio,
+                p_value=None if is_weak else test.p_value,
+                limit=MAX_SLOW_RATIO if is_weak else SIGNIFICANCE,
+            )
+    return None
 
 
 def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:

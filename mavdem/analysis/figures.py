@@ -39,6 +39,8 @@ from mavdem.evaluate.held_out import (
 )
 from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
+from mavdem.facts import Fact
+from mavdem.facts.assessment import NoModel
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
@@ -85,7 +87,7 @@ class LogAnalysis:
         condition: balance, limits, lean, vibration and battery, at any rate.
         identity: which vehicle, and when.
         vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
-        reason, remedy: why there is no full model, and what to change; empty where there is one.
+        reason: why there is no full model; ``None`` where there is one.
         flights, learned, held_out: what was trained on; the model, in tier "b" of the slow motion and without physical
             parameters; forecasts of windows that no model saw.
         truth: the estimates beside the truth of a simulated flight, where its file was given.
@@ -99,8 +101,7 @@ class LogAnalysis:
     condition: Condition
     identity: Identity
     vehicle: VehicleFigures
-    reason: str = ""
-    remedy: str = ""
+    reason: Fact | None = None
     flights: tuple[Flight, ...] = ()
     learned: Learned | None = None
     held_out: HeldOut | None = None
@@ -122,7 +123,7 @@ class LogAnalysis:
     @cached_property
     def findings(self) -> Findings:
         """What the flight says of its vehicle, and what the model is good for: made once, shown everywhere."""
-        known = self.condition, self.alarms, self.reason, self.remedy, self.flights, self.watched
+        known = self.condition, self.alarms, self.reason, self.flights, self.watched
         # Rates that are sent slowly say nothing of the angle.
         consistency = self.verdict.figures.consistency if self.model == "full" else None
         return findings_of(self.learned, self.held_out, *known, consistency)
@@ -130,8 +131,14 @@ class LogAnalysis:
     @property
     def refusal(self) -> NotLearnable:
         """Why there is no model, after what overrides that, and what to do."""
-        overrides = [override.headline for override in self.findings.overrides]
-        return NotLearnable(" ".join([*overrides, self.reason]), self.findings.next_step)
+        return NotLearnable(
+            Fact(
+                NoModel.REFUSED,
+                overrides=self.findings.overrides,
+                because=self.reason,
+                next_step=self.findings.next_step,
+            )
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Returns all figures as plain JSON values: what ``report.json`` has.
@@ -148,8 +155,8 @@ class LogAnalysis:
             ),
             **self.vehicle.as_dict(),
             **self.tier.as_dict(),
-            "reason": self.reason,
-            "remedy": self.remedy,
+            "reason": "" if self.reason is None else str(self.reason),
+            "remedy": "" if self.reason is None else self.reason.remedy,
             "condition": self.condition.as_dict(),
             "identity": self.identity.as_dict(),
             **alarm_figures(self.alarms),

@@ -6,7 +6,7 @@ import click
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis import LogAnalysis, Options, analyse
 from mavdem.cli.options import read_source, source_options
 from mavdem.cli.output import complain, print_blocks, print_json
 from mavdem.condition.inventory import inventory
@@ -43,7 +43,7 @@ def info_command(
     for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
         signals = Signals(telemetry, axis, inputs)
         airs.append(air_of(signals))
-        found = analyse(log, axis, inputs=inputs, signals=signals, whole=False)
+        found = analyse(log, axis, Options(inputs=inputs, whole=False), signals=signals)
         analyses[telemetry.system, telemetry.component] = found
     known = {place: (one.verdict, one.condition, one.identity) for place, one in analyses.items()}
     held = inventory(log, axis, vehicle, inputs, known)

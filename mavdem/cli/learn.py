@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis import LogAnalysis, Options, analyse
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
 from mavdem.cli.options import (
@@ -161,19 +161,8 @@ def learn_command(
     telemetry = choose_vehicle(log.vehicles, vehicle)
     signals = Signals(telemetry)
     air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
-    analysis = analyse(
-        log,
-        axis,
-        vehicle,
-        inputs,
-        settings,
-        start=start,
-        train=train,
-        test=test,
-        truth=truth,
-        progress=progress,
-        signals=signals,
-    )
+    options = Options(vehicle, inputs, settings, start, train, test, truth)
+    analysis = analyse(log, axis, options, progress=progress, signals=signals)
     learned = analysis.learned
     verdict = analysis.verdict
     condition = analysis.condition
@@ -194,7 +183,8 @@ def learn_command(
         heading = Sentence(text, f"{printable(Path(source).name)}:")
         report["error"] = {"reason": analysis.refusal.reason, "remedy": analysis.refusal.remedy}
     else:
-        heading = Sentence(*map(printable, title(analysis.flights)))
+        text, lead, _ = title(analysis.flights)
+        heading = Sentence(printable(text), printable(lead))
         blocks += (
             vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
             if axis == ALL

@@ -259,7 +259,7 @@ def live_command(
         wait([judging], (ends_at - monotonic()) / 2)
         dashboard.report(status := replace(status, findings=session.findings))
         if status.findings:
-            say_aside(status.findings.headline)
+            say_aside(str(status.findings.headline or ""))
         if html is not None and judging.done():
             page = _in_background(
                 partial(live_page, link, axis, session.history, status, account, learned)

@@ -11,7 +11,7 @@ from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import flown_after
 from mavdem.analysis.figures import ALL
-from mavdem.analysis.findings import findings_of
+from mavdem.analysis.overrides import overrides_of
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
@@ -20,13 +20,17 @@ from mavdem.condition.loop import TARGETS, Advice, Loop, advise, loop_of
 from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
+from mavdem.facts.assessment import Override
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 
 REAL32 = 9  # MAV_PARAM_TYPE_REAL32
-OF_FLIGHT = ("oscillation", "saturation")  # what overrides all findings, and gains too
+OF_FLIGHT = (
+    Override.OSCILLATION,
+    Override.SATURATION,
+)  # what overrides all findings, and gains too
 
 
 @click.command("tune")
@@ -77,8 +81,8 @@ def tune_command(
         check_folder(out, names)
     signals = Signals(telemetry)
     found = dict[str, Advice | str]()
-    overrides = findings_of(condition=condition_of(signals)).overrides
-    doubts = [one.sentence for one in overrides if one.kind in OF_FLIGHT]
+    overrides = overrides_of(condition_of(signals), ())
+    doubts = [str(override) for override in overrides if override.code in OF_FLIGHT]
     for one in AXES if axis == ALL else (axis,):
         try:
             with progress(f"Identifying {one}", measured=False):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from warnings import warn
@@ -125,6 +126,19 @@ class Learned(LearnedDownstream):
             return None if self.physical is None else wind(self.physical, self.record)
         except ValueError:  # LinAlgError is one
             return None
+
+    def with_physical(self, physical: Physical) -> Learned:
+        """Returns the same with other ``physical`` parameters, by which its wind torque will be estimated."""
+        changed = copy(self)
+        object.__setattr__(changed, "_gray_box", physical)
+        vars(changed).pop("wind_torque", None)
+        return changed
+
+    def with_wind_torque(self, wind_torque: WindTorque) -> Learned:
+        """Returns the same with another ``wind_torque``; all else that has been computed is kept."""
+        changed = copy(self)
+        object.__setattr__(changed, "wind_torque", wind_torque)
+        return changed
 
     @cached_property
     def joint(self) -> JointModel:

@@ -388,7 +388,7 @@ class Finding(Document):
     """What the model is good for."""
 
     purpose: str
-    """motor effectiveness, damping and lag, wind, prediction or residuals"""
+    """control effectiveness, damping and time constant, wind torque, prediction or residuals"""
     grade: str
     """GOOD, LIMITED or NOT IDENTIFIABLE"""
     reason: Said

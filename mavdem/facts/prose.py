@@ -13,6 +13,8 @@ class Prose(Code):
     PROSE = auto()
 
 
-def prose(text: str, remedy: str = "") -> Fact:
-    """Returns a fact that holds ``text``."""
+def prose(text: str | Fact, remedy: str = "") -> Fact:
+    """Returns a fact that holds ``text``; one that is a fact already as it is."""
+    if isinstance(text, Fact):
+        return text
     return Fact(Prose.PROSE, text=text, remedy=remedy)

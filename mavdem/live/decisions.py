@@ -401,6 +401,6 @@ def judged(
         swing = oscillation_of(signals, [Segment(0, 0.0, flight.duration)])
         swing = swing and swing._replace(axis=names[1][0])
         condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
-    disown_torque(learned, condition)
+    learned = disown_torque(learned, condition)
     watched = condition.hover is not None and not setup.layout.positions_assumed
     return findings_of(learned, None, condition, alarms, flights=[flight], watched=watched)

@@ -21,6 +21,7 @@ import numpy as np
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
+from mavdem.facts.prose import prose
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live import history
@@ -274,8 +275,11 @@ class LiveSession:
 
     def judge(self, learned: Learned | None) -> None:
         """Judges the model at the end, if there is one: from then on it has the physical parameters shown last."""
+        obstacle = self.status.obstacle
         none = partial(
-            findings_of, alarms=self.stream.status().alarms, reason=sentence(self.status.obstacle)
+            findings_of,
+            alarms=self.stream.status().alarms,
+            refusal=prose(sentence(obstacle)) if obstacle else None,
         )
         with suppress(ValueError):
             self.findings = (none if learned is None else self._judgement(learned))()

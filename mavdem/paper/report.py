@@ -11,9 +11,10 @@ from typing import Any
 
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
+from mavdem.facts import Level
 from mavdem.paper import CLAIMS, INTRODUCTION, Claim, forecasts, landscape, noise, oracle, order
 from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, findings
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Rated, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
 from mavdem.view import write_recording
@@ -125,8 +126,14 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
         learned,
         held_out_test(window.train, window.test, learned),
     )
+    levels = {ClaimStatus.REPRODUCED: Level.GOOD}
     verdicts = [
-        [report.claim.title, report.status.value, report.sentence, report.beyond]
+        [
+            report.claim.title,
+            Rated(report.status.value, levels.get(report.status, Level.UNKNOWN)),
+            report.sentence,
+            report.beyond,
+        ]
         for report in reports
     ]
     blocks: list[Block] = [

@@ -5,12 +5,37 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from mavdem.facts import Level
+
 
 class Sentence(NamedTuple):
-    """A sentence; ``lead`` is set off at its beginning, if there is one."""
+    """A sentence; ``lead`` is set off at its beginning, if there is one; without ``text`` it is a headline."""
 
     text: str
     lead: str = ""
+    level: Level | None = None
+
+
+def caution(text: object) -> Sentence:
+    """Returns a sentence that limits what is shown."""
+    return Sentence(str(text), "Caution:", Level.WATCH)
+
+
+def warning(text: object) -> Sentence:
+    """Returns a sentence that must be known before what is shown is used."""
+    return Sentence(str(text), "Warning:", Level.WATCH)
+
+
+class Rated(str):
+    """The text of a cell that rates something, and the ``level``, by which a page colours it."""
+
+    level: Level
+
+    def __new__(cls, text: str, level: Level) -> Rated:
+        """Returns a cell of a ``level``."""
+        cell = super().__new__(cls, text)
+        cell.level = level
+        return cell
 
 
 class Table(NamedTuple):

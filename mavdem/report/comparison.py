@@ -15,7 +15,7 @@ from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.paired import FEWEST_PAIRS, SIGNIFICANCE, Paired
 from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.numbers import listed, named, readable
 from mavdem.report.words import advised, bare
 
@@ -103,7 +103,7 @@ def _failed_bands(comparison: Comparison, question: Question) -> list[Block]:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
             kind = "forecasts" if question == KNOWN else "predictions"
             what = f"{reference}'s {kind} holds {100 * share:.0f} % of the samples{where}"
-            cautions.append(Sentence(f"the 90 % band of {what}: it is too narrow.", "Caution:"))
+            cautions.append(caution(f"the 90 % band of {what}: it is too narrow."))
     return cautions
 
 
@@ -325,9 +325,9 @@ def order_report(
         rows.append([f"{order}{' (chosen)' if order == choice.chosen else ''}", *cells])
     spread = " Spread: the standard deviation over the flights." if several else ""
     return [
-        Sentence("", lead=choice.reason),
+        Sentence("", str(choice.reason)),
         Table(["states", *names, *(["mean", "spread"] if several else [])], rows),
         Sentence(f"F̄ in nats, minus that of the chosen order.{spread}"),
-        *(Sentence(remark, "Caution:") for remark in choice.remarks),
+        *map(caution, choice.remarks),
         Sentence(order_advice(choice, known_inputs), "Next:"),
     ]

@@ -10,9 +10,10 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import WindVelocity, coming_from, from_point
+from mavdem.facts.assessment import Override
 from mavdem.facts.identifiability import Status
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.numbers import listed, plus_minus, rounded
 
 # what a tier is called where it is shown
@@ -109,7 +110,8 @@ def health_sentences(vehicle: dict[str, Any]) -> list[Sentence]:
     sentences = list[Sentence]()
     told = vehicle["autopilot_alarms"]
     if "watched" in vehicle:
-        said = {one["sentence"] for one in vehicle["overrides"]}  # is above all else already
+        # is above all else already
+        is_said = Override.MOTORS in [override["kind"] for override in vehicle["overrides"]]
         changes = [
             one["sentence"]
             for kind in ("alarms", "recoveries", "torque_changes")
@@ -117,11 +119,7 @@ def health_sentences(vehicle: dict[str, Any]) -> list[Sentence]:
         ]
         none = f"no motor was found to lose thrust in {vehicle['condition']['settled']:.0f} s of settled flight."
         text = " ".join(changes) or (none if vehicle["watched"] else UNWATCHED)
-        sentences = (
-            []
-            if {one.removeprefix("Alarm: ") for one in changes} & said
-            else [Sentence(text, "Health:")]
-        )
+        sentences = [] if is_said else [Sentence(text, "Health:")]
     if told:
         shown = [
             f"“{one['text']}” ({one['severity']}, {one['time']:.0f} s)"
@@ -171,7 +169,7 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
         blocks.append(Sentence(verdict["remedy"], "What to do:"))
     blocks += [*tier_sentences(vehicle), identity_sentence(vehicle["identity"])]
     blocks += [*condition_sentences(vehicle["condition"]), *health_sentences(vehicle)]
-    blocks += [Sentence(caution, "Caution:") for caution in verdict["cautions"]]
+    blocks += map(caution, verdict["cautions"])
     blocks += [Sentence(repair, "Noted:") for repair in vehicle["repairs"]]
     if vehicle["segments"]:
         longest, *shorter = vehicle["segments"]

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from mavdem.condition.wind_velocity import from_point
 from mavdem.errors import downstream
+from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.row import (
     HEALTHS,
     NOT_IDENTIFIABLE,
@@ -24,7 +25,7 @@ from mavdem.fleet.row import (
     worst_health,
 )
 from mavdem.report import flights as words
-from mavdem.report.blocks import Block, Table
+from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.flights import TROUBLE, cut, doubt, urgency, vehicle_health
 from mavdem.report.numbers import TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
@@ -58,6 +59,7 @@ def fleet_page(
             "last": flights[-1][0],
             "flights": len(flights),
             "health": (health := vehicle_health(flights)),
+            "level": words.LEVELS[MotorHealth(health)],
             "conclusion": words.conclusion(flights),
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
@@ -144,6 +146,11 @@ def _residual(row: FlightRow) -> str:
     )
 
 
+def _health(flight: Flight) -> Rated:
+    health = MotorHealth(worst_health(flight))
+    return Rated(health, words.LEVELS[health])
+
+
 def _notes(flight: Flight) -> str:
     """What is said of the flight, the most important first, a line each."""
     if flight[0].status != OK:
@@ -178,7 +185,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "tier": ("text", lambda row: row.tier or ""),
     "health": (
         "health",
-        lambda flight: worst_health(flight) if flight[0].status == OK else NOT_USED,
+        lambda flight: _health(flight) if flight[0].status == OK else NOT_USED,
     ),
     "motor": ("text", lambda row: "" if row.suspect_motor is None else str(row.suspect_motor)),
     "notes": ("notes", _notes),

@@ -15,6 +15,9 @@ from pathlib import PurePath
 import numpy as np
 
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
+from mavdem.facts import Level
+from mavdem.facts.identifiability import Status
+from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import (
@@ -28,7 +31,7 @@ from mavdem.fleet.difference import (
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
 from mavdem.health.in_flight import FALSE_ALARMS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Rated, Sentence, Table, caution
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import (
     TORQUE,
@@ -42,6 +45,13 @@ from mavdem.report.numbers import (
 )
 
 TROUBLE = HEALTHS[:2]
+LEVELS = {
+    MotorHealth.FAULT: Level.BAD,
+    MotorHealth.DRIFT: Level.WATCH,
+    MotorHealth.OK: Level.GOOD,
+    MotorHealth.UNKNOWN: Level.UNKNOWN,
+}
+"""The level by which the health of motors is shown."""
 MAX_NAMED = 4  # vehicles in a sentence
 MAX_REASONS = 8  # rows of logs that could not be used
 QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
@@ -408,9 +418,9 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
         return [Sentence(f"a log does not say of which vehicle it is; {trust}", "Vehicle:")]
     if before and after and set(before) != set(after):
         text = f"A is {listed(before)} and B is {listed(after)}: the difference may be between two vehicles."
-        return [Sentence(text, "Caution:")]
+        return [caution(text)]
     named = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; {trust}"
-    return [Sentence(named, "Caution:")] if found.shared else []
+    return [caution(named)] if found.shared else []
 
 
 def whole_seconds(account: Mapping[str, float]) -> dict[str, int]:
@@ -527,7 +537,10 @@ def _row(one: ComparedParameter) -> list[str]:
     unit, scale = ("ms", 1e3) if one.unit == "s" else readable(angle)
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
     near = abs(estimate - truth) < 10.0 * abs(truth)
-    inside = {None: one.status, True: "yes", False: "no"}[one.inside]
+    inside: str = Rated(one.status, Level.BAD)  # without an interval
+    if one.inside is not None:
+        biased = ", biased" if Status(one.status) is Status.BIASED else ""
+        inside = f"{'yes' if one.inside else 'no'}{biased}"
     words = {
         "mean effect": "mean effectiveness",
         "damping": "rate damping",
@@ -539,5 +552,5 @@ def _row(one: ComparedParameter) -> list[str]:
         rounded(truth, 3),
         f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",
         f"{unit}{per}{rest}",
-        f"{inside}, biased" if one.status == "biased" else inside,
+        inside,
     ]

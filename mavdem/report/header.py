@@ -7,12 +7,14 @@ from math import degrees, isfinite
 from typing import NamedTuple
 
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import GOOD, LIMITED, NONE, UNEVEN, Findings, known_wind, most_uneven
+from mavdem.analysis.findings import LITTLE_HEADROOM, Findings, known_wind
+from mavdem.analysis.overrides import UNEVEN, most_uneven
 from mavdem.condition.loop import Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST
 from mavdem.facts import Level
+from mavdem.facts.assessment import Purpose
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.history import Event, SessionStatus
 from mavdem.report.condition import wind_words
@@ -23,22 +25,17 @@ from mavdem.report.timeline import Timeline
 POINTS = 16_000
 FEW_POINTS = 2_000
 """Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; of a small page."""
-RATINGS = {GOOD: "good", LIMITED: "fair", NONE: "bad", "": ""}
-MARGINS = {
-    Level.GOOD: ("good", "enough"),
-    Level.WATCH: ("fair", "perhaps too little"),
-    Level.BAD: ("bad", "too little"),
-}
-"""The colour of a loop and what is said of its margins, by the level of their rating."""
+MARGINS = {Level.GOOD: "enough", Level.WATCH: "perhaps too little", Level.BAD: "too little"}
+"""What is said of the margins of a loop by the level of their rating."""
 
 
 class KeyFigure(NamedTuple):
-    """A figure with its ``label``, a ``remark`` below it, and a ``rating``: "good", "fair", "bad" or none."""
+    """A figure with its ``label``, a ``remark`` below it, and a ``level``, if it rates something."""
 
     label: str
     value: str
     remark: str = ""
-    rating: str = ""
+    level: Level | None = None
 
 
 class Head(NamedTuple):
@@ -60,20 +57,19 @@ def key_figures(
     learned = analysis.learned
     held_out = analysis.held_out
     hover = analysis.condition.hover
-    grades = {one.purpose: RATINGS[one.grade] for one in analysis.findings.purposes}
+    levels = {finding.purpose: finding.grade.level for finding in analysis.findings.purposes}
     yield from _lost(analysis.alarms)
     if hover is not None:
         number = most_uneven(hover.imbalance)
         most = hover.imbalance[number]
         motor = hover.motors[number]
-        rating = "bad" if abs(most) > UNEVEN else "good"
-        yield KeyFigure("Trim deviation", f"{round(most, 1) + 0.0:+.1f} %", motor, rating)
+        level = Level.BAD if abs(most) > UNEVEN else Level.GOOD
+        yield KeyFigure("Trim deviation", f"{round(most, 1) + 0.0:+.1f} %", motor, level)
         left, motor = min(zip(hover.headroom, hover.motors, strict=True))
         limit = max(map(sum, zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)))
         remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"
-        yield KeyFigure(
-            "Least headroom", f"{100 * left:.0f} %", remark, "good" if left >= 0.1 else "bad"
-        )
+        level = Level.BAD if left < LITTLE_HEADROOM else Level.GOOD
+        yield KeyFigure("Least headroom", f"{100 * left:.0f} %", remark, level)
     wind, _, reason = air or (None, None, "")
     speed, origin, gusts = (
         ("not known", reason.split(". ")[0].rstrip("."), "") if wind is None else wind_words(wind)
@@ -82,25 +78,26 @@ def key_figures(
     physical = None if learned is None else learned.physical
     if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
         remark = f"on {Labels.of(learned).output_names[0]}, standard deviation"
-        yield KeyFigure("Wind torque", with_unit(torque.sd, TORQUE), remark, grades.get("wind", ""))
+        sd = with_unit(torque.sd, TORQUE)
+        yield KeyFigure("Wind torque", sd, remark, levels.get(Purpose.WIND_TORQUE))
     if physical is not None and physical.identifiable:
         mean, half = physical.mean_effect(LEVEL)
         remark = f"90 % interval of the motors' mean; {physical.status['effect']}"
-        rating = grades.get("motor effectiveness", "")
-        yield KeyFigure("Control effectiveness", f"± {100 * half / mean:.0f} %", remark, rating)
+        share = f"± {100 * half / mean:.0f} %"
+        effect = levels.get(Purpose.CONTROL_EFFECTIVENESS)
+        yield KeyFigure("Control effectiveness", share, remark, effect)
     if learned is not None and held_out is not None:
         unit = readable(Labels.of(learned).output_units[0])
         baseline = held_out.best_baseline
         ours, theirs = (with_unit(held_out.rmse(name)[0], unit) for name in (FORECAST, baseline))
         remark = f"{held_out.seconds:.2g} s ahead, RMSE {ours} (“{baseline}” {theirs})"
-        yield KeyFigure(
-            "Error ratio", rounded(held_out.error_ratio()), remark, grades.get("prediction", "")
-        )
+        ratio = rounded(held_out.error_ratio())
+        yield KeyFigure("Error ratio", ratio, remark, levels.get(Purpose.PREDICTION))
     if loop is not None:
         low, high = loop.rate.phase_margin_interval
-        colour, said = MARGINS[margin_rating(loop).level]
-        remark = f"{low:.0f} to {high:.0f}° of the rate loop; {said} margin in all: `mavdem tune` has gains"
-        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, colour)
+        level = margin_rating(loop).level
+        remark = f"{low:.0f} to {high:.0f}° of the rate loop; {MARGINS[level]} margin in all: `mavdem tune` has gains"
+        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, level)
 
 
 def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:
@@ -124,5 +121,5 @@ def _lost(alarms: Sequence[MotorAlarm]) -> Iterator[KeyFigure]:
             f"{weak.name.capitalize()} lost",
             weak.lost,
             f"of its thrust at {weak.since:.0f} s",
-            "bad",
+            Level.BAD,
         )

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.analysis.findings import directions, weights
+from mavdem.analysis.residuals import directions, weights
 from mavdem.dem import Learned
 from mavdem.report.numbers import Readable, named, readable
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mavdem.condition.loop import Advice, Loop, OpenLoop
 from mavdem.condition.loop.advice import NOT_CHECKED
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.numbers import rounded
 
 FIGURES = {  # header, and what makes the unit shown, by name of the figure
@@ -38,10 +38,8 @@ def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
         ]
         if loop.crossover * loop.record.dt > FASTEST:
             slow = f"A crossover at {loop.crossover:.0f} Hz is fast for a log at {1 / loop.record.dt:.0f} Hz"
-            blocks.append(
-                Sentence(f"{slow}: record faster, for delay and time constant.", "Caution:")
-            )
-        blocks += [_measured(loop), *(Sentence(caution, "Caution:") for caution in loop.cautions)]
+            blocks.append(caution(f"{slow}: record faster, for delay and time constant."))
+        blocks += [_measured(loop), *map(caution, loop.cautions)]
         blocks += _gains(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
     return [*blocks, *([Sentence(NOT_CHECKED, "Not checked:")] if named else [])]

@@ -20,17 +20,18 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import NONE, Findings, findings_of
+from mavdem.analysis.findings import Findings, findings_of
 from mavdem.condition.loop import Advice, Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import NotLearnable, downstream
 from mavdem.evaluate.comparison import Comparison
+from mavdem.facts.assessment import Grade, Purpose
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
 from mavdem.report.flights import live_report, truth_blocks
@@ -127,11 +128,8 @@ def environment() -> Environment:
         "made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         "ink": INK_ON_LIGHT,
     }
-    made.tests |= {
-        "table": lambda block: isinstance(block, Table),
-        "warning": lambda block: block.lead.startswith(("Caution", "Warning")),
-    }
-    made.filters |= {"rating": _rating, "prose": _prose, "headline": _headline}
+    made.tests["table"] = lambda block: isinstance(block, Table)
+    made.filters["prose"] = _prose
     return made
 
 
@@ -159,21 +157,6 @@ def _prose(text: str) -> Markup:
     """Text with what stands between backquotes as code, and no line's end before a percent sign."""
     text = str(escape(re.sub(r"(?<=\d) ?%", "\N{NO-BREAK SPACE}%", text)))
     return Markup(text if text.count("`") % 2 else re.sub("`([^`]*)`", r"<code>\1</code>", text))
-
-
-def _headline(text: str) -> tuple[str, str]:
-    """The first sentence, and the others."""
-    first, *others = re.split(r"(?<=[.:!?]) (?=[A-Z])", text, maxsplit=1)
-    return first, "".join(others)
-
-
-def _rating(cell: str) -> str:
-    """The class, of a colour, of a cell that rates something; empty for others."""
-    good = ("GOOD", "ok", "reported", "reproduced", "passed")
-    fair = ("LIMITED", "biased", "drift", "nearly")
-    bad = "NOT IDENTIFIABLE", "not identifiable", "fault", "unstable", "failed"
-    ratings = {"good": good, "fair": fair, "bad": bad}
-    return next((name for name, words in ratings.items() if cell.startswith(words)), "")
 
 
 def log_page(
@@ -224,12 +207,12 @@ def verdict_of(analysis: LogAnalysis) -> list[Block]:
     found = analysis.findings
     (*blocks, following) = conclusion(analysis.findings)
     if analysis.learned is None and found.overrides:
-        blocks.append(Sentence(analysis.reason, "No model:"))
+        blocks.append(Sentence(str(analysis.reason), "No model:"))
     return [
         *blocks,
         following,
         *graded(found),
-        *(Sentence(warning, "Warning:") for warning in found.warnings),
+        *map(warning, found.warnings),
     ]
 
 
@@ -362,9 +345,7 @@ def model_pictures(
 
     pictures = []
     names = Labels.of(learned).output_names
-    unknown = any(
-        one.purpose == "motor effectiveness" and one.grade == NONE for one in found.purposes
-    )
+    unknown = found.grade(Purpose.CONTROL_EFFECTIVENESS) is Grade.NOT_IDENTIFIABLE
     for method in (one for one in methods if not (unknown and one in SYSTEM_PICTURES)):
         title, caption = PICTURES[method]
         for output, name in enumerate(names[:outputs] if method == "forecast" else names[:1]):
@@ -440,7 +421,7 @@ def live_page(
     head = Head(found, None, figures, timeline, vehicle=status.vehicle or "", events=history.events)
     *blocks, following = (
         conclusion(found)
-        if found.headline
+        if found.headline is not None
         else [report[0], Sentence(status.obstacle, "At the end:")]
     )
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]

@@ -15,15 +15,8 @@ from typing import Any
 import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
-from mavdem.analysis.findings import (
-    ADVICE,
-    BOUND_LEVEL,
-    HALF_WIDTH,
-    Findings,
-    findings_of,
-    known_wind,
-    residuals,
-)
+from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind
+from mavdem.analysis.residuals import BOUND_LEVEL, residuals
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
@@ -31,8 +24,18 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
 from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
+from mavdem.facts.identifiability import Status
+from mavdem.facts.prose import prose
 from mavdem.flight import Flight
-from mavdem.report.blocks import Block, Sentence, Table, text_of
+from mavdem.report.blocks import (
+    Block,
+    Rated,
+    Sentence,
+    Table,
+    caution,
+    text_of,
+    warning,
+)
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
 from mavdem.report.labels import Labels, outputs_of, state_names, states_are_outputs
 from mavdem.report.numbers import (
@@ -45,23 +48,12 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
+from mavdem.report.words import PARAMETERS, advised
 
 # beside the baselines
 ROWS: dict[str, str] = {
     FORECAST: "forecast, motors recorded",
     PREDICTION: "prediction, motors unknown",
-}
-PURPOSE_WORDS = {
-    "motor effectiveness": "control effectiveness",
-    "damping and lag": "damping and time constant",
-    "wind": "wind torque",
-    "prediction": "prediction",
-    "residuals": "residuals",
-}
-PARAMETER_WORDS = {
-    "effect": "control effectiveness",
-    "damping": "rate damping",
-    "lag": "motor time constant",
 }
 MOTION = (
     ("damping", "rate damping", 1.0, "1/s"),
@@ -91,27 +83,26 @@ def screen(
         *motor_blocks(labels, learned.physical, hover),
         *torque_blocks(learned.wind_torque, learned.physical),
         *prediction_blocks(labels, held_out),
-        *(Sentence(warning, "Warning:") for warning in found.warnings),
+        *map(warning, found.warnings),
         following,
     ]
 
 
 def graded(found: Findings) -> list[Block]:
     """Returns a row a purpose of the model, with its verdict; nothing without a model."""
-    rows = [[PURPOSE_WORDS[purpose], grade, reason] for purpose, grade, reason in found.purposes]
+    rows = [
+        [str(purpose), Rated(grade, grade.level), advised(reason)]
+        for purpose, grade, reason in found.purposes
+    ]
     return [Table(["purpose", "verdict", "because"], rows, words=True)] if rows else []
 
 
 def conclusion(found: Findings) -> list[Block]:
     """Returns the headline, what overrides all grades, and last what to do next."""
-    doubts = (
-        Sentence(override.sentence, f"{override.kind.capitalize()}:")
-        for override in found.overrides
-    )
     return [
-        *([Sentence("", found.headline)] if found.headline else []),
-        *doubts,
-        Sentence(found.next_step, "Next:"),
+        *([] if found.headline is None else [Sentence("", str(found.headline))]),
+        *(Sentence(str(one), f"{one.code.capitalize()}:") for one in found.overrides),
+        Sentence(str(found.next_step), "Next:"),
     ]
 
 
@@ -119,10 +110,10 @@ def verdict_blocks(found: Findings) -> list[Block]:
     """Returns all findings without a table, for a narrow column."""
     *blocks, following = conclusion(found)
     blocks += [
-        Sentence(reason, f"{PURPOSE_WORDS[what].capitalize()}: {grade}.")
-        for what, grade, reason in found.purposes
+        Sentence(advised(reason), f"{purpose.capitalize()}: {grade}.")
+        for purpose, grade, reason in found.purposes
     ]
-    return [*blocks, *(Sentence(warning, "Warning:") for warning in found.warnings), following]
+    return [*blocks, *map(warning, found.warnings), following]
 
 
 def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
@@ -136,7 +127,7 @@ def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
         conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
     )
     blocks += (
-        [Sentence(analysis.reason, "No model:")] if learned is None and found.overrides else []
+        [Sentence(str(analysis.reason), "No model:")] if learned is None and found.overrides else []
     )
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
@@ -159,9 +150,7 @@ def title(flights: Sequence[Flight]) -> Sentence:
 
 def summary(learned: Learned) -> str:
     """Returns the screen as text, of what the ``learned`` model alone knows: without windows that it has not seen."""
-    return text_of(
-        [*screen(learned), *(Sentence(caution, "Caution:") for caution in learned.cautions)]
-    )
+    return text_of([*screen(learned), *map(caution, learned.cautions)])
 
 
 def motor_blocks(
@@ -271,12 +260,15 @@ def residual_blocks(learned: Learned) -> list[Block]:
     names = Labels.of(learned).output_names
     for output, name in enumerate(names):
         found = residuals(learned, output)
-        for test, size, bound in zip(
-            ("white", "independent of the command"), found.largest, found.bounds, strict=True
+        for test, outcome, size, bound in zip(
+            ("white", "independent of the command"),
+            found.outcomes,
+            found.largest,
+            found.bounds,
+            strict=True,
         ):
-            verdict = "passed" if size <= bound else "nearly" if size <= 3 * bound else "failed"
             figures = f"largest correlation {size:.2f}, {100 * BOUND_LEVEL:.0f} % bound {bound:.2f}"
-            rows.append([f"{name}: {test}", verdict, figures])
+            rows.append([f"{name}: {test}", Rated(outcome, outcome.level), figures])
     blocks: list[Block] = [Table(["residuals", "verdict", "because"], rows, words=True)]
     return blocks + [Sentence(f"The verdict of the flight is that of {names[-1]}.")] * (
         len(names) > 1
@@ -332,21 +324,17 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     """Returns why ``physical`` parameters are not reported, each reason once; without advice if all is ``doubted``."""
     if physical is None:
         return []
-    reasons = {
-        name: ADVICE.sub("", reason) if doubted else reason
-        for name, reason in physical.reasons.items()
-    }
-    status = physical.status["effect"]
-    if status != "reported" and set(physical.status.values()) == {status}:
+    says = str if doubted else advised
+    reasons = {name: says(prose(reason)) for name, reason in physical.reasons.items() if reason}
+    status = Status(physical.status["effect"])
+    if status is not Status.REPORTED and set(map(Status, physical.status.values())) == {status}:
         # What is wrong with the effectiveness is enough to know.
-        names = listed(PARAMETER_WORDS.values()).capitalize()
+        names = listed(PARAMETERS.values()).capitalize()
         return [f"{names} are {status}: {reasons['effect']}"]
     parameters: dict[str, list[str]] = {}
     for name, reason in reasons.items():
-        parameters.setdefault(reason, []).append(f"{PARAMETER_WORDS[name]} {physical.status[name]}")
-    return [
-        f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items() if reason
-    ]
+        parameters.setdefault(reason, []).append(f"{PARAMETERS[name]} {physical.status[name]}")
+    return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items()]
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
@@ -356,7 +344,7 @@ def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> lis
     converged = "Converged." if learned.converged else "Not converged."
     end = "" if learned.simulation_fit is not None else f" {converged}"
     return [
-        *(Sentence(caution, "Caution:") for caution in learned.cautions),
+        *map(caution, learned.cautions),
         *([] if report is None else _one_step(report, labels)),
         *_model(labels, learned),
         *_physical(learned.physical, bool((report or {}).get("overrides"))),

@@ -17,6 +17,13 @@ from jinja2 import Environment, StrictUndefined, Template
 from mavdem.facts import Code, Fact, Words
 from mavdem.report.numbers import listed, rounded, short
 
+PARAMETERS = {
+    "effect": "control effectiveness",
+    "damping": "rate damping",
+    "lag": "motor time constant",
+}
+"""What physical parameters are called."""
+
 
 @cache
 def table() -> dict[str, dict[str, str]]:
@@ -30,10 +37,17 @@ def table() -> dict[str, dict[str, str]]:
 
 def words(fact: Fact) -> Words:
     """Returns the sentence and the remedy of a ``fact``."""
+    return Words(_rendered(fact, "sentence"), _rendered(fact, "remedy"))
+
+
+def headline(fact: Fact) -> str:
+    """Returns the shorter sentence that stands above all else, or else the sentence, of a ``fact``."""
+    return _rendered(fact, "headline") or sentence(fact)
+
+
+def _rendered(fact: Fact, part: str) -> str:
     known = {"level": fact.level, "time": fact.time, "until": fact.until, "subject": fact.subject}
-    figures = {**known, **fact.figures}
-    templates = _templates(fact.code)
-    return Words(*(template.render(figures).strip() for template in templates))
+    return _template(fact.code, part).render({**known, **fact.figures}).strip()
 
 
 def sentence(fact: Fact) -> str:
@@ -47,11 +61,8 @@ def advised(fact: Fact) -> str:
 
 
 @cache
-def _templates(code: Code) -> tuple[Template, Template]:
-    own = table()[code]
-    return _environment().from_string(own["sentence"]), _environment().from_string(
-        own.get("remedy", "")
-    )
+def _template(code: Code, part: str) -> Template:
+    return _environment().from_string(table()[code].get(part, ""))
 
 
 @cache
@@ -62,8 +73,11 @@ def _environment() -> Environment:
         "bare": bare,
         "begin": begin,
         "degrees": lambda angle: degrees(angle),
+        "fixed": lambda value, digits=0: f"{value:.{digits}f}",
         "go_on": go_on,
+        "headline": headline,
         "listed": listed,
+        "parameter": PARAMETERS.get,
         "percent": lambda share, digits=0: f"{100 * share:.{digits}f} %",
         "rounded": rounded,
         "sentence": sentence,

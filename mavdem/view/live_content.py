@@ -357,7 +357,7 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
     reason = sentence(status.obstacle or (str(TOO_FEW) if until is None else ""))
     said = (
         status.alarm
-        or (doubts[0].headline if doubts else reason)
+        or (str(status.findings.headline) if status.findings and doubts else reason)
         or "The model follows the flight."
     )
     shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}

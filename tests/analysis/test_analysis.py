@@ -16,6 +16,8 @@ from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.analysis.figures import model_figures
 from mavdem.dem import physical
+from mavdem.facts import Fact
+from mavdem.facts.assessment import Caveat, Headline, NoModel, Override
 from mavdem.facts.forecasts import MethodName
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
@@ -46,8 +48,8 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75
     assert (slow.learned.physical, slow.learned.wind) == (None, None)
     assert "40 samples a second" in slow.learned.physical_reason
-    assert "slow motion" in slow.learned.cautions[0]
-    assert "Hz" in slow.reason and slow.remedy
+    assert slow.learned.cautions[0] == str(Fact(Caveat.SLOW_MOTION_ONLY))
+    assert "Hz" in str(slow.reason) and slow.reason.remedy
     told = text_of(analysis_blocks(slow))
     assert "Lean:" in told and "mean lean" not in told and told.count("± is") == 1
     assert not {"Step response", "Poles"} & {
@@ -59,19 +61,17 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
 
 @pytest.mark.slow
 def test_a_motor_that_weakened_in_flight_is_told_first(slow):
-    assert slow.alarms == () and slow.findings.headline.startswith(
-        "Slow motion only: ATTITUDE comes at 10"
-    )
+    headline = slow.findings.headline
+    assert slow.alarms == () and headline.code is Headline.NO_FULL_MODEL
+    assert headline.figures["is_slow"] and headline.figures["because"] == slow.reason
     alarm = MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98, loss=(0.18, 0.4))
     weak = replace(slow, alarms=(alarm, alarm._replace(time=50.0, size=0.0)))
     assert "gives its thrust again" in str(analysis_blocks(weak))
     first, then, *_ = analysis_blocks(weak)
     assert first == Sentence("", "Motor 2 (rear left) lost 18 to 40 % of its thrust at 28 s.")
-    assert (
-        "motor 2 (rear left) lost 18 to 40 % of its thrust (motor or propeller) since 28 s"
-        in then.text
+    assert then.text == str(alarm.fact) and weak.findings.overrides[0].remedy in str(
+        analysis_blocks(weak)
     )
-    assert "Do not fly before motor 2 (rear left), its propeller" in str(analysis_blocks(weak))
     (said,) = weak.as_dict()["alarms"]
     assert (said["motor"], said["since"]) == (2, 28.5) and "motor 2" in said["sentence"]
 
@@ -90,7 +90,11 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
     errors = np.sqrt(ratio * np.exp(spread * np.random.default_rng(1).standard_normal(windows)))
     judged = held_out(last=1.2, count=windows)
     judged.forecasts["forecast"] = np.broadcast_to(errors[:, None, None], judged.measured.shape)
-    assert (slow_motion_refusal(judged) == "") == kept
+    refusal = slow_motion_refusal(judged)
+    assert (refusal is None) == kept
+    if refusal is not None:
+        assert refusal.code is NoModel.SLOW_MODEL_TOO_WEAK
+        assert (refusal.figures["p_value"] is None) == (ratio != 0.8)
 
 
 @pytest.mark.slow
@@ -105,7 +109,7 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
 )
 def test_every_log_says_something_or_why_not(name, tier):
     found = analyse(read_log(shared(name)))
-    assert found.tier.name == tier and found.reason and found.remedy
+    assert found.tier.name == tier and found.reason.remedy
     assert (found.learned, found.held_out, found.flights, found.findings.purposes) == (
         None,
         None,
@@ -113,15 +117,10 @@ def test_every_log_says_something_or_why_not(name, tier):
         (),
     )
     if found.condition.oscillation is None:
-        assert (
-            found.findings.headline == f"No model: {found.reason}"
-            and found.findings.next_step == found.remedy
-        )
+        assert found.findings.headline.figures["because"] == found.reason
+        assert str(found.findings.next_step) == found.reason.remedy
     else:
-        assert (
-            found.findings.headline == "Oscillates: do not fly."
-            and "frame type" in found.findings.next_step
-        )
+        assert found.findings.overrides[0].code is Override.OSCILLATION
     assert found.condition.duration > 0 and found.identity.name
     assert (found.condition.hover is not None) == (tier is not None)
 

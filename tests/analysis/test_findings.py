@@ -1,7 +1,6 @@
 """Findings: a bad result never looks good, and each limit holds at its edge."""
 
-import re
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,70 +8,75 @@ import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
 
 from mavdem import Flight
-from mavdem.analysis.findings import (
-    GOOD,
-    LIMITED,
-    NONE,
-    PURPOSES,
-    Finding,
-    Residuals,
-    findings_of,
-    next_step,
-    warnings_of,
-)
+from mavdem.analysis.findings import Finding, disown_torque, findings_of, next_step, warnings_of
+from mavdem.analysis.residuals import Residuals
 from mavdem.condition.oscillation import Oscillation
-from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, identifiability
-from mavdem.evaluate import HeldOut
+from mavdem.facts import Fact
+from mavdem.facts.assessment import (
+    Because,
+    BoundTest,
+    Caveat,
+    Grade,
+    Headline,
+    InShort,
+    NextStep,
+    NoModel,
+    Override,
+    Purpose,
+)
+from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.identifiability import Status
+from mavdem.facts.motors import InFlight
+from mavdem.facts.prose import prose
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.report.screen import parameter_reasons
 
+GOOD, LIMITED, NONE = Grade
+EFFECT, MOTION, WIND, PREDICTION, RESIDUALS = Purpose
 
-def grades(*found: object) -> tuple[str, ...]:
-    return tuple(one.grade for one in findings_of(*found).purposes)
+
+def found(purpose: Purpose, *known: object, **more: object) -> Finding:
+    """The finding on a purpose."""
+    return next(one for one in findings_of(*known, **more).purposes if one.purpose is purpose)
+
+
+def of_vehicle(oscillation=None, **hover: object) -> SimpleNamespace:
+    """The condition of a vehicle with other figures of its motors."""
+    return SimpleNamespace(hover=replace(HOVER, **hover), oscillation=oscillation)
 
 
 @pytest.mark.parametrize(
-    ("figures", "grade", "reason"),
+    ("figures", "grade", "ratio"),
     [
-        (
-            {},
-            GOOD,
-            "0.04 times the squared error of “hold last”; worse than the mean in 0 % of 40 windows, than",
-        ),
-        ({"forecast": 0.353}, GOOD, "0.5 times the squared error of “hold last”"),
-        ({"forecast": 0.354}, LIMITED, "0.5 times the squared error of “hold last”"),
-        ({"forecast": 0.6}, NONE, "1.4 times the squared error of “hold last”"),
-        ({"forecast": np.nan}, NONE, "No model of a part could be learned"),
-        ({"band": 0.05}, LIMITED, "0.04 times"),
-        ({"count": 5}, GOOD, "0.04 times"),
-        ({"count": 4}, LIMITED, "0.04 times"),
+        ({}, GOOD, 0.04),
+        ({"forecast": 0.353}, GOOD, 0.498),
+        ({"forecast": 0.354}, LIMITED, 0.501),
+        ({"forecast": 0.6}, NONE, 1.44),
+        ({"forecast": np.nan}, NONE, None),
+        ({"band": 0.05}, LIMITED, 0.04),
+        ({"count": 5}, GOOD, 0.04),
+        ({"count": 4}, LIMITED, 0.04),
     ],
 )
 def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that_holds(
-    figures, grade, reason
+    figures, grade, ratio
 ):
-    found = findings_of(model(physical()), held_out(**figures)).purposes[3]
-    assert (found.purpose, found.grade) == ("prediction", grade)
-    assert found.reason.startswith(reason)
+    finding = found(PREDICTION, model(physical()), held_out(**figures))
+    assert (finding.grade, finding.reason.code) == (grade, Because.FORECASTS_COMPARED)
+    assert finding.reason.figures["ratio"] == (ratio and pytest.approx(ratio, abs=0.001))
+    assert finding.reason.figures["name"] == "hold last" or ratio is None
 
 
-def worse_in(share: float, covered: float = 1.0) -> HeldOut:
-    """A forecast that is worse than the mean in this share of windows; this share of the samples is in its band."""
-    made = held_out(forecast=0.01, last=1.0)
-    made.forecasts["forecast"][: round(share * 40)] = 1.01
-    made.band[:] = np.where(
-        np.arange(made.band.size).reshape(made.band.shape) < covered * made.band.size, 2.0, 0.0
-    )
-    return made
-
-
-@pytest.mark.parametrize(("share", "covered"), [(0.1, 1.0), (0.0, 0.75)])
-def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, covered):
-    assert grades(model(physical()), worse_in(share, covered))[3] == GOOD
-    assert (
-        grades(model(physical()), worse_in(share and 0.125, covered and covered - 0.01))[3]
-        == LIMITED
-    )
+@pytest.mark.parametrize(
+    ("share", "covered", "grade"),
+    [(0.1, 1.0, GOOD), (0.125, 1.0, LIMITED), (0.0, 0.75, GOOD), (0.0, 0.74, LIMITED)],
+)
+def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, covered, grade):
+    windows = held_out(forecast=0.01, last=1.0)
+    windows.forecasts["forecast"][: round(share * 40)] = 1.01
+    samples = np.arange(windows.band.size).reshape(windows.band.shape)
+    windows.band[:] = np.where(samples < covered * windows.band.size, 2.0, 0.0)
+    assert found(PREDICTION, model(physical()), windows).grade is grade
 
 
 @pytest.mark.parametrize(
@@ -82,229 +86,238 @@ def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, co
         (0.151, {}, (LIMITED, GOOD)),
         (0.333, {}, (LIMITED, GOOD)),
         (0.334, {}, (LIMITED, LIMITED)),
-        (0.05, {"effect": "biased"}, (LIMITED, GOOD)),
-        (0.05, {"effect": "not identifiable"}, (NONE, GOOD)),
-        (0.05, {"lag": "not identifiable"}, (GOOD, LIMITED)),
-        (0.05, {"damping": "biased"}, (GOOD, LIMITED)),
-        (0.05, {"damping": "not identifiable", "lag": "not identifiable"}, (GOOD, NONE)),
+        (0.05, {"effect": Status.BIASED}, (LIMITED, GOOD)),
+        (0.05, {"effect": Status.NOT_IDENTIFIABLE}, (NONE, GOOD)),
+        (0.05, {"lag": Status.NOT_IDENTIFIABLE}, (GOOD, LIMITED)),
+        (0.05, {"damping": Status.BIASED}, (GOOD, LIMITED)),
+        (0.05, dict.fromkeys(("damping", "lag"), Status.NOT_IDENTIFIABLE), (GOOD, NONE)),
     ],
 )
 def test_parameters_are_good_as_far_as_their_intervals_and_status_say(share, status, expected):
-    found = findings_of(model(physical(share, **status)), None).purposes
-    assert tuple(one.grade for one in found[:2]) == expected
-    for one, names in zip(found, ({"effect"}, {"damping", "lag"}), strict=False):
-        assert ("why" in one.reason.lower()) == bool(
-            names & set(status)
-        ) and "And more" not in one.reason
+    learned = model(physical(share, **status))
+    effect, motion = (found(purpose, learned) for purpose in (EFFECT, MOTION))
+    assert (effect.grade, motion.grade) == expected
+    assert (effect.reason.code is Because.EFFECT_KNOWN) == ("effect" not in status)
+    if motion.grade is not NONE:
+        doubts = [doubt.figures["names"] for doubt in motion.reason.figures["doubts"]]
+        assert doubts == [(name,) for name in status if name != "effect"]
 
 
-def test_a_reason_is_given_once():
-    known = physical(effect="not identifiable", damping="not identifiable", lag="not identifiable")
-    known.reasons["damping"] = "Why effect. And otherwise."
-    assert (
-        findings_of(model(known)).purposes[1].reason
-        == "For the same reason as control effectiveness."
-    )
+def test_parameters_doubted_for_one_reason_are_named_together_and_a_reason_is_given_once():
+    known = physical(damping=Status.BIASED, lag=Status.BIASED)
+    known.reasons |= dict.fromkeys(("damping", "lag"), "Why.")
+    (doubt,) = found(MOTION, model(known)).reason.figures["doubts"]
+    assert (doubt.code, doubt.figures["names"]) == (Because.PARAMETERS_DOUBTED, ("damping", "lag"))
+    known = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
+    known.reasons["damping"] = known.reasons["effect"]
+    assert found(MOTION, model(known)).reason.code is Because.SAME_AS_EFFECT
 
 
 @pytest.mark.parametrize(
-    ("changes", "grade"),
+    ("changes", "grade", "code"),
     [
-        ({"scale_error": 0.151}, GOOD),
-        ({"scale_error": 0.153}, LIMITED),  # 1.645 times that is more than 0.25
-        ({"reason": "It is not resolved: why.", "resolved": False}, NONE),
+        ({"scale_error": 0.151}, GOOD, Because.WIND_SIZE_KNOWN),
+        ({"scale_error": 0.153}, LIMITED, Because.WIND_SIZE_KNOWN),  # 1.645 times: above 0.25
+        ({"reason": Fact(Because.OWN_TORQUE), "resolved": False}, NONE, Because.OWN_TORQUE),
     ],
 )
-def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, grade):
-    assert grades(model(physical(), **changes), None)[2] == grade
+def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, grade, code):
+    finding = found(WIND, model(physical(), **changes))
+    assert (finding.grade, finding.reason.code) == (grade, code)
     # It is what is left when the motors' torque is taken away.
     for doubtful in ("effect", "damping", "lag"):
-        biased = grades(model(physical(**{doubtful: "biased"}), **changes), None)[2]
-        assert biased == (NONE if grade == NONE else LIMITED)
-    assert grades(model(physical(effect="not identifiable"), **changes), None)[2] == NONE
+        biased = found(WIND, model(physical(**{doubtful: Status.BIASED}), **changes))
+        assert biased.grade is (NONE if grade is NONE else LIMITED)
+        assert (biased.reason.code is Because.FOLLOWS_FROM_DOUBTED) == (grade is not NONE)
+    unknown = found(WIND, model(physical(effect=Status.NOT_IDENTIFIABLE), **changes))
+    assert (unknown.grade, unknown.reason.code) == (NONE, Because.EFFECT_UNKNOWN)
+    learned = model(physical())
+    learned.wind_torque = None
+    assert found(WIND, learned).reason.code is Because.WIND_NOT_ESTIMATED
 
 
-def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served():
-    for given, advice in (
-        ((LIMITED, GOOD, GOOD, NONE), "calm air"),
-        ((GOOD, LIMITED, GOOD, NONE), "for longer"),
-        ((GOOD, GOOD, GOOD, NONE), "mavdem compare"),
-        ((GOOD, GOOD, LIMITED), "reference"),
-    ):
-        found = [
-            Finding(purpose, grade, "") for purpose, grade in zip(PURPOSES, given, strict=False)
-        ]
-        assert advice in next_step(found)
-
-
-def saturated(share: float) -> SimpleNamespace:
-    return SimpleNamespace(
-        hover=replace(HOVER, at_upper_limit=(0.0, 0.0, share, 0.0)), oscillation=None
-    )
+@pytest.mark.parametrize(
+    ("grades", "code"),
+    [
+        ((LIMITED, GOOD, GOOD, NONE), NextStep.FLY_MOVEMENTS),
+        ((GOOD, NONE, GOOD, NONE), NextStep.FLY_MOVEMENTS),
+        ((GOOD, LIMITED, GOOD, NONE), NextStep.FLY_LONGER),
+        ((GOOD, GOOD, GOOD, NONE), NextStep.COMPARE_METHODS),
+        ((GOOD, GOOD, GOOD, LIMITED), NextStep.KEEP_PARAMETERS),
+        ((GOOD, GOOD, LIMITED), NextStep.KEEP_MODEL),
+    ],
+)
+def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, code):
+    purposes = zip(Purpose, grades, strict=False)
+    assert next_step([Finding(*one, prose("")) for one in purposes]).code is code
 
 
 CYCLE = Oscillation(
     axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False, seconds=12.0
 )
 WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
+SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0)}
+UNEVEN = {"trim_share": (0.97, 0.97, 1.09, 0.97)}
 
 
 @pytest.mark.parametrize(
-    ("known", "headline", "following"),
+    ("known", "code", "subject"),
     [
-        (
-            {"alarms": (WEAK,)},
-            "Motor 1 (front right) lost 17 to 39 % of its thrust at 66 s.",
-            "Do not fly before motor 1",
-        ),
-        (
-            {"condition": saturated(0.86)},
-            "Motor 3 is at its upper limit 86 % of the time.",
-            "Do not fly in wind before",
-        ),
-        (
-            {"consistency": 0.7},
-            "Angle and rate contradict each other.",
-            "Log attitude and rates faster",
-        ),
-        (
-            {"condition": SimpleNamespace(hover=HOVER, oscillation=CYCLE)},
-            "Oscillates at 7.1 Hz: do not fly.",
-            "Do not fly: check frame type, gains and motor order.",
-        ),
+        ({"alarms": (WEAK,)}, Override.MOTORS, "motor 1 (front right)"),
+        ({"condition": of_vehicle(**SATURATED)}, Override.SATURATION, "motor 3 (front left)"),
+        ({"condition": of_vehicle(**UNEVEN)}, Override.TRIM, "motor 3 (front left)"),
+        ({"consistency": 0.7}, Override.DATA, ""),
+        ({"condition": of_vehicle(CYCLE, **SATURATED, **UNEVEN)}, Override.OSCILLATION, "roll"),
     ],
 )
-def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, headline, following):
-    sound = findings_of(
-        model(physical()), held_out(), SimpleNamespace(hover=HOVER, oscillation=None), watched=True
-    )
-    assert {one.grade for one in sound.purposes} == {GOOD} and "reference" in sound.next_step
-    assert sound.headline == "Healthy."
-    found = findings_of(
-        model(physical()),
-        held_out(),
-        **({"condition": SimpleNamespace(hover=HOVER, oscillation=None)} | known),
-    )
-    assert found.headline == headline and found.next_step.startswith(following)
-    assert GOOD not in {one.grade for one in found.purposes} and "reference" not in found.next_step
+def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, subject):
+    free = {"condition": of_vehicle(), "watched": True}
+    sound = findings_of(model(physical()), held_out(), **free)
+    assert {one.grade for one in sound.purposes} == {GOOD}
+    assert sound.next_step.code is NextStep.KEEP_MODEL
+    assert [part.code for part in sound.headline.figures["parts"]] == [InShort.HEALTHY]
+    doubted = findings_of(model(physical()), held_out(), **(free | known))
+    (override,) = doubted.overrides  # which explains what else is wrong
+    assert (override.code, override.subject) == (code, subject)
+    assert doubted.headline.code is Headline.OVERRIDDEN
+    assert doubted.next_step.code is NextStep.DO_AS_ADVISED
+    assert doubted.headline.figures["because"] is doubted.next_step.figures["because"] is override
+    for before, after in zip(sound.purposes, doubted.purposes, strict=True):
+        assert (after.grade, after.reason.code) == (LIMITED, Because.FLIGHT_DOUBTED)
+        because = None if code is Override.OSCILLATION else before.reason
+        assert dict(after.reason.figures) == {"because": because, "override": override}
 
 
-def test_a_motor_beyond_the_size_of_a_fault_is_no_reference_and_limits_are_no_reason_beside_an_oscillation():
-    uneven = replace(HOVER, trim_share=(0.97, 0.97, 1.09, 0.97))
-    found = findings_of(
-        model(physical()), held_out(), SimpleNamespace(hover=uneven, oscillation=None), watched=True
-    )
-    assert (
-        found.headline == "Motor 3 works 9 % harder than the mean of all."
-        and found.next_step.startswith("Inspect")
-    )
-    assert GOOD not in {one.grade for one in found.purposes}
-    even = replace(HOVER, trim_share=(0.98, 0.98, 1.06, 0.98))
-    assert not findings_of(condition=SimpleNamespace(hover=even, oscillation=None)).overrides
-    stopped = SimpleNamespace(
-        hover=replace(uneven, at_upper_limit=(0.0, 0.3, 0.0, 0.0)), oscillation=CYCLE
-    )
-    found = findings_of(model(physical(effect="not identifiable")), None, stopped)
-    assert {one.reason for one in found.purposes} == {"Oscillates at 7.1 Hz: do not fly."} and len(
-        found.overrides
-    ) == 1
+def test_a_motor_that_lost_thrust_is_said_with_its_first_alarm_and_its_largest():
+    worse = WEAK._replace(time=90.0, since=80.0, size=0.4, loss=(0.3, 0.5))
+    other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
+    first, second = findings_of(alarms=(WEAK, worse, other, WEAK._replace(size=0.0))).overrides
+    assert (first.subject, first.time, first.figures["loss"]) == (WEAK.name, 66.4, (0.3, 0.5))
+    assert first.figures["because"].code is InFlight.MOTOR_LOST_THRUST
+    assert second.subject == other.name
+
+
+@pytest.mark.parametrize(
+    ("hover", "overridden"),
+    [
+        ({"at_upper_limit": (0.0, 0.0, 0.05, 0.0)}, False),
+        ({"at_upper_limit": (0.0, 0.0, 0.051, 0.0)}, True),
+        ({"trim_share": (0.98, 0.98, 1.06, 0.98)}, False),
+    ],
+)
+def test_limits_of_saturation_and_trim(hover, overridden):
+    assert bool(findings_of(condition=of_vehicle(**hover)).overrides) == overridden
 
 
 def test_a_step_of_the_torque_leaves_neither_effectiveness_nor_wind_good():
-    known = SimpleNamespace(hover=replace(HOVER, trim_share=(1.0,) * 4), oscillation=None)
-    flights = [
-        Flight(
-            27.0 + 0.5 * np.arange(9),
-            np.zeros((9, 4)),
-            np.random.default_rng(0).standard_normal((9, 2)),
-        )
-    ]
-    found = findings_of(
-        model(physical(), step=(2, -5.7)), held_out(), known, flights=flights, watched=True
-    )
-    assert [one.grade for one in found.purposes[:4]] == [LIMITED, GOOD, LIMITED, GOOD]
-    assert "by -327 °/s² at 28 s" in found.headline
-    assert "propellers and the load" in found.next_step and "ealthy" not in found.headline
-
-
-def test_the_limit_of_saturation_is_a_twentieth_of_the_time():
-    assert (
-        findings_of(condition=saturated(0.05)).overrides
-        == ()
-        != findings_of(condition=saturated(0.051)).overrides
-    )
+    outputs = np.random.default_rng(0).standard_normal((9, 2))
+    flights = [Flight(27.0 + 0.5 * np.arange(9), np.zeros((9, 4)), outputs)]
+    learned = model(physical(), step=(2, -5.7))
+    known = {"condition": of_vehicle(trim_share=(1.0,) * 4), "flights": flights, "watched": True}
+    stepped = findings_of(learned, held_out(), **known)
+    assert [one.grade for one in stepped.purposes[:4]] == [LIMITED, GOOD, LIMITED, GOOD]
+    assert stepped.purposes[0].reason.code is Because.TORQUE_STEPPED
+    step, *_ = stepped.headline.figures["parts"]
+    assert (step.code, step.time) == (InShort.STEP_OF_TORQUE, 28.0)
+    assert step.figures["torque"] == -5.7
+    assert stepped.next_step.code is NextStep.CHECK_VEHICLE
 
 
 def test_residuals_that_are_far_from_white_are_said():
     learned = model(physical())
     slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
     learned.record.outputs[:, 1] = slow
-    found = findings_of(learned, held_out())
-    assert found.purposes[-1].grade == LIMITED and found.purposes[-1].reason.startswith(
-        "Not white: "
-    )
+    findings = findings_of(learned, held_out())
+    assert findings.grade(RESIDUALS) is LIMITED
+    reason = findings.purposes[-1].reason
+    assert reason.code is Because.RESIDUALS_TESTED and reason.figures["outcome"] is BoundTest.FAILED
     # held-out windows count more
-    assert "reference" in found.next_step and "forecasts" not in found.next_step
+    assert findings.next_step.code is NextStep.KEEP_MODEL
 
 
-def test_residuals_are_not_white_beyond_three_times_the_bound():
-    for size in (0.087, 0.093):
-        auto = np.array([1.0, size, 0.0])
-        none = np.zeros(3)
-        assert Residuals(none, none, auto, none, (0.03, 0.04)).white == (size < 0.09)
+@pytest.mark.parametrize(
+    ("size", "outcome"),
+    [(0.03, BoundTest.PASSED), (0.087, BoundTest.NEARLY), (0.093, BoundTest.FAILED)],
+)
+def test_residuals_are_not_white_beyond_three_times_the_bound(size, outcome):
+    none = np.zeros(3)
+    tested = Residuals(none, none, np.array([1.0, size, 0.0]), none, (0.03, 0.04))
+    assert (tested.outcomes, tested.outcome) == ([outcome, BoundTest.PASSED], outcome)
 
 
-def test_a_model_alone_says_nothing_of_motors_that_it_does_not_know():
-    assert findings_of(model(physical())).headline == ""
-    flight = Flight(
-        0.1 * np.arange(999), np.zeros((999, 4)), np.random.default_rng(0).standard_normal((999, 2))
-    )
-    assert findings_of(model(physical()), flights=[flight]).headline == "Well damped."
-    assert (
-        findings_of(condition=SimpleNamespace(hover=None, oscillation=None)).headline
-        == "Motor outputs not known."
-    )
+@pytest.mark.parametrize(
+    ("hover", "watched", "codes"),
+    [
+        ({}, True, [InShort.HEALTHY]),
+        ({}, False, [InShort.NO_FAULT_SEEN]),
+        ({"headroom": (0.14, 0.09, 0.13, 0.12)}, True, [InShort.LITTLE_HEADROOM]),
+    ],
+)
+def test_the_headline_says_what_is_known_of_the_motors(hover, watched, codes):
+    findings = findings_of(condition=of_vehicle(**hover), watched=watched)
+    assert [part.code for part in findings.headline.figures["parts"]] == codes
+    assert findings.next_step.code is NextStep.LEARN_MODEL
+
+
+def test_the_headline_says_how_the_rate_is_damped_and_how_large_the_wind_torque_is():
+    assert findings_of(model(physical())).headline is None
+    time = 0.1 * np.arange(999)
+    rates = {
+        InShort.WELL_DAMPED: np.random.default_rng(0).standard_normal(999),
+        InShort.HARDLY_DAMPED: np.sin(3 * time),
+    }
+    scale = {"scale": {"low": 1000.0, "high": 2000.0}}
+    for damped, rate in rates.items():
+        outputs = np.column_stack([rate, rate])
+        flights = [Flight(time, np.zeros((999, 4)), outputs, provenance=scale)]
+        first, torque = findings_of(model(physical()), flights=flights).headline.figures["parts"]
+        assert (first.code, torque.code) == (damped, InShort.WIND_TORQUE_SIZE)
+        assert torque.figures["name"] == "light"
+    unknown = findings_of(condition=SimpleNamespace(hover=None, oscillation=None))
+    assert unknown.headline.figures["parts"][0].code is InShort.MOTOR_OUTPUTS_UNKNOWN
 
 
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
-    sds, none, ranges = (dict.fromkeys(PARAMETERS, size) for size in (0.6, 0.0, 0.3))
-    statuses, reasons = identifiability(
-        IdentifiabilityFigures(0.46, 0.5, sds, none, ranges, 1.0, 0.0, 0.02)
-    )
-    assert "have at most 25 %" in reasons["effect"] and "%" not in " ".join(
-        reasons.values()
-    ).replace(" %", "")
-    known = physical(**{name: status for name, status in statuses.items() if status != "reported"})
-    known.reasons |= reasons
-    free = findings_of(model(known), held_out()).purposes
-    found = findings_of(model(known), held_out(), saturated(0.86))
-    assert found.purposes[0].reason.startswith("Wind and noise have 46 % of the torque's")
-    assert (
-        found.purposes[3].reason == f"{free[3].reason} {found.headline}" and "fly" in free[0].reason
-    )
-    said = [one.reason for one in found.purposes] + parameter_reasons(known, doubted=True)
-    assert not re.search(r"\b(fly|steer|record|log)\b", " ".join(said), re.IGNORECASE)
+    known = physical(effect=Status.BIASED)
+    known.reasons["effect"] = prose("Wind has 46 % of it.", "Fly in calm air.")
+    assert "calm air" in str(parameter_reasons(known))
+    assert parameter_reasons(known, doubted=True) == [
+        "Control effectiveness biased: Wind has 46 % of it."
+    ]
+    doubted = found(EFFECT, model(known), None, of_vehicle(**SATURATED)).reason
+    assert doubted.figures["because"] == known.reasons["effect"] and doubted.remedy == ""
 
 
 def test_warnings_are_only_where_they_mean_something():
     learned = model(physical())
-    assert not warnings_of(learned, held_out()) and not warnings_of(
-        learned, held_out(expected=0.00334)
-    )
+    assert not [
+        *warnings_of(learned, held_out()),
+        *warnings_of(learned, held_out(expected=0.00334)),
+    ]
     (band,) = warnings_of(learned, held_out(band=0.05))
-    assert "held 0 % of the held-out samples" in band
-    (surprise,) = warnings_of(learned, held_out(expected=0.00333))
-    assert "3.0 times the expected squared error" in surprise
+    assert (band.code, band.figures["share"]) == (Caveat.BAND_TOO_NARROW, 0.0)
+    (larger,) = warnings_of(learned, held_out(expected=0.00333))
+    assert larger.code is Caveat.ERRORS_LARGER_THAN_EXPECTED
+    assert larger.figures["ratio"] == pytest.approx(3.0, abs=0.01)
+    failed = replace(held_out(), failures=(prose("It is too short."),))
+    assert [one.code for one in warnings_of(learned, failed)] == [Forecasts.PART_NOT_LEARNED]
     unstable = SimpleNamespace(stable=False, physical=None)
-    assert warnings_of(unstable, None) == (
-        "The model is unstable: long forecasts grow without bound.",
-    )
+    assert [one.code for one in warnings_of(unstable, None)] == [Caveat.UNSTABLE_MODEL]
+
+
+def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
+    torque = make_dataclass("Torque", [("reason", object, None)])()
+    learned = SimpleNamespace(wind_torque=torque, with_wind_torque=lambda other: other.reason)
+    assert disown_torque(learned, of_vehicle()) is learned
+    assert str(disown_torque(learned, of_vehicle(CYCLE))) == str(Fact(Because.OWN_TORQUE))
 
 
 def test_why_there_is_no_model_begins_with_what_overrides_and_advises_no_flight():
-    found = replace(
-        analysis(physical()), learned=None, reason="No settled flight.", remedy="Fly half a minute."
-    )
-    found = replace(found, condition=SimpleNamespace(hover=HOVER, oscillation=CYCLE))
-    assert found.refusal.reason == "Oscillates at 7.1 Hz: do not fly. No settled flight."
-    assert found.refusal.remedy == "Do not fly: check frame type, gains and motor order."
+    flight = replace(analysis(physical()), learned=None, reason=prose("None.", "Fly."))
+    assert flight.findings.headline.code is Headline.NO_FULL_MODEL
+    assert flight.refusal.fact.remedy == "Fly."
+    refused = replace(flight, condition=of_vehicle(CYCLE)).refusal.fact
+    assert refused.code is NoModel.REFUSED
+    assert [one.code for one in refused.figures["overrides"]] == [Override.OSCILLATION]
+    assert refused.figures["because"] == prose("None.", "Fly.")
+    assert refused.remedy == "Do not fly: check frame type, gains and motor order."

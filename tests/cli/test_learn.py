@@ -14,12 +14,12 @@ from mavdem import learn as learn_model
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.verdict import Verdict
-from mavdem.analysis import analyse
+from mavdem.analysis import Options, analyse
 from mavdem.analysis.figures import model_figures
-from mavdem.analysis.findings import PURPOSES
 from mavdem.cli.commands import main
 from mavdem.cli.learn import RESULT_FILES, named_after
 from mavdem.cli.output import json_text, print_blocks
+from mavdem.facts.assessment import Purpose
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_learned
 from mavdem.heading import heading
@@ -154,7 +154,7 @@ def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it
     assert (
         len(begins) == 4 and begins[0] - flight.time[0] < 2.1 and flight.time[-1] - begins[-1] < 4.0
     )
-    assert [one["purpose"] for one in report["findings"]] == list(PURPOSES)
+    assert [one["purpose"] for one in report["findings"]] == list(Purpose)
 
 
 @pytest.mark.slow
@@ -297,7 +297,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     page = (out / "report.html").read_text()
     document = (out / "report.json").read_text()
     log = read_log(FLIGHT)
-    analysis = analyse(log, start=50.0, settings=Settings.paper())
+    analysis = analyse(log, options=Options(start=50.0, settings=Settings.paper()))
     rows = [FlightRow.of(analysis.as_dict(), file=FLIGHT), *rows_of_learned(out)]
     told = [
         screen,
@@ -313,7 +313,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     for place in told[:5]:
         assert remedy in place and "vehicle's reference" not in place
     assert all(row.overrides == ("motors",) and row.headline == headline for row in rows)
-    assert json.loads(document)["next_step"] == analysis.findings.next_step
+    assert json.loads(document)["next_step"] == str(analysis.findings.next_step)
     # A session's page is made of the same record.
     status = SessionStatus("1:1", alarms=(alarm,))
     live = live_page(

@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from mavdem.analysis.findings import BOUND_LEVEL, LAG_SECONDS, known_wind, residuals
+from mavdem.analysis.findings import known_wind
+from mavdem.analysis.residuals import BOUND_LEVEL, LAG_SECONDS, residuals
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
