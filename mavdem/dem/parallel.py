@@ -124,10 +124,10 @@ def pool(workers: int) -> Iterator[Pool]:
     stop_pipe, parents_end = context.Pipe(duplex=False)
     # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
     # semaphores among them: the parent decides what it means. Nor may a signal interrupt the start of a process.
-    with _blocked(*ENDS):
+    with blocked(*ENDS):
         executor = Pool(workers, context, initializer=_begin, initargs=(stop_pipe,))
     try:
-        with _blocked(*ENDS):
+        with blocked(*ENDS):
             for _ in range(workers):
                 executor.submit(os.getpid)
         yield executor
@@ -135,7 +135,7 @@ def pool(workers: int) -> Iterator[Pool]:
         # The parent's end is closed first, which stops the workers; then they are waited for. A wait for a thread that
         # an exception interrupts takes the thread for ended (bpo-45274): of the executor's own, that leaves the workers
         # running, and Python waits for them for ever. So signals are handled after it.
-        with stop_pipe, _blocked(*ENDS):
+        with stop_pipe, blocked(*ENDS):
             parents_end.close()
             executor.shutdown()
 
@@ -171,7 +171,7 @@ class LearningProcess(Executor):
 
 
 @contextmanager
-def _blocked(*numbers: signal.Signals) -> Iterator[None]:
+def blocked(*numbers: signal.Signals) -> Iterator[None]:
     """Signals of these ``numbers`` wait until the block is left; processes started in it inherit the mask.
 
     The mask holds for this thread only, and Python handles here what another thread has received.
