@@ -5,11 +5,12 @@ Workers import this by its name, and none of what only the tests themselves need
 
 import ctypes
 import os
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import Unreadable
@@ -21,18 +22,23 @@ if TYPE_CHECKING:
 
 READ = "standin_logs:rows_of_log"
 LIMITS = Limits(seconds=2, megabytes=600)
+_held = list[IO[str]]()
 
 
 def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
     """Two rows of one of seven vehicles, by the log's size."""
     name = path.name
+    if (gate := path.parents[1] / "gate").is_fifo():
+        # It ends when the last process that reads logs has ended.
+        _held.append(gate.open("a", buffering=1))
+        _held[-1].write(f"{name}\n")
+    if "hang" in name:
+        signal.pause()
     size = path.stat().st_size
     if "slow" in name:
         time.sleep(60)
-    if "waits" in name:  # for a disk, or for other processes
-        time.sleep(3)
-    if "while" in name:
-        time.sleep(0.2)
+    if "waits" in name:  # for a disk, or for other processes, longer than its time of the processor
+        time.sleep(LIMITS.seconds + 0.5)
     if "crash" in name:
         time.sleep(0.1)
         ctypes.string_at(0)

@@ -55,7 +55,6 @@ ROOMS_OF_LIBRARIES = {
     "pyarrow": {"export", "fleet"},
     "fsspec": {"fleet"},
     "distributed": {"fleet"},
-    "pebble": {"fleet"},
     "pandas": {"export"},
     "xarray": {"export"},
     "control": {"export"},

@@ -266,13 +266,15 @@ def ending_at_once() -> Iterator[None]:
 
 
 def unwind_when_terminated() -> None:
-    """Lets SIGTERM, and a closed terminal's SIGHUP, end the process as an exception does: temporary files are removed.
+    """Lets Ctrl-C, SIGTERM and a closed terminal's SIGHUP end the process as an exception does, once.
 
-    A process that was started with SIGHUP ignored, as by nohup, continues.
+    What is begun then, as the removal of temporary files, is not broken off by another. A process that was started with
+    one of these ignored, as SIGHUP by nohup, continues.
     """
-    signal.signal(signal.SIGTERM, _unwind)
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        signal.signal(signal.SIGHUP, _unwind)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _unwind)
 
 
 @contextmanager
@@ -306,7 +308,8 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def _unwind(number: int, frame: FrameType | None) -> None:
-    # A second one must not end the removal that the first has begun.
-    for one in (signal.SIGTERM, number):
+    for one in (signal.SIGINT, signal.SIGTERM, number):
         signal.signal(one, signal.SIG_IGN)
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
     sys.exit(OF_SIGNAL + number)

@@ -23,15 +23,17 @@ from mavdem.cli.output import (
 )
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import advice
+from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import Progress as LogProgress
 from mavdem.fleet.tracking import track
-from mavdem.fleet.workers import Cluster, Limits, Reader, WorkerPool
+from mavdem.fleet.workers import Limits, Reader, WorkerPool
 from mavdem.report.blocks import Sentence
 from mavdem.report.fleet_page import fleet_page
 from mavdem.report.flights import baseline_blocks, fleet_blocks
+from mavdem.report.words import advised
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
 # the function that makes a flight's page, as workers call it
@@ -148,7 +150,7 @@ def track_command(
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
     write_text(index, fleet_page(rows, since))
     for problem in tracked.problems:
-        say_aside(printable(f"mavdem: {problem}"))
+        say_aside(printable(f"mavdem: {advised(problem)}"))
     if as_json:
         found = {
             name: {

@@ -25,3 +25,9 @@ class InFlight(Code):
     MOTOR_PLACES_UNKNOWN = auto()
     MOTOR_OUTPUTS_TOO_SLOW = auto()
     FALSE_ALARMS = auto()
+
+
+class HealthUnknown(Code):
+    """Why the health of a flight's motors is not known."""
+
+    HEALTH_FAILED = auto()

@@ -6,7 +6,7 @@ import os
 import platform
 import re
 import socket
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from importlib import metadata
 from itertools import chain, islice
 from multiprocessing import current_process
@@ -39,7 +39,7 @@ class Cluster:
         self.limits = limits
         self.read = read
 
-    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
         """As ``Reader`` has it.
 
         Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
@@ -81,7 +81,9 @@ class Cluster:
                 if isinstance(trouble, KilledWorker):
                     yield failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
                 elif trouble is not None:
-                    cause = Fact(Reading.CLUSTER_CANNOT_READ, address=self.address, because=str(trouble))
+                    cause = Fact(
+                        Reading.CLUSTER_CANNOT_READ, address=self.address, because=str(trouble)
+                    )
                     raise Unreadable(cause)
                 else:
                     yield future.result()
@@ -100,11 +102,15 @@ class Cluster:
         except Exception as error:  # raised there: without mavdem the function cannot be found
             cause = f"{type(error).__name__}: {error}"
             version = metadata.version("mavdem")
-            lacking = Fact(Reading.CLUSTER_WITHOUT_MAVDEM, address=address, because=cause, version=version)
+            lacking = Fact(
+                Reading.CLUSTER_WITHOUT_MAVDEM, address=address, because=cause, version=version
+            )
             raise Unreadable(lacking) from None
         for worker, (there, readable) in sorted(workers.items()):
             if there != here:
-                raise Unreadable(Fact(Reading.CLUSTER_OF_OTHER_VERSION, name=worker, there=there, here=here))
+                raise Unreadable(
+                    Fact(Reading.CLUSTER_OF_OTHER_VERSION, name=worker, there=there, here=here)
+                )
             if readable_here and not readable:
                 raise Unreadable(Fact(Reading.CLUSTER_WITHOUT_LOG, name=worker, path=path))
         return sum(threads.values())

@@ -15,6 +15,7 @@ from functools import cache
 from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
+from mavdem.facts import Fact
 from mavdem.heading import heading
 from mavdem.units import (
     Acceleration,
@@ -220,10 +221,16 @@ gains times that flight's means, and of the offset"""
     """number of the motor that is suspected, from 1, in the order of motors"""
     health_reason: str | None = None
     """what speaks for the health, or what is missing to judge it"""
+    health_code: str | None = None
+    """the same as a code"""
     warnings: tuple[str, ...] = ()
     """what must be known before its figures are used, one sentence each"""
+    warning_codes: tuple[str, ...] = ()
+    """the same as codes"""
     status: str = OK
     """ok, or why there is no flight"""
+    status_code: str | None = None
+    """why there is no flight, as a code"""
     page: str | None = None
     """page of the flight, relative to the folder of the fleet"""
     mavdem_version: str = ""
@@ -257,6 +264,11 @@ gains times that flight's means, and of the offset"""
         if self.date is not None:
             values["date"] = self.date.isoformat()
         return values
+
+    @staticmethod
+    def without_flight(file: str, status: Fact, **columns: Any) -> FlightRow:
+        """Returns the row of a log that holds no flight, for the reason ``status``."""
+        return FlightRow(file=file, status=str(status), status_code=status.code, **columns)
 
     @staticmethod
     def of(report: Mapping[str, Any], **columns: Any) -> FlightRow:

@@ -13,6 +13,8 @@ from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
 
 from mavdem.errors import Unreadable, require
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Folder
 from mavdem.ingest.contents import LOG_ENDINGS
 from mavdem.ingest.formats import looks_like_log
 
@@ -47,15 +49,15 @@ def is_url(name: str) -> bool:
 
 def find_logs(
     names: Sequence[str], apart_from: Path | None = None
-) -> tuple[list[Source], list[str]]:
+) -> tuple[list[Source], list[Fact]]:
     """Finds the logs that names stand for: a file is one, whatever it holds; of a folder, those that look like logs.
 
     ``names``: files, folders with all folders in them, patterns such as ``logs/**/*.bin``, URLs of all these. The
     folder ``apart_from``, of the results, is left out wherever it lies. Returns the logs, each once and by path, and a
-    sentence for each name that names none.
+    fact for each name that names none.
     """
     logs: dict[str, Source] = {}
-    problems = []
+    problems = list[Fact]()
     left_out = os.path.realpath(apart_from) if apart_from else ""
     for name in names:
         if name.lower().startswith("file://"):
@@ -63,10 +65,10 @@ def find_logs(
         try:
             named = list(_remote(name) if is_url(name) else _local(name, left_out))
         except Unreadable as error:
-            problems.append(str(error))
+            problems.append(error.fact)
             continue
         if not named:
-            problems.append(f"{name} names no log: check the name.")
+            problems.append(Fact(Folder.NO_LOG_NAMED, path=name))
         logs |= {source.path: source for source in named}
     return [logs[path] for path in sorted(logs)], problems
 
@@ -77,7 +79,7 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
     elif os.path.lexists(name):
         yield _file(name)
     elif not glob.has_magic(name):
-        raise Unreadable(f"{name} does not exist: check the name.")
+        raise Unreadable(Fact(Folder.PATH_MISSING, path=name))
     else:
         for path in sorted(glob.iglob(name, recursive=True)):
             # What a pattern names is taken as if it were named, but `**` also names the folders.
@@ -91,7 +93,8 @@ def _inside(folder: str, left_out: str) -> Iterator[Source]:
 
     def refuse(error: OSError) -> None:
         if error.filename == folder:
-            raise Unreadable(f"{folder} cannot be read ({error.strerror}): check its permissions.")
+            because = error.strerror
+            raise Unreadable(Fact(Folder.FOLDER_UNREADABLE, path=folder, because=because))
 
     seen = {left_out}
     for place, below, names in os.walk(folder, onerror=refuse, followlinks=True):
@@ -137,7 +140,7 @@ def _remote(url: str) -> Iterator[Source]:
         else:
             files = {path: system.info(path)}
     except Exception as error:  # of whatever library the file system takes
-        raise _unreadable(url, "read", error) from None
+        raise _unreadable(url, error, fetched=False) from None
     for name, details in files.items():
         if details.get("type", "file") != "directory":
             size = details.get("size")
@@ -145,10 +148,11 @@ def _remote(url: str) -> Iterator[Source]:
             yield Source(system.unstrip_protocol(name), -1 if size is None else int(size), version)
 
 
-def _unreadable(url: str, done: str, error: Exception) -> Unreadable:
-    """Why it cannot be ``done``, by the first line of what is said."""
+def _unreadable(url: str, error: Exception, fetched: bool) -> Unreadable:
+    """Why it cannot be read or ``fetched``, by the first line of what is said."""
     reason = next(iter(str(error).strip().splitlines()), "").rstrip(".")
-    return Unreadable(f"{url} cannot be {done} ({type(error).__name__}: {reason}).")
+    because = f"{type(error).__name__}: {reason}"
+    return Unreadable(Fact(Folder.URL_UNREADABLE, path=url, because=because, fetched=fetched))
 
 
 def fetch(url: str, copy: Path) -> None:
@@ -160,4 +164,4 @@ def fetch(url: str, copy: Path) -> None:
         with fsspec.open(url, "rb") as remote, copy.open("wb") as file:
             shutil.copyfileobj(remote, file, 1 << 20)
     except Exception as error:
-        raise _unreadable(url, "fetched", error) from None
+        raise _unreadable(url, error, fetched=True) from None

@@ -14,13 +14,16 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import metadata
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from mavdem.errors import Unreadable, missing
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Folder
+from mavdem.facts.motors import HealthUnknown
 from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, as_text, row_schema
 from mavdem.fleet.sources import Source, is_url
@@ -31,7 +34,6 @@ TABLE = Path("flights", "flights.parquet")
 UNFINISHED = ".unfinished"
 # rows that a reader skips at once, by the least and the greatest vehicle's name among them
 ROW_GROUP = 10_000
-OTHER_VERSION = "has the columns of another version of mavdem: name another folder."
 BUSY_SECONDS = 600.0  # while another run may write, as the table of a large fleet
 NETWORK_DISKS = {
     "nfs",
@@ -48,6 +50,7 @@ NETWORK_DISKS = {
 }
 """Kinds of disks, as Linux names them, on which SQLite's write-ahead log does not keep other machines out."""
 
+COLUMNS = {column.name for column in fields(FlightRow)}
 TABLES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 ENDED_FOR_GOOD = """
 not (ended = 'source' or ended = 'error' and mavdem_version <> :mavdem or
@@ -68,25 +71,21 @@ def read_rows(folder: Path) -> list[FlightRow]:
     """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``."""
     path = folder / STORE
     if not is_fleet(folder):
-        raise Unreadable(
-            f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`."
-        )
+        raise Unreadable(Fact(Folder.NO_FLEET, path=str(folder)))
     # SQLite's lock is a file beside it
     access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"
+    uri = f"{path.absolute().as_uri()}?{access}"
     try:
-        with closing(
-            sqlite3.connect(f"{path.absolute().as_uri()}?{access}", timeout=BUSY_SECONDS, uri=True)
-        ) as db:
-            (version,) = db.execute("pragma user_version").fetchone()
+        with closing(sqlite3.connect(uri, timeout=BUSY_SECONDS, uri=True)) as db:
             known = db.execute("select row, file from flights where file is not null")
-            rows = [_row(*values) for values in known] if version == SCHEMA_VERSION else []
+            rows = [_row(*values) for values in known]
     except (sqlite3.Error, TypeError, ValueError) as error:
-        raise Unreadable(
-            f"{path} is damaged ({error}): delete it, and run `mavdem track` again."
-        ) from None
-    if version != SCHEMA_VERSION:
-        raise Unreadable(f"{folder} {OTHER_VERSION}")
+        raise Unreadable(_damaged(path, error)) from None
     return sorted(rows, key=lambda row: row.order)
+
+
+def _damaged(path: Path, error: Exception) -> Fact:
+    return Fact(Folder.FLEET_DAMAGED, path=str(path), because=str(error))
 
 
 def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
@@ -122,31 +121,22 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
 @contextmanager
 def opened(folder: Path) -> Iterator[Store]:
     """Gives the store of a fleet's folder, which is made if it is not there; raises ``Unreadable``."""
-    if (
-        not (folder / STORE).exists()
-        and (folder / "flights").is_dir()
-        and os.listdir(folder / "flights")
-    ):
-        raise Unreadable(
-            f"{folder / 'flights'} holds files that are not of this fleet: name another folder."
-        )
+    flights = folder / TABLE.parent
+    if not (folder / STORE).exists() and flights.is_dir() and os.listdir(flights):
+        raise Unreadable(Fact(Folder.FLEET_OF_OTHERS, path=str(flights)))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if (disk := _disk(folder)) in NETWORK_DISKS:
-            other = f"a disk of another machine ({disk}), where SQLite's lock does not hold"
-            here = "name a folder on a disk of this one; the logs may stay where they are."
-            raise Unreadable(f"{folder} is on {other}: {here}")
+            raise Unreadable(Fact(Folder.FLEET_ON_NETWORK, path=str(folder), disk=disk))
         store = Store(folder)
         with closing(store._db):
             yield store
     except (OSError, sqlite3.OperationalError) as error:
-        reason = getattr(error, "strerror", None) or error
-        goes_on = "once that is put right, the same command goes on where it was."
-        raise Unreadable(f"{folder} cannot be written to ({reason}): {goes_on}") from None
+        because = getattr(error, "strerror", None) or str(error)
+        full = Fact(Folder.FLEET_NOT_WRITTEN, path=str(folder), because=because)
+        raise Unreadable(full) from None
     except sqlite3.DatabaseError as error:
-        raise Unreadable(
-            f"{folder / STORE} is damaged ({error}): delete it, and all logs are read again."
-        ) from None
+        raise Unreadable(_damaged(folder / STORE, error)) from None
 
 
 class Store:
@@ -159,12 +149,11 @@ class Store:
             raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
         self._db.execute("pragma synchronous = normal")
         (version,) = self._db.execute("pragma user_version").fetchone()
-        if version not in (0, SCHEMA_VERSION):
-            self._db.close()
-            raise Unreadable(f"{folder} {OTHER_VERSION}")
-        if not version:
+        if version != SCHEMA_VERSION:
+            # What is known of a log stays, until it is read again for the other columns.
             self._db.executescript(
-                f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;"
+                f"""begin immediate; {TABLES} update logs set ended = 'source';
+                pragma user_version = {SCHEMA_VERSION}; commit;"""
             )
 
     @contextmanager
@@ -329,13 +318,9 @@ def _assessed(
 ) -> Sequence[FlightRow]:
     try:
         return assess(rows, healthy)
-    except (
-        Exception
-    ) as error:  # a fault of mavdem on one vehicle's figures must not keep back the others'
-        reason = (
-            f"Health is unknown: this should not have happened ({type(error).__name__}: {error})."
-        )
-        return [replace(row, health_reason=reason) for row in rows]
+    except Exception as error:  # of mavdem on one vehicle's figures: it keeps back no other's
+        why = Fact(HealthUnknown.HEALTH_FAILED, because=f"{type(error).__name__}: {error}")
+        return [replace(row, health_reason=str(why), health_code=why.code) for row in rows]
 
 
 def _values(source: Source, limits: Limits) -> dict[str, Any]:
@@ -344,7 +329,7 @@ def _values(source: Source, limits: Limits) -> dict[str, Any]:
 
 
 def _row(text: str, file: str | None = None) -> FlightRow:
-    values = json.loads(text)
+    values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
     return FlightRow(**(values if file is None else values | {"file": file}))
 
 

@@ -7,6 +7,7 @@ the models of healthy flights, frozen, leave unexplained in another.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +17,8 @@ import numpy as np
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Folder, Reading
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
@@ -37,8 +40,8 @@ class TrackedLogs(NamedTuple):
 
     logs: int  # how many were named
     read: int  # how many of them were read; the others were known
-    # names that name no log, and known logs that could not be read now, a sentence each
-    problems: tuple[str, ...]
+    # of names that name no log, and of known logs that could not be read now
+    problems: tuple[Fact, ...]
     healthy: list[FlightRow]  # rows of the baseline
 
 
@@ -179,7 +182,7 @@ def track(
         elif baseline:
             healthy, unknown = find_logs(baseline, folder)
             if unknown:
-                raise Unreadable(f"--baseline: {unknown[0]}")
+                raise Unreadable(Fact(Folder.BASELINE_UNKNOWN, because=unknown[0]))
             _read(store, healthy, reader, page, progress)
             store.healthy = _with_flight(store.rows_of(healthy))
         read, unread = _read(store, logs, reader, page, progress)
@@ -191,31 +194,30 @@ def track(
 def _with_flight(rows: list[FlightRow]) -> list[FlightRow]:
     """The rows of a baseline; raises ``Unreadable`` where there is no flight among them."""
     if not any(row.status == OK for row in rows):
-        why = f"{rows[0].file}: {rows[0].status}" if rows else "its logs cannot be read"
-        raise Unreadable(f"--baseline holds no flight ({why}): name logs of healthy flights.")
+        path, why = (rows[0].file, rows[0].status) if rows else (None, None)
+        raise Unreadable(Fact(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=why))
     return rows
 
 
 def _read(
     store: Store, logs: Sequence[Source], reader: Reader, page: str, progress: Progress
-) -> tuple[int, list[str]]:
-    """Reads what is new; returns how many logs that were, and a sentence for each known one that cannot be read."""
+) -> tuple[int, list[Fact]]:
+    """Reads what is new; returns how many logs that were, and a fact for each known one that cannot be read."""
     # The largest first: were one the last, the other processes would wait for it.
     new = sorted(
         (log for log in logs if not store.knows(log, reader.limits)), key=lambda log: -log.size
     )
     sources = {log.path: log for log in new}
-    unread = []
+    unread = list[Fact]()
     jobs = (Job(log.path, store.keys_to_try(log, reader.limits), page) for log in new)
     progress(0, len(new))
-    for number, outcome in enumerate(reader.outcomes(jobs), 1):
-        source = sources[outcome.path]
-        if store.keeps(source, outcome):
-            reason = outcome.rows[0].status
-            unread.append(
-                f"{source.path} cannot be read now: what is known of it is kept. {reason}"
-            )
-        else:
-            store.add(source, outcome, reader.limits)
-        progress(number, len(new))
+    with closing(reader.outcomes(jobs)) as outcomes:
+        for number, outcome in enumerate(outcomes, 1):
+            source = sources[outcome.path]
+            if store.keeps(source, outcome):
+                why = outcome.rows[0].status
+                unread.append(Fact(Reading.LOG_KEPT, path=source.path, because=why))
+            else:
+                store.add(source, outcome, reader.limits)
+            progress(number, len(new))
     return len(new), unread

@@ -15,7 +15,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import metadata
@@ -93,7 +93,7 @@ class Reader(Protocol):
 
     limits: Limits  # of each log
 
-    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
         """Yields outcomes in the order in which they come; a job is taken when its turn has come."""
 
 
@@ -199,7 +199,7 @@ class WorkerPool:
         self._processes = processes
         self._read = read
 
-    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
         """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
         readers = list[LogReader]()
         try:
@@ -215,10 +215,10 @@ class WorkerPool:
                     if outcome is None:
                         continue
                     yield outcome
-                    if (job := next(jobs, None)) is None:
+                    if (following := next(jobs, None)) is None:
                         busy.remove(reader)
                     else:
-                        reader.send(job, self.limits, self._read)
+                        reader.send(following, self.limits, self._read)
         finally:
             with blocked(*ENDS):
                 for reader in readers:
@@ -238,8 +238,10 @@ def _serve(connection: Connection, scratch: str) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})  # blocked while it began
     Thread(target=_end_with_parent, args=(scratch,), daemon=True).start()
     connection.send(None)
-    while True:
-        connection.send(perform(*connection.recv()))
+    with suppress(EOFError):
+        while True:
+            connection.send(perform(*connection.recv()))
+    _end_with_parent(scratch)
 
 
 def _end_with_parent(scratch: str) -> None:

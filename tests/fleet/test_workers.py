@@ -5,28 +5,32 @@ Most of these start processes. And sources: which logs names stand for, here and
 
 import os
 import signal
+import socket
 import sqlite3
 import subprocess
 import sys
 import threading
-import time
-from contextlib import suppress
+from contextlib import closing
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock, Mock
 
+import distributed
 import pytest
 from distributed import LocalCluster
 from recorded_flights import LOGS
-from standin_logs import LIMITS, READ, make_logs, seen_by, statuses, table_of, track
+from standin_logs import LIMITS, READ, InThisProcess, make_logs, seen_by, table_of, track
 
 from mavdem.errors import Unreadable
-from mavdem.fleet import workers
+from mavdem.facts.fleet import Folder, Reading
+from mavdem.fleet import cluster
+from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
-from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.workers import Cluster, Job, LogRows, WorkerPool, outcome_of
+from mavdem.fleet.store import STORE, Store, read_rows
+from mavdem.fleet.workers import Job, LogRows, WorkerPool, outcome_of
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -59,15 +63,11 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
 def test_what_is_no_plain_file_is_not_opened(tmp_path):
     os.mkfifo(tmp_path / "pipe.tlog")
     os.symlink("loop.bin", tmp_path / "loop.bin")
-    said = [
-        outcome_of(Job(str(tmp_path / name)), None).rows[0].status
+    codes = [
+        outcome_of(Job(str(tmp_path / name)), None).rows[0].status_code
         for name in ("pipe.tlog", "loop.bin", "none")
     ]
-    assert said == [
-        "It is not a plain file.",
-        "It cannot be read (Too many levels of symbolic links).",
-        "It cannot be read (No such file or directory).",
-    ]
+    assert codes == [Reading.NO_PLAIN_FILE, Reading.LOG_UNREACHABLE, Reading.LOG_UNREACHABLE]
 
 
 @pytest.mark.slow
@@ -81,59 +81,102 @@ def test_no_log_stops_a_run(tmp_path):
     healthy = make_logs(tmp_path / "healthy", 1)
     done = track(tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, READ), baseline=healthy)
     assert (done.logs, done.read, done.problems) == (8, 8, ())
-    found = statuses(tmp_path / "fleet")
+    found = {Path(row.file).name: row for row in read_rows(tmp_path / "fleet")}
     # The process starts no others, and leaves nothing.
-    cores, scratch = found.pop("where_0.bin").split()
+    cores, scratch = found["where_0.bin"].status.split()
     assert cores == "1" and not Path(scratch).exists()
-    assert found == {
-        "slow_0.bin": "It takes longer than its time limit of 2 s.",
-        "big_0.bin": "It needs more memory than its limit of 600 MB.",
-        "crash_0.bin": "The process that read it died (SIGSEGV), each of 2 times.",
+    assert {name: row.status_code for name, row in found.items() if row.status_code} == {
+        "slow_0.bin": Reading.READING_TOO_LONG,
+        "big_0.bin": Reading.READING_TOO_LARGE,
+        "crash_0.bin": Reading.READER_DIED,
     }
 
 
 RUN = """
 import sys
-from pathlib import Path
+from functools import partial
 from standin_logs import LIMITS, READ
-from mavdem.fleet.tracking import track
+from mavdem.cli import track
+from mavdem.cli.commands import main
+from mavdem.cli.output import unwind_when_terminated
 from mavdem.fleet.workers import WorkerPool
 if __name__ == "__main__":
-    track(Path(sys.argv[1]), [sys.argv[2]], WorkerPool(2, LIMITS, READ))
+    track.WorkerPool = partial(WorkerPool, read=READ)
+    unwind_when_terminated()
+    sys.exit(main(["track", sys.argv[1], "--out", sys.argv[2], "--jobs", "2"]))
 """
 
 
-@pytest.mark.slow
-def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
-    make_logs(tmp_path / "logs", 6, "while")
-    track(tmp_path / "whole", tmp_path / "logs")
-    out = tmp_path / "killed"
-    script = tmp_path / "run.py"
+@pytest.fixture
+def hanging(tmp_path):
+    """A run whose two processes read logs that never end, and what waits until both have ended."""
+    make_logs(tmp_path / "logs", 2, "hang")
+    for number, log in enumerate(make_logs(tmp_path / "logs", 4)):
+        log.write_bytes(bytes(1000 + number))  # the largest are read first
+    gate = tmp_path / "gate"
     scratch = tmp_path / "scratch"
-    script.write_text(RUN)
+    os.mkfifo(gate)
     scratch.mkdir()
+    script = tmp_path / "run.py"
+    script.write_text(RUN)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(scratch)}
-    run = subprocess.Popen([sys.executable, script, out, tmp_path / "logs"], env=environment)
+    words = [sys.executable, script, tmp_path / "logs", tmp_path / "fleet"]
+    reader = os.open(gate, os.O_RDONLY | os.O_NONBLOCK)
+    os.set_blocking(reader, True)
+    with gate.open("w") as writer:
+        run = subprocess.Popen(
+            words,
+            env=environment,
+            stdin=writer,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+    with open(reader) as names:
+        hanging = (name for name in names if "hang" in name)
+        assert len({next(hanging), next(hanging)}) == 2
+        yield run, names
+    run.kill()
 
-    def kept() -> int:
-        with suppress(sqlite3.OperationalError):  # it is not there yet
-            return int(
-                sqlite3.connect(out / STORE).execute("select count(*) from logs").fetchone()[0]
-            )
-        return 0
 
-    deadline = time.monotonic() + 60
-    while kept() < 2:
-        assert time.monotonic() < deadline and run.poll() is None
-        time.sleep(0.02)
-    run.send_signal(signal.SIGKILL)
-    run.wait()
-    before = kept()
-    done = track(out, tmp_path / "logs")
-    assert done.read == 6 - before < 6 and table_of(out) == table_of(tmp_path / "whole")
-    while list(scratch.iterdir()):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
+    run, names = hanging
+    for _ in range(2):  # impatience changes nothing
+        os.killpg(run.pid, number)
+    # Both end when no process has them open any longer.
+    said = run.communicate()[1]
+    names.read()
+    assert run.returncode == {signal.SIGINT: 130, signal.SIGTERM: 143}.get(number, -number)
+    assert "Traceback" not in said and not list((tmp_path / "scratch").iterdir())
+    out = tmp_path / "fleet"
+    with closing(sqlite3.connect(out / STORE)) as db:
+        (kept,) = db.execute("select count(*) from logs").fetchone()
+    (tmp_path / "gate").unlink()
+    for log in (tmp_path / "logs").glob("hang*"):
+        log.rename(log.with_name(f"log_{log.name[4:]}"))
+    assert track(out, tmp_path / "logs").read == 6 - kept == 2
+    track(tmp_path / "whole", tmp_path / "logs")
+    assert table_of(out) == table_of(tmp_path / "whole")
+
+
+def test_a_run_that_cannot_write_ends_its_reader(tmp_path, monkeypatch):
+    closed = list[bool]()
+
+    class Endless(InThisProcess):
+        def outcomes(self, jobs):
+            try:
+                yield from super().outcomes(jobs)
+            finally:
+                closed.append(True)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Store, "add", full)
+    with pytest.raises(Unreadable) as refused:
+        track(tmp_path / "fleet", *make_logs(tmp_path, 2), reader=Endless())
+    assert refused.value.fact.code is Folder.FLEET_NOT_WRITTEN and closed
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +189,7 @@ def two_workers():
 
 @pytest.mark.slow
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
-    make_logs(tmp_path / "logs", 6, "while")
+    make_logs(tmp_path / "logs", 6)
     track(tmp_path / "here", tmp_path / "logs")
     killed = []
 
@@ -163,41 +206,69 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
         and len(read_rows(tmp_path / "here")) == 12
     )
     with two_workers.get_client() as client:
-        assert not any(client.run(lambda: len(workers._pools)).values())
+        assert not any(client.run(lambda: len(cluster._idle)).values())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "value", "sentence"),
+    ("name", "value", "code"),
     [
-        (
-            "SCHEMA_VERSION",
-            99,
-            r"has mavdem .* \(columns 3\) on Python .*, this machine .*install the same there",
-        ),
-        (
-            "machine",
-            partial(seen_by, os.getpid()),
-            "The worker .* cannot read .*log_0.bin: put the logs",
-        ),
+        ("SCHEMA_VERSION", 99, Reading.CLUSTER_OF_OTHER_VERSION),
+        ("machine", partial(seen_by, os.getpid()), Reading.CLUSTER_WITHOUT_LOG),
     ],
 )
-def test_workers_that_cannot_help_are_said(
-    tmp_path, two_workers, monkeypatch, name, value, sentence
-):
+def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, code):
     make_logs(tmp_path, 1)
-    monkeypatch.setattr(workers, name, value)
-    with pytest.raises(Unreadable, match=sentence):
-        list(
-            Cluster(two_workers.scheduler_address, LIMITS, READ).outcomes(
-                iter([Job(str(tmp_path / "log_0.bin"))])
-            )
-        )
+    monkeypatch.setattr(cluster, name, value)
+    reader = Cluster(two_workers.scheduler_address, LIMITS, READ)
+    with pytest.raises(Unreadable) as refused:
+        list(reader.outcomes(iter([Job(str(tmp_path / "log_0.bin"))])))
+    assert refused.value.fact.code is code
 
 
-def test_a_cluster_that_is_not_there_is_said():
-    with pytest.raises(Unreadable, match="There is no Dask scheduler at tcp://127.0.0.1:9"):
+@pytest.mark.parametrize(
+    ("client", "code"),
+    [
+        ({"nthreads.return_value": {}}, Reading.NO_CLUSTER_WORKERS),
+        ({"run.side_effect": ImportError("mavdem")}, Reading.CLUSTER_WITHOUT_MAVDEM),
+        ({"submit.return_value": Mock()}, Reading.SCHEDULER_GONE),
+        (
+            {"submit.return_value": Mock(**{"cancelled.return_value": False})},
+            Reading.CLUSTER_CANNOT_READ,
+        ),
+        (None, Reading.NO_SCHEDULER),
+    ],
+)
+def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
+    if client is not None:
+        stand_in(monkeypatch, client)
+    with pytest.raises(Unreadable) as refused:
         list(Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")])))
+    assert refused.value.fact.code is code
+
+
+def test_a_log_that_killed_workers_of_a_cluster_has_a_row(monkeypatch):
+    killed = distributed.KilledWorker("log", None, 3)
+    future = Mock(**{"cancelled.return_value": False, "exception.return_value": killed})
+    stand_in(monkeypatch, {"submit.return_value": future})
+    [outcome] = Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")]))
+    assert outcome.rows[0].status_code == Reading.CLUSTER_WORKERS_DIED
+
+
+def stand_in(monkeypatch, client):
+    """Lets a mock be the client of a cluster with one worker, for what happens rarely."""
+
+    class Done(list):
+        add = list.append
+
+    known = {"nthreads.return_value": {"0": 1}, "run.side_effect": lambda *_, **__: {"0": HERE}}
+    monkeypatch.setattr(cluster, "machine", lambda _: HERE)
+    monkeypatch.setattr(socket, "create_connection", Mock())
+    monkeypatch.setattr(distributed, "Client", Mock(return_value=MagicMock(**(known | client))))
+    monkeypatch.setattr(distributed, "as_completed", lambda loop: Done())
+
+
+HERE = "mavdem", True
 
 
 def names(*given: object, apart_from: Path | None = None) -> list[str]:
@@ -264,15 +335,16 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     assert names(f"{url}/") == ["log_0.bin", "log_1.bin", "log_2.bin"]
     out = tmp_path / "fleet"
     (problem,) = track(out, f"{url}/log_0.bin", f"{url}/gone.bin").problems
-    assert problem.startswith(f"{url}/gone.bin cannot be read")
+    assert problem.code is Folder.URL_UNREADABLE and not problem.figures["fetched"]
     assert [row.file for row in read_rows(out)] == [f"{url}/log_0.bin"] * 2
     # The same content from a disk is known.
     assert track(out, folder / "log_0.bin").read == 1 and len(read_rows(out)) == 2
 
 
-def test_what_a_file_system_lacks_is_said(tmp_path, monkeypatch):
-    (problem,) = find_logs(["s3://bucket/flight.bin"])[1]
-    assert "s3fs" in problem or "cannot be read" in problem
-    assert "cannot be read" in find_logs(["nonsense://x/flight.bin"])[1][0]
-    with pytest.raises(Unreadable, match="cannot be fetched"):
+def test_what_a_file_system_lacks_is_said(tmp_path):
+    for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
+        (problem,) = find_logs([url])[1]
+        assert problem.code is Folder.URL_UNREADABLE and problem.figures["path"] == url
+    with pytest.raises(Unreadable) as refused:
         fetch("http://127.0.0.1:9/x.bin", tmp_path / "x.bin")
+    assert refused.value.fact.figures["fetched"]
