@@ -14,6 +14,9 @@ from click.shell_completion import shell_complete
 
 from mavdem.cli.output import INTERRUPTED, complain, ending_at_once, prepare_streams, say_aside
 from mavdem.errors import MissingExtra, NotLearnable, Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.command import End
+from mavdem.facts.prose import prose
 
 DONE = 0
 UNSUPPORTED = 1
@@ -123,9 +126,8 @@ def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem
     except BrokenPipeError:
         code = PIPE_CLOSED  # the reader has had enough
     except OSError as error:
-        complain(
-            f"Standard output cannot be written to ({error.strerror or error}).", "", as_json=False
-        )
+        because = error.strerror or str(error)
+        complain(Fact(End.STANDARD_OUTPUT_FAILED, because=because), as_json=False)
         code = UNUSABLE
     # Python flushes once more at exit, and that must go somewhere.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -146,28 +148,23 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
             if isinstance(error, click.UsageError) and error.ctx
             else "mavdem"
         )
-        complain(_usage(error), f"Try `{where} --help`.", as_json)
+        complain(Fact(End.BAD_USAGE, text=_usage(error), name=where), as_json)
     except (NotLearnable, Unreadable) as error:
-        complain(error.reason, error.remedy, as_json)
+        complain(error.fact, as_json)
         return UNSUPPORTED if isinstance(error, NotLearnable) else UNUSABLE
     except MissingExtra as error:
-        complain(str(error), "", as_json)
+        complain(prose(str(error)), as_json)
     except KeyboardInterrupt:
-        complain("Interrupted; nothing is left half written.", "", as_json)
+        complain(Fact(End.INTERRUPTED), as_json)
         return INTERRUPTED
     except MemoryError:
-        complain(
-            "There is not enough memory.",
-            "Close other programs, or give it a shorter log.",
-            as_json,
-        )
+        complain(Fact(End.OUT_OF_MEMORY), as_json)
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None:
             raise  # standard output: the only thing written to here that has no name
         if os.environ.get("MAVDEM_TRACEBACK"):
             traceback.print_exc()
-        what = f"This should not have happened ({type(error).__name__}: {error})."
-        complain(what, "Run it again with MAVDEM_TRACEBACK=1 to see where.", as_json)
+        complain(Fact(End.DEFECT, because=f"{type(error).__name__}: {error}"), as_json)
     else:
         return DONE
     return UNUSABLE

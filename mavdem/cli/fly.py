@@ -27,6 +27,8 @@ from mavdem.cli.output import (
 )
 from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
+from mavdem.facts import Fact
+from mavdem.facts.command import Place
 from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
@@ -240,7 +242,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     # The log appears last, with its companions in place.
     files = [path for path in (truth, rrd, out) if path is not None]
     if len({replaceable(path) for path in files}) < len(files):
-        raise Unreadable("--out and --rrd are the same file: name another.")
+        raise Unreadable(Fact(Place.FILES_ARE_THE_SAME, names=("--out", "--rrd")))
     began = perf_counter()
     with _refusing(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)

@@ -11,6 +11,7 @@ from mavdem.cli.options import read_source, source_options
 from mavdem.cli.output import complain, print_blocks, print_json
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
+from mavdem.facts.prose import prose
 from mavdem.health.in_flight import alarm_figures
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents, wind_blocks
@@ -78,5 +79,7 @@ def info_command(
                 f"; {sender(shown)}: {shown['verdict']['reason']}" for shown in held["vehicles"]
             ]
             because.append(": there is no vehicle in this log.")
-            complain(f"No {axis} model can be learned from {source}{because[0]}", "", as_json=False)
+            complain(
+                prose(f"No {axis} model can be learned from {source}{because[0]}"), as_json=False
+            )
         context.exit(1)

@@ -210,7 +210,7 @@ def learn_command(
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it
-            complain(analysis.refusal.reason, analysis.refusal.remedy, as_json=False)
+            complain(analysis.refusal.fact, as_json=False)
     else:
         place = printable(folder)
         files = report["files"]

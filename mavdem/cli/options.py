@@ -21,6 +21,8 @@ from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.windows import TEST_SECONDS, Length
+from mavdem.facts import Fact
+from mavdem.facts.command import Source
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
 
@@ -188,14 +190,10 @@ LINK_PATTERN = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", 
 def refuse_link(source: str) -> None:
     """Raises ``Unreadable`` for a link and for standard input, where a log is needed."""
     if source == "-":
-        raise Unreadable(
-            "A log cannot be read from standard input (-): save it as a file and name that."
-        )
+        raise Unreadable(Fact(Source.STANDARD_INPUT_IS_NO_LOG))
     if LINK_PATTERN.match(source) and not os.path.isfile(source):
         attach = shlex.join(["mavdem", "live", source])
-        raise Unreadable(
-            f"{source} is a MAVLink link, and only logs are read here: attach to it with `{attach}`."
-        )
+        raise Unreadable(Fact(Source.LINK_IS_NO_LOG, path=source, name=attach))
 
 
 def read_source(source: str) -> Log:
@@ -213,9 +211,10 @@ class Refused(NamedTuple):
     error: NotLearnable | Unreadable
 
     @property
-    def values(self) -> dict[str, str | dict[str, str]]:
+    def values(self) -> dict[str, Any]:
         """All of it, for a document."""
-        error = {"reason": self.error.reason, "remedy": self.error.remedy}
+        fact = self.error.fact
+        error = {"reason": fact, "remedy": fact.remedy, "fact": fact}
         return {"flight": self.name, "source": self.source, "error": error}
 
 
@@ -272,11 +271,12 @@ def nothing_left(refused: Sequence[Refused], done: str) -> NotLearnable | Unread
     first = min(refused, key=lambda one: isinstance(one.error, NotLearnable))
     if len(refused) == 1:
         return first.error
-    reason = (
-        f"None of the {len(refused)} flights can be {done}; {first.source}: {first.error.reason}"
+    none_left = Fact(
+        Source.NO_FLIGHT_IS_LEFT,
+        count=len(refused),
+        name=done,
+        path=first.source,
+        because=first.error.fact,
     )
-    return (
-        Unreadable(reason)
-        if isinstance(first.error, Unreadable)
-        else NotLearnable(reason, first.error.remedy)
-    )
+    kind = Unreadable if isinstance(first.error, Unreadable) else NotLearnable
+    return kind(none_left)

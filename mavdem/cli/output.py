@@ -23,6 +23,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.command import Place
+from mavdem.facts.prose import Prose
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
 
@@ -150,12 +153,14 @@ def _grid(table: Table, width: int) -> Grid:
     return grid
 
 
-def complain(reason: str, remedy: str, as_json: bool) -> None:
+def complain(fact: Fact, as_json: bool) -> None:
     """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
-    said = reason if reason.lower().endswith(remedy.lower()) else f"{reason} {remedy}"
+    sentence = fact.sentence
+    is_said = fact.code is Prose.PROSE and sentence.lower().endswith(fact.remedy.lower())
+    said = sentence if is_said else f"{sentence} {fact.remedy}".strip()
     say_aside(_one_line(f"mavdem: {said}"))
     if as_json:
-        print_json({"error": {"reason": reason, "remedy": remedy}})
+        print_json({"error": {"reason": fact, "remedy": fact.remedy, "fact": fact}})
 
 
 @contextmanager
@@ -176,23 +181,22 @@ def check_folder(folder: Path, names: Sequence[str]) -> None:
         place for place in (folder, *folder.absolute().parents) if os.path.lexists(place)
     )
     if not existing.is_dir():
-        raise Unreadable(
-            f"--out {folder} is not a folder, because {existing} is a file: name another."
-        )
+        raise Unreadable(Fact(Place.OUT_IS_A_FILE, path=str(folder), existing=str(existing)))
     if not is_writable(existing):
-        raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
+        raise Unreadable(Fact(Place.OUT_NOT_WRITABLE, path=str(folder), existing=str(existing)))
     for path in (folder / name for name in names):
         # Found only when the others are replaced, it would leave results of two runs.
         try:
             occupied = path.is_dir() and not path.is_symlink()
         except OSError as error:  # its name is too long
-            raise Unreadable(
-                f"--out {folder} cannot be made ({error.strerror}): name another."
-            ) from None
+            raise _out_failed(folder, error, made=False) from None
         if occupied:
-            raise Unreadable(
-                f"{path} is a folder, where a file is to be written: move it, or name another --out."
-            )
+            raise Unreadable(Fact(Place.FILE_IS_A_FOLDER, path=str(path)))
+
+
+def _out_failed(folder: Path, error: OSError, made: bool) -> Unreadable:
+    because = error.strerror or str(error)
+    return Unreadable(Fact(Place.OUT_FAILED, path=str(folder), because=because, made=made))
 
 
 def write_text(path: Path, text: str) -> None:
@@ -208,9 +212,7 @@ def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
         with _made(folder), atomic_writes(*(folder / name for name in names)) as files:
             yield files
     except OSError as error:
-        raise Unreadable(
-            f"--out {folder} cannot be written ({error.strerror or error}): name another."
-        ) from None
+        raise _out_failed(folder, error, made=True) from None
 
 
 @contextmanager
@@ -245,9 +247,8 @@ def writing(*files: Path) -> Iterator[None]:
         yield
     except OSError as error:
         names = " or ".join(str(path) for path in files)
-        raise Unreadable(
-            f"{names} cannot be written ({error.strerror or error}): name another file."
-        ) from None
+        because = error.strerror or str(error)
+        raise Unreadable(Fact(Place.FILE_FAILED, path=names, because=because)) from None
 
 
 # exit codes as a shell reports them: of SIGINT; of any signal, less its number

@@ -115,6 +115,8 @@ class Error(Document):
     """what is wrong, one sentence"""
     remedy: Said
     """what to do; empty where the reason says it"""
+    fact: OneFact = None
+    """the same as a fact"""
 
 
 class Failure(Document):

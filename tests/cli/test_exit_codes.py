@@ -60,9 +60,9 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["info", FLIGHT, "--axis", "heave"], "--axis"),
         (
             ["info", "udpin:127.0.0.1:14550"],
-            "a MAVLink link, and only logs are read here: attach to it with",
+            "a MAVLink link, and only logs are read here. Attach to it with",
         ),
-        (["info", "-"], "A log cannot be read from standard input (-): save it as a file"),
+        (["info", "-"], "A log cannot be read from standard input (-). Save it as a file"),
         (
             ["info", LOGS],
             f"{LOGS} is a folder, with 3 logs in it: name a file, such as {LOGS}/ardupilot_default",
