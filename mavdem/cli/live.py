@@ -53,7 +53,8 @@ WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interv
 SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
-    from mavdem.view.live_view import LiveView, RecordingFile
+    from mavdem.view.live_view import LiveView
+    from mavdem.view.sinks import RecordingFile
 
 
 class Dashboard:
@@ -78,7 +79,8 @@ class Dashboard:
             return
         # Rerun takes a second to load.
         with ending_at_once():
-            from mavdem.view.live_view import LiveView, RecordingFile, WebServer, sinks_for
+            from mavdem.view.live_view import LiveView
+            from mavdem.view.sinks import RecordingFile, WebServer, sinks_for
         try:
             sinks = sinks_for(rrd, serve, connect)
         except ValueError as error:

@@ -77,7 +77,7 @@ class LiveSession:
     settings: Settings  # of the learner
     # Called with the first setup and each new one; returns the display of its rows, or None. Its ``put`` takes a row's
     # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate, model and wind; its ``log`` an event;
-    # both return at once.
+    # its ``hold`` whether rows are to wait. All return at once.
     show: Callable[[Setup], Any]
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
@@ -118,8 +118,7 @@ class LiveSession:
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
         self._shed: set[str] = set()
-        # of plots, s, datagrams
-        self._hidden = 0
+        # s, datagrams
         self.most_behind = 0.0
         self._dropped = 0
         self._reported = 0.0
@@ -185,9 +184,11 @@ class LiveSession:
 
     def _keep_up(self) -> None:
         """Does less, the farther the analysis is behind the link; says so when that begins and when it is over."""
-        behind, hidden = (now := time.monotonic()) - self.now, "plots" in self._shed
+        now = time.monotonic()
+        behind = now - self.now
         self._shed = {what for what, limit in SHED.items() if behind >= limit}
-        self._hidden += "plots" in self._shed and not hidden
+        if self._display is not None:
+            self._display.hold("plots" in self._shed)
         self.most_behind = max(self.most_behind, behind)
         if self.learner is not None:
             self.learner.fits_physical = "physical fits" not in self._shed
@@ -401,11 +402,10 @@ class LiveSession:
         speed, low, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
         beside = speed, (high - low) / 2, *setup.scale.fraction(row.inputs)
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
-        if self._display is not None and "plots" not in self._shed:
+        if self._display is not None:
             shift = self.history.shift
-            segment = row.segment + self._hidden
             known = estimate, learner.learned, self.stream.air.row
-            self._display.put(row.time, shift, segment, row.outputs, row.inputs, *known)
+            self._display.put(row.time, shift, row.segment, row.outputs, row.inputs, *known)
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""

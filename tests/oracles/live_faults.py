@@ -31,6 +31,8 @@ class NullView:
 
     def log(self, *_: object) -> None: ...
 
+    def hold(self, *_: object) -> None: ...
+
 
 @dataclass
 class Wire:
