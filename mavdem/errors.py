@@ -193,7 +193,7 @@ class LearnedDownstream:
 
         Raises :class:`NotLearnable`: the plant is not identifiable, or the controller is not known.
         """
-        return downstream("condition.loop", "loop")(self, controller)
+        return downstream("condition.loop.from_flight", "loop")(self, controller)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "learned_html")(self))

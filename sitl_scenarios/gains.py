@@ -1,6 +1,6 @@
 """Gains as the autopilots' parameters: those of the simulation's own controller, and a controller that flies any.
 
-Parameters act as ``mavdem.ingest.controllers`` has them: filters once a cycle of its loop, and between the rate
+Parameters act as ``mavdem.condition.loop.controllers`` has them: filters once a cycle of its loop, and between the rate
 loop's demand and the motors the autopilot's mixer, thrust curve and range.
 """
 
@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import fsum, pi, sqrt
 
-from mavdem.ingest.controllers import LOOP_RATES, SLOWEST, USED, controller_of
-from mavdem.ingest.controllers import Controller as AxisController
+from mavdem.condition.loop.controllers import LOOP_RATES, SLOWEST, controller_of
+from mavdem.condition.loop.controllers import Controller as AxisController
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.controller import LEAD, Controller, Gains
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, mix
 from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
@@ -39,7 +40,7 @@ def check_parameters(scenario: Scenario) -> None:
     )
     for name, value in given.items():
         filtered = value and name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF")
-        if filtered or name.startswith(foreign) or not USED.match(name):
+        if filtered or name.startswith(foreign) or not CONTROL_PARAMETERS.match(name):
             raise ValueError(
                 f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here"
             )

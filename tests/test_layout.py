@@ -89,8 +89,9 @@ USED_BY = {
         "mavdem.errors",
         "mavdem.files",
         "mavdem.ingest.mavlink",
-    }
-    | {"mavdem.ingest.controllers"},
+        "mavdem.ingest.vocabulary",
+        "mavdem.condition.loop.controllers",
+    },
 }
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""
 

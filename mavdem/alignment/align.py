@@ -14,9 +14,9 @@ from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
 from mavdem.flight import Flight
-from mavdem.ingest.controllers import USED
 from mavdem.ingest.mavlink.definitions import parameter_values
 from mavdem.ingest.telemetry import Array, Telemetry, selected
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 
 MEDIAN_STEPS = 41
 """Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
@@ -225,7 +225,9 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "setpoints": {one.name: telemetry.called(one.message) for one in asked},
             "repairs": list(telemetry.repairs),
             "parameters": {
-                name: value for name, value in telemetry.parameters.items() if USED.match(name)
+                name: value
+                for name, value in telemetry.parameters.items()
+                if CONTROL_PARAMETERS.match(name)
             },
             "earlier": _earlier(telemetry, segment),
         },
@@ -250,7 +252,7 @@ def _earlier(telemetry: Telemetry, segment: Segment) -> dict[str, float]:
     return {
         name: one
         for name, one in before.items()
-        if USED.match(name) and telemetry.parameters[name] != one
+        if CONTROL_PARAMETERS.match(name) and telemetry.parameters[name] != one
     }
 
 

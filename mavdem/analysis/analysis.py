@@ -220,17 +220,13 @@ def _model(
     A model of ``slow`` motion is refused by these before it is learned.
     """
     settings = options.settings
-    longest = max(segments, key=len)
     if options.train is not None:
-        training, following = cut(longest, options.start, options.train, options.test)
+        training, following = cut(
+            max(segments, key=len), options.start, options.train, options.test
+        )
         learned = _trained((training,), settings, progress, learn)
         return (training,), learned, held_out_test(training, following, learned)
-    # Times of another boot than the longest segment's cannot be compared.
-    boot = longest.provenance["segment"]["boot"]
-    flights = flown_after(
-        [flight for flight in segments if flight.provenance["segment"]["boot"] == boot],
-        options.start,
-    )
+    flights = flown_after(segments, options.start)
     trained = partial(_trained, flights, settings, progress)
     first = trained(checked if slow else learn)
     _, steps = part_samples(flights[0].dt, None, options.test)
@@ -274,8 +270,13 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
     return None
 
 
-def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
-    """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little."""
+def flown_after(segments: Sequence[Flight], start: float) -> tuple[Flight, ...]:
+    """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little.
+
+    Of the longest segment's boot: times of another cannot be compared.
+    """
+    boot = max(segments, key=len).provenance["segment"]["boot"]
+    flights = [one for one in segments if one.provenance["segment"]["boot"] == boot]
     begin = flights[0].time[0] + start
     skips = (
         round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt) for one in flights

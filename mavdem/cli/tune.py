@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import choose_vehicle, usable_segments
+from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.analysis import flown_after
 from mavdem.analysis.figures import ALL
+from mavdem.analysis.loops import loops_of_log
 from mavdem.analysis.overrides import overrides_of
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
-from mavdem.condition import condition_of
-from mavdem.condition.loop import TARGETS, Advice, Loop, advise, loop_of
-from mavdem.dem import Physical, physical
-from mavdem.dem.record import Record
+from mavdem.condition.condition import condition_of
+from mavdem.condition.loop.loop import TARGETS, Advice, advise
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
 from mavdem.facts.assessment import Override
-from mavdem.ingest import Log
+from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
@@ -80,30 +80,30 @@ def tune_command(
     if out is not None:
         check_folder(out, names)
     signals = Signals(telemetry)
-    found = dict[str, Advice | str]()
+    found = dict[str, Advice | Fact]()
     overrides = overrides_of(condition_of(signals), ())
-    doubts = [str(override) for override in overrides if override.code in OF_FLIGHT]
+    doubts = [override for override in overrides if override.code in OF_FLIGHT]
     for one in AXES if axis == ALL else (axis,):
         try:
             with progress(f"Identifying {one}", measured=False):
-                found[one] = advise(
-                    axis_loop(signals.about(one, inputs), log, start), margins, doubts
-                )
+                loop = loops_of_log(signals.about(one, inputs), log, start)
+                found[one] = advise(loop, margins, doubts)
         except NotLearnable as error:
             if axis != ALL and not doubts:
                 raise
-            found[one] = " ".join([*doubts, str(error)])
+            found[one] = Fact(Loops.NO_LOOP, reasons=[*doubts, error.fact])
     known = [one for one in found.values() if isinstance(one, Advice)]
     if not known:
-        raise NotLearnable(" ".join(map(str, found.values())))
+        raise NotLearnable(Fact(Loops.NO_LOOP, reasons=list(found.values())))
     gains = {name: value for one in known for name, value in one.parameters.items()}
-    refusal = "" if any(one.gains for one in known) else known[0].sentence
-    axes = {
-        name: {"refusal": one} if isinstance(one, str) else one.as_dict()
-        for name, one in found.items()
+    refusal = None if any(one.gains for one in known) else known[0].sentence
+    document = {
+        "source": source,
+        "margins": margins,
+        "axes": {name: axis_document(one) for name, one in found.items()},
+        "parameters": gains,
     }
-    document = {"source": source, "margins": margins, "axes": axes, "parameters": gains}
-    document |= {"error": {"reason": refusal, "remedy": ""}} if refusal else {}
+    document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
     print_result(document, tune_blocks(found), as_json)
     if out is not None:
         texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
@@ -117,19 +117,20 @@ def tune_command(
         raise click.exceptions.Exit(1)
 
 
-def axis_loop(signals: Signals, log: Log, start: float = 0.0) -> Loop:
-    """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none."""
-    segments, verdict = usable_segments(signals, log.components)
-    if not segments:
-        raise NotLearnable(verdict.reason, verdict.remedy)
-    boot = max(segments, key=len).provenance["segment"]["boot"]
-    flights = flown_after(
-        [one for one in segments if one.provenance["segment"]["boot"] == boot], start
-    )
-    plant = physical(flights)
-    if not isinstance(plant, Physical):
-        raise NotLearnable(plant.reason)
-    return loop_of(plant, Record.of(flights))
+def axis_document(found: Advice | Fact) -> dict[str, Any]:
+    """Returns what the document holds of an axis: its loops and gains, or why there are none."""
+    if isinstance(found, Fact):
+        return {"refusal": found}
+    return {
+        "loop": found.before,
+        "target": found.target,
+        "verdict": found.rating,
+        "sentence": found.sentence,
+        "sure": found.sure,
+        "gains": found.gains,
+        "expected": None if found.refusals else found.after,
+        "noise": found.noise,
+    }
 
 
 def parameter_files(gains: dict[str, float], telemetry: Telemetry) -> tuple[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,16 @@ import numpy as np
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
+from mavdem.analysis.loops import loops_of_log
 from mavdem.cli.options import Number, no_option, read_source, vehicle_option
 from mavdem.cli.output import check_file, print_result, printable, progress, say_aside, write_text
-from mavdem.cli.tune import axis_loop
 from mavdem.condition.condition import hover_of
-from mavdem.condition.loop import Loop
+from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.twin import BANDS, alike, setpoints_of, torque, twin_of
 from mavdem.condition.wind_of_log import air_of
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.loops import Twins
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.vehicle_files import LEFT_OUT, vehicle_text
 from sitl_scenarios.files import scenario_of
@@ -73,7 +74,7 @@ def twin_command(
     with progress("Learning the vehicle", measured=False):
         for axis in AXES:
             try:
-                loops[axis] = axis_loop(signals.about(axis), log)
+                loops[axis] = loops_of_log(signals.about(axis), log)
             except NotLearnable as error:
                 if axis == "roll":
                     raise
@@ -92,12 +93,16 @@ def twin_command(
         name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name))) for name in SHOWN
     }
     rows = [
-        [f"{name} ({unit})", known[name], twin.notes.get(name, "")] for name, unit in SHOWN.items()
+        [f"{name} ({unit})", known[name], str(twin.notes.get(name, ""))]
+        for name, unit in SHOWN.items()
     ]
     blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
-    document: dict[str, Any] = {"vehicle": asdict(twin), "missing": missing, "alike": None}
-    document["vehicle"]["drag"] = None if drag is None else drag.as_dict()
+    document: dict[str, Any] = {
+        "vehicle": vars(twin) | {"drag": drag and drag.as_dict()},
+        "missing": missing,
+        "alike": None,
+    }
     if (again := setpoints_of(loops["roll"])) is None:
         blocks.append(
             Sentence("The setpoints of roll were not recorded: the twin does not fly them again.")
@@ -115,7 +120,7 @@ def twin_command(
                     )
                 )
         except ValueError as error:
-            raise NotLearnable(f"The twin cannot fly: {error}.") from None
+            raise NotLearnable(Fact(Twins.CANNOT_FLY, because=str(error))) from None
         document["alike"] = compared = alike(loops["roll"], record, flown)
         bands = zip(BANDS[:-1], BANDS[1:], compared["levels"], strict=True)
         cells = [

@@ -42,6 +42,13 @@ RADIO = "TELEMETRY_RADIO"
 RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
 UNNAMED = "UNKNOWN"  # Name of a vehicle or an autopilot that no HEARTBEAT gives
 
+CONTROL_PARAMETERS = re.compile(
+    r"ATC_RAT_|ATC_ANG_(RLL|PIT|YAW)_P$|INS_GYRO_FILTER$|SCHED_LOOP_RATE$|FSTRATE_ENABLE$|FRAME_CLASS$|"
+    r"MOT_(THST_EXPO|SPIN_MIN|SPIN_MAX|BAT_VOLT_MAX)$|MC_(ROLL|PITCH|YAW)|MC_BAT_SCALE_EN$|THR_MDL_FAC$|"
+    r"IMU_GYRO_(CUTOFF|RATEMAX)$|IMU_DGYRO_CUTOFF$|CA_(AIRFRAME|ROTOR_COUNT)$|CA_ROTOR[0-3]_"
+)
+"""Names of ArduPilot's and PX4's parameters that rate and attitude control depend on."""
+
 VERSION_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE: the least last byte of a version number, and the kind of version; none of a release."""
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import LITTLE_HEADROOM, Findings, known_wind
 from mavdem.analysis.overrides import UNEVEN, most_uneven
-from mavdem.condition.loop import Loop, margin_rating
+from mavdem.condition.loop.loop import Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST

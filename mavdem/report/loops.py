@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mavdem.condition.loop import Advice, Loop, OpenLoop
-from mavdem.condition.loop.advice import NOT_CHECKED
+from mavdem.condition.loop.loop import Advice, Loop
+from mavdem.condition.loop.margins import OpenLoop
+from mavdem.facts import Fact
 from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.numbers import rounded
+from mavdem.report.words import go_on
 
 FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "crossover": ("crossover (Hz)", 1.0),
@@ -20,15 +22,19 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 }
 # of the log's rate: the crossover up to which delay and time constant are known well enough
 FASTEST = 0.15
+NOT_CHECKED = (
+    "bending of the frame, notch filters against it, and another battery voltage, load or propeller: the margins are "
+    "those of this flight."
+)
 
 
-def tune_blocks(found: Mapping[str, Advice | str]) -> list[Block]:
-    """Returns what is said of the loops by axis; a text is why nothing is known of them."""
+def tune_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
+    """Returns what is said of the loops by axis; a fact is why nothing is known of them."""
     blocks = list[Block]()
     for axis, advice in found.items():
         lead = f"{axis.capitalize()}:"
-        if isinstance(advice, str):
-            blocks.append(Sentence(advice, lead))
+        if isinstance(advice, Fact):
+            blocks.append(Sentence(str(advice), lead))
             continue
         loop = advice.before
         after = {"advised": advice.after} if advice.parameters else {}
@@ -53,10 +59,7 @@ def _measured(loop: Loop) -> Sentence:
         ask = "record ATTITUDE_TARGET, RATE or vehicle_rates_setpoint for 20 s of settled flight"
         return Sentence(f"too few setpoints of the rate to check the margins against: {ask}.", lead)
     if loop.agrees is None:
-        return Sentence(
-            f"{found.reason[0].lower()}{found.reason[1:]} The margins are not checked against it.",
-            lead,
-        )
+        return Sentence(f"{go_on(found.reason)}. The margins are not checked against it.", lead)
     low, high = found.band
     text = f"the flight's response of the rate to its setpoint fits the predicted one by {found.agreement:.0f} % from "
     text += (
@@ -86,8 +89,8 @@ def _interval(loop: OpenLoop, name: str, scale: float) -> str:
 
 def _gains(advice: Advice) -> list[Block]:
     rows = [
-        [name, f"{old:.4g}", f"{new:.4g}", f"{new / old:.2f}"]
-        for name, (old, new) in advice.gains.items()
+        [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{gain.set / gain.now:.2f}"]
+        for name, gain in advice.gains.items()
     ]
     before, after = (rounded(loop.lean_in_wind) for loop in (advice.before, advice.after))
     does = "the heading moves" if advice.before.axis == "yaw" else "it leans"

@@ -21,12 +21,13 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.condition.loop import Advice, Loop, margin_rating
+from mavdem.condition.loop.loop import Advice, Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import NotLearnable, downstream
 from mavdem.evaluate.comparison import Comparison
+from mavdem.facts import Fact
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
@@ -366,7 +367,7 @@ def loop_picture(loop: Loop, after: Loop | None = None) -> Picture:
     )
 
 
-def tune_page(name: str, found: Mapping[str, Advice | str]) -> str:
+def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
     known = {axis: advice for axis, advice in found.items() if isinstance(advice, Advice)}
     drawn = {

@@ -10,14 +10,15 @@ from recorded_flights import shared
 import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition.loop import TARGETS, advise, loop_of, margin_rating
-from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import transfer
+from mavdem.condition.loop.controllers import UNMODELLED, Controller, controller_of
+from mavdem.condition.loop.from_flight import loop_of
+from mavdem.condition.loop.loop import TARGETS, advise, margin_rating
+from mavdem.condition.loop.margins import OpenLoop, transfer
 from mavdem.dem import physical
 from mavdem.dem.graybox import Physical
 from mavdem.dem.record import Record
-from mavdem.facts.loops import Loops
-from mavdem.ingest.controllers import Controller, controller_of
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Controllers, Gains, Loops, Responses
 from mavdem.paper.runner import logged
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
@@ -73,22 +74,49 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
 
 
 @pytest.mark.parametrize(
-    ("parameters", "weights", "sentence"),
+    ("parameters", "weights", "code", "figures"),
     [
-        ({}, X_ROLL, "no gains of ArduPilot's or PX4's"),
+        ({}, X_ROLL, Controllers.NO_GAINS, {}),
         (
             {name: value for name, value in ARDUPILOT.items() if name != "ATC_RAT_RLL_D"},
             X_ROLL,
-            "no ATC_RAT_RLL_D",
+            Controllers.PARAMETERS_MISSING,
+            {"names": ("ATC_RAT_RLL_D",)},
         ),
-        (ARDUPILOT | {"FRAME_CLASS": 2.0}, (1.0,) * 6, "mixer is not known"),
-        (ARDUPILOT, (), "mixer is not known"),
-        (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), "mixer is not known"),
+        (
+            ARDUPILOT | {"FRAME_CLASS": 2.0},
+            (1.0,) * 6,
+            Controllers.MIXER_UNKNOWN,
+            {"autopilot": "ardupilot"},
+        ),
+        (ARDUPILOT, (), Controllers.MIXER_UNKNOWN, {"autopilot": "ardupilot"}),
+        (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
+        (
+            PX4 | {"MC_ROLL_P": 0.0},
+            (),
+            Controllers.PARAMETER_IMPOSSIBLE,
+            {"name": "MC_ROLL_P", "value": 0.0},
+        ),
     ],
 )
-def test_a_controller_that_is_not_known_is_a_sentence(parameters, weights, sentence):
-    with pytest.raises(mavdem.NotLearnable, match=sentence):
+def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figures):
+    with pytest.raises(mavdem.NotLearnable) as refused:
         controller_of(parameters, "roll", weights)
+    assert (refused.value.fact.code, dict(refused.value.fact.figures)) == (code, figures)
+
+
+def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_have_it():
+    unmodelled = {"SMAX": 1.0, "PDMX": 1.0, "NEF": 3.0}
+    names = {f"ATC_RAT_RLL_{name}": value for name, value in unmodelled.items()}
+    names |= {"FSTRATE_ENABLE": 1.0, "MOT_BAT_VOLT_MAX": 12.6, "ATC_RAT_PIT_SMAX": 1.0}
+    cautions = controller_of(ARDUPILOT | names, "roll", X_ROLL).cautions
+    del names["ATC_RAT_PIT_SMAX"]
+    assert [fact.figures["name"] for fact in cautions] == list(names)
+    assert {fact.code for fact in cautions} == set(UNMODELLED.values()) - {
+        Controllers.DEMAND_BY_VOLTAGE
+    }
+    (last,) = controller_of(PX4 | {"MC_BAT_SCALE_EN": 1.0}).cautions
+    assert (last.code, last.level) == (Controllers.DEMAND_BY_VOLTAGE, Level.WATCH)
 
 
 def test_gains_that_change_in_flight_come_with_it():
@@ -140,7 +168,7 @@ def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
     frequency = np.geomspace(0.02, 100.0, 500)
     s = 2j * np.pi * frequency
     loop = (gain * np.exp(-s * delay) / s)[None]
-    found = OpenLoop.of(frequency, loop, loop / (1 + loop), 1 / s / (1 + loop))
+    found = OpenLoop(frequency, loop, loop / (1 + loop), 1 / s / (1 + loop))
     assert found.crossover == pytest.approx(gain / (2 * np.pi), rel=1e-3)
     assert found.phase_margin == pytest.approx(90 - np.degrees(gain * delay), abs=0.1)
     assert found.gain_margin == pytest.approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
@@ -182,10 +210,14 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     still = replace(record, setpoints=np.zeros_like(record.setpoints))
     assert loop_of(plant, still).agrees is None
     retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
-    assert retuned.agrees is None and f"{name} changed from 0.1 to" in retuned.cautions[-1]
+    (caution,) = retuned.cautions
+    assert retuned.agrees is None and caution.code is Loops.PARAMETERS_CHANGED
+    assert caution.figures["changes"] == ((name, 0.1, record.parameters[name]),)
     # Gains that were not those in flight.
     other = loop_of(plant, record, loop.controller.changed({name: 0.7 * record.parameters[name]}))
-    assert other.agrees is False and "times as far as its gains say" in other.measured.reason
+    assert other.agrees is False
+    assert other.measured.reason.code is Responses.CONTROLLER_GAIN_DIFFERS
+    assert other.advice.refusals == (other.measured.reason,)
 
 
 @pytest.mark.slow
@@ -194,9 +226,12 @@ def test_recorded_flights_agree_or_have_no_margins():
         mavdem.read_flight(shared("sitl_ardupilot/ardupilot_wind6_gusts.tlog"))[:2500]
     )
     loop = mavdem.Learned.from_json(learned.to_json()).loop()
-    assert loop.agrees and loop.measured.fit > 80 and loop.as_dict() == learned.loop().as_dict()
-    with pytest.raises(mavdem.NotLearnable, match="There are no margins: .* fly quick inputs"):
+    assert loop.agrees and loop.measured.fit > 80
+    for name, values in learned.loop().figures.items():
+        np.testing.assert_array_equal(loop.figures[name], values)
+    with pytest.raises(mavdem.NotLearnable) as refused:
         mavdem.learn(mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))[:2000]).loop()
+    assert refused.value.fact.code is Loops.NO_MARGINS
 
 
 def made_up(factor=1.0):
@@ -244,12 +279,12 @@ def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_
         have.append(phase[crossing].min() + 0.1 >= least_phase and bears >= least_gain)
         have[-1] &= np.abs(1 / (1 + open_loop)).max() * 0.999 <= most
     assert (found.sure >= 0.95) == (np.mean(have) >= 0.95) == (factor < 2)
-    ratios = [new / old for name, (old, new) in found.gains.items() if "RATE_" in name]
+    ratios = [gain.set / gain.now for name, gain in found.gains.items() if "RATE_" in name]
     assert len(ratios) == 3 and np.ptp(ratios) < 2e-3
-    assert all(1 / 1.5 <= new / old <= 1.5 for old, new in found.gains.values())
-    assert factor < 2 or (
-        max(ratios) < 0.67 and found.gains["MC_ROLL_P"][1] <= 6.5 and "step" in found.sentence
-    )
+    assert all(1 / 1.5 <= gain.set / gain.now <= 1.5 for gain in found.gains.values())
+    code = Gains.STEP_TOWARDS_MARGINS if factor > 2 else Gains.SET_GAINS
+    assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
+    assert factor < 2 or (max(ratios) < 0.67 and found.gains["MC_ROLL_P"].set <= 6.5)
     assert factor > 2 or found.noise.heat == pytest.approx(ratios[0] ** 2, rel=2e-3)
 
 
@@ -261,22 +296,38 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level):
     assert rating.figures["phase_margin"] == weak.phase_margin
 
 
-def test_refusals_are_sentences():
+def test_refusals_say_why():
     record = (sound := made_up()).record
     inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
     stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
     retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
+    doubt = Fact(Loops.MIXER_REVERSED)
+    cases = {
+        doubt: advise(sound, doubts=[doubt]),
+        Fact(Gains.MOTOR_AT_LIMIT, share=0.1): stuck,
+        Fact(Gains.LOOP_UNSTABLE): advise(made_up(6.0)),
+        Fact(Gains.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
+    }
+    for refusal, found in cases.items():
+        assert found.refusals == (refusal,) and not found.gains
+        assert found.sentence == Fact(Gains.NO_GAINS_ADVISED, reasons=[refusal])
     with pytest.raises(
         ValueError, match="takes a Controller, such as the one of another loop, and not 'pitch'"
     ):
         loop_of(sound.plant, record, "pitch")
-    words = (
-        "Oscillates at 3 Hz",
-        "at a limit 10 % of the time",
-        "unstable, and yet it flew",
-        "MC_ROLL_P changed in",
-    )
-    cases = advise(sound, doubts=["Oscillates at 3 Hz."]), stuck, advise(made_up(6.0)), retuned
-    for found, said in zip(cases, words, strict=True):
-        assert found.sentence.startswith("No gains are advised. ") and said in found.sentence
-        assert not found.gains and found.as_dict()["expected"] is None
+
+
+@pytest.mark.parametrize(
+    ("plant", "record", "code"),
+    [
+        ({}, {"parameters": {}}, Loops.CONTROLLER_UNKNOWN),
+        ({}, {"parameters": PX4 | {"MC_ROLLRATE_P": 0.0}}, Loops.NO_PROPORTIONAL_GAIN),
+        ({"effect": -0.18 * np.array(X_ROLL)}, {}, Loops.MIXER_REVERSED),
+        ({}, {"input_range": ()}, Controllers.MIXER_UNKNOWN),
+    ],
+)
+def test_a_flight_without_loops_says_why(plant, record, code):
+    sound = made_up()
+    with pytest.raises(mavdem.NotLearnable) as refused:
+        loop_of(sound.plant._replace(**plant), replace(sound.record, **record))
+    assert refused.value.fact.code is code

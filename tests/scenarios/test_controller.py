@@ -5,7 +5,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from mavdem.ingest.controllers import USED
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import cycle_of, parameters_of
@@ -130,7 +130,9 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     }
     own = scenario_of(table)
     given = {
-        name: value for name, value in parameters_of(own, cycle_of(own)).items() if USED.match(name)
+        name: value
+        for name, value in parameters_of(own, cycle_of(own)).items()
+        if CONTROL_PARAMETERS.match(name)
     }
     other = given | {
         next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05

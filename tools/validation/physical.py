@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem import Flight
-from mavdem.condition.loop import Loop, advise, loop_of
-from mavdem.condition.loop.advice import SURE
+from mavdem.condition.loop.from_flight import loop_of
+from mavdem.condition.loop.loop import SURE, Loop, advise
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
@@ -335,10 +335,10 @@ def advice(seed: int, every: int) -> None:
     for of, loop, _ in loop_flights(seed, every):
         found = advise(loop)
         if not found.gains:
-            log(f"refused: {found.refusal}")
+            log(f"refused: {found.sentence}")
             continue
         vehicle = of.vehicle.model_copy(
-            update={"parameters": {name: new for name, (_, new) in found.gains.items()}}
+            update={"parameters": {name: gain.set for name, gain in found.gains.items()}}
         )
         again = of.model_copy(update={"vehicle": vehicle})
         known = truth(again, fly(again))

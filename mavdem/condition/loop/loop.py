@@ -1,76 +1,84 @@
-"""The loops of one axis: the identified plant, with its posterior, times the controller of the parameters."""
+"""Loop: rate and attitude loop of one axis, whether they have enough margin, and gains that reach stated margins.
+
+The gains hold in the worst case of the plant's posterior, and change one bounded step at a time. P, I and D of the rate
+controller change by one factor, so that they keep their proportions: those of the autopilot's defaults or of whoever
+tuned it. The gain of the attitude controller follows, with the rate loop of the new gains. Nothing is
+sent to a vehicle.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import (
-    GAIN_ERROR,
-    LEAST_BAND,
-    MeasuredResponse,
-    measured_response,
-    transfer,
-)
-from mavdem.dem import Learned
+from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.margins import Margins, OpenLoop, loops_of, transfer
+from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
-from mavdem.dem.graybox.likelihood import DELAY
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable, downstream
-from mavdem.ingest.controllers import ASK, MOTORS, Controller, controller_of
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Gains, Loops, Responses
 
-# parameters of one axis begin so
+
+class Target(NamedTuple):
+    """Margins that a loop is to have: degrees and dB at least, and the largest sensitivity at most."""
+
+    phase_margin: float
+    gain_margin: float
+    ms: float
+
+
+TARGETS = {
+    "soft": Target(55.0, 8.0, 1.7),
+    "default": Target(45.0, 6.0, 2.0),
+    "sharp": Target(40.0, 5.0, 2.3),
+}
+"""Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
+sec. 10.3)."""
+FACTORS = [1.499 ** (step / 8) for step in range(8, -9, -1)]
+"""Of a gain, at once, in even ratios up to 1.5 less what rounding it to four digits adds."""
+SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
+SATURATED = 0.05
+"""Share of the samples with an input at a limit, from which on no linear loop describes the vehicle."""
+# 1/s, that PX4 takes; ArduPilot recommends 12 for all
+LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
+# times the crossover, and Hz: what is faster in the gyro is noise, not motion
+NOISE_FROM = 3.0, 10.0
 OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
-# of the plant's posterior
-DRAWS = 400
-SEED = 31
-# Hz, and the number of frequencies between, evenly by ratio
-LOWEST = 0.02
-HIGHEST = 100.0
-FREQUENCIES = 500
-# of the posterior that is drawn: with all of it 98 % of 90 % intervals held simulated margins
-SPREAD = 0.8
-# of a step of the stream: standard deviation of a delay by the times between its samples
-SPLIT = 0.25
-HALF_DELAY = 2**-0.5
-HALF_PHASE = 0.7560
-HALF_SIZE = 0.9701
-"""Of a second-order Butterworth filter at half of its cut-off, ω: its delay at low frequencies by ω, rad, and size."""
-LEAST = 0.02, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a drawn plant
+"""How parameters of one axis begin."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Loop:
-    """The loops of one ``axis``: ``rate`` and, with that closed, ``attitude``; it has the figures of ``rate`` itself.
-
-    They are of a ``plant`` that was identified from a ``record``, and its ``controller``. ``gains`` (N,) are angular
-    acceleration per demand, rad/s², ``draws`` (N, 3) damping, 1/s, lag and delay, s, without the gyro's filter: of the
-    estimate, and then drawn. ``cautions`` say what the figures do not allow for, one sentence each. ``measured`` is the
-    response of the rate in flight, where the log has setpoints.
-    """
+class Loop(Margins):
+    """The loops of one ``axis``: ``rate`` and, with that closed, ``attitude``; it has the figures of ``rate``."""
 
     axis: str
     plant: Physical
+    """Identified from the ``record``."""
     record: Record
     controller: Controller
     gains: Array
+    """(N,) angular acceleration per demand, rad/s², of the estimate, and then of draws."""
     draws: Array
+    """(N, 3) likewise of damping, 1/s, lag and delay, s, without the gyro's filter."""
     rate: OpenLoop
     attitude: OpenLoop
-    cautions: tuple[str, ...]
+    cautions: tuple[Fact, ...]
+    """What the figures do not allow for."""
     measured: MeasuredResponse | None = None
+    """The response of the rate in flight, where the log has setpoints."""
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(f"a Loop has no attribute {name!r}")
-        return getattr(self.rate, name)
+    @property
+    def figures(self) -> Mapping[str, Array]:
+        """(N,) of each figure of the rate loop."""
+        return self.rate.figures
 
     def __repr__(self) -> str:
         margins = f"phase margin {self.phase_margin:.0f}°, gain margin {self.gain_margin:.1f} dB"
@@ -79,23 +87,22 @@ class Loop:
     def changed(self, parameters: Mapping[str, float]) -> Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
         controller = self.controller.changed(parameters)
-        rate, attitude = _loops(controller, self.gains, self.draws)
+        rate, attitude = loops_of(controller, self.gains, self.draws)
         return replace(self, controller=controller, rate=rate, attitude=attitude, measured=None)
 
     @property
     def agrees(self) -> bool | None:
         """Whether the flight's response is the predicted one; None where too little of it was measured."""
-        found = self.measured
-        if found is None or (
-            found.band[1] < LEAST_BAND and not abs(np.log(found.controller_gain)) > GAIN_ERROR
-        ):
+        if self.measured is None:
             return None
-        return not found.reason
+        if (reason := self.measured.reason) is None:
+            return True
+        return None if reason.code is Responses.RESPONSE_UNEXPLAINED else False
 
     @cached_property
-    def advice(self) -> Any:
-        """Gains to set, with what to expect, or why there are none; see ``mavdem.condition.loop.advise``."""
-        return downstream("condition.loop.advice", "advise")(self)
+    def advice(self) -> Advice:
+        """Gains to set, with what to expect, or why there are none."""
+        return advise(self)
 
     @property
     def lean_in_wind(self) -> float:
@@ -104,152 +111,221 @@ class Loop:
         power = np.abs(self.attitude.disturbance[0]) ** 2 * wind_density(self.plant, frequency)
         return float(np.degrees(np.sqrt(np.trapezoid(power, frequency))))
 
-    def as_dict(self) -> dict[str, Any]:
-        """Returns the figures as plain JSON values."""
-        loops = {"rate": self.rate.as_dict(), "attitude": self.attitude.as_dict()}
-        found = self.measured
-        compared = (
-            {name: getattr(found, name) for name in ("band", "fit", "agreement", "reason")}
-            if found
-            else None
+
+class Gain(NamedTuple):
+    """A gain in the log, and to set."""
+
+    now: float
+    set: float
+
+
+class Noise(NamedTuple):
+    """What noise of the gyro makes of the demand, standard deviations of the demand, 1 being all the mixer takes."""
+
+    lowest: float  # Hz, from which on
+    highest: float  # up to which the log shows the gyro
+    before: float
+    after: float
+    by_d: float  # of the term D alone, before
+    heat: float  # how many times that of fast commands in the motors: it grows with their square
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Advice:
+    """Gains to set, and what to expect of them."""
+
+    target: Target
+    """The margins asked for."""
+    rating: Fact
+    """Whether the loops of the flight have them."""
+    refusals: tuple[Fact, ...]
+    """Why there are no gains; none where there are."""
+    before: Loop
+    """By the gains of the log."""
+    after: Loop
+    """By the gains to set."""
+    gains: dict[str, Gain]
+    """By the autopilot's name; those that there are, changed or not."""
+    sure: float
+    """Share of the draws in which both loops have the margins."""
+    noise: Noise | None
+    """Of the gyro in the demand; None where the log is too slow to show it."""
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The gains to set, by the autopilot's name, where they change."""
+        return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
+
+    @property
+    def sentence(self) -> Fact:
+        """What to do, or why there is no advice."""
+        if self.refusals:
+            return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
+        code = Gains.STEP_TOWARDS_MARGINS
+        if self.sure >= SURE:
+            code = Gains.SET_GAINS if self.parameters else Gains.KEEP_GAINS
+        return Fact(
+            code,
+            Level.GOOD if code is Gains.KEEP_GAINS else Level.WATCH,
+            share=self.sure,
+            has_room=self.rating.level is Level.GOOD,
+            **self.target._asdict(),
         )
-        if found and compared and np.isfinite(found.controller_gain):
-            compared |= {"controller_gain": found.controller_gain}
-        known = {
-            "axis": self.axis,
-            **loops,
-            "lean_in_wind": self.lean_in_wind,
-            "cautions": list(self.cautions),
-        }
-        return known | {"measured": compared, "agrees": self.agrees}
 
 
-def loop(learned: Learned, controller: Controller | None = None) -> Loop:
-    """Returns the loops of what was ``learned``; the ``controller`` is that of the log's parameters unless given.
+def advise(loop: Loop, tune: str = "default", doubts: Sequence[Fact] = ()) -> Advice:
+    """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]``.
 
-    Raises ``NotLearnable``: the plant is not identifiable, or the controller is not known.
+    The largest gains with which 95 % of the plant's draws have all margins, in both loops; where none within a factor
+    of 1.5 has them, those that come closest. None where gains must not follow from this flight: for the ``doubts``
+    about it, gains that change, motors at their limits, a loop that the flight contradicts, or that is unstable.
     """
-    if learned.physical is None:
-        raise NotLearnable(learned.physical_reason)
-    return loop_of(learned.physical, learned.record, controller)
+    target = TARGETS[tune]
+    refusals = tuple(doubts) or _refusals(loop)
+    gains = {} if refusals else _best(loop, target)
+    after = loop.changed(gains)
+    return Advice(
+        target=target,
+        rating=margin_rating(loop, target),
+        refusals=refusals,
+        before=loop,
+        after=after,
+        gains={name: Gain(loop.controller.parameters[name], new) for name, new in gains.items()},
+        sure=float(np.mean(_scores(target, after.rate, after.attitude) >= 1)),
+        noise=_noise(loop, after.controller),
+    )
 
 
-def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
-    if not isinstance(controller, Controller | None):
-        raise ValueError(
-            f"The loop takes a Controller, such as the one of another loop, and not {controller!r}."
-        )
-    if plant.caution is not None:
-        raise NotLearnable(f"There are no margins: {plant.caution[0].lower()}{plant.caution[1:]}")
-    axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
-    if controller is None:
-        if not record.parameters:
-            raise NotLearnable(
-                "The autopilot's parameters are not known: there is no controller.", ASK
-            )
-        weights = [] if record.effect_directions is None else record.effect_directions.tolist()
-        controller = controller_of(record.parameters, axis, weights)
-    if not controller.p > 0:
-        raise NotLearnable(
-            f"{controller.names['p']} is {controller.p:g}: there is no loop to judge. Check the gains."
-        )
-    drawn = _drawn(plant, controller.gyro_filter, record.dt)
-    gains = drawn[:, :-3] @ (per_demand := _per_demand(controller, record))
-    if not gains[0] > 0:
-        raise NotLearnable(
-            "By the parameters the mixer turns the vehicle the wrong way: check FRAME_TYPE."
-        )
-    dynamics = np.maximum(drawn[:, -3:], LEAST)
-    rate, attitude = _loops(controller, gains, dynamics)
-    biased = f"The control effectiveness is biased: {plant.reasons['effect']}" if plant.bias else ""
-    changed = changed_in(record, controller)
-    now = [
-        f"{name} changed from {old:g} to {record.parameters[name]:g}"
-        for name, old in changed.items()
-    ]
-    since = f"{', '.join(now)} in this log: the loop has the last values, and the response is not compared."
-    cautions = (*([biased] if biased else []), *([since] if now else []), *controller.cautions)
-    measured = (
-        None
-        if now
-        else measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
+def _refusals(loop: Loop) -> tuple[Fact, ...]:
+    """Why the loop itself gives no gains; the first reason."""
+    limited = _limited_share(loop.controller, loop.record)
+    if changed := changed_in(loop.record, loop.controller):
+        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
+    if limited > SATURATED:
+        return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
+    if not (loop.rate.stable[0] and loop.attitude.stable[0]):
+        return (Fact(Gains.LOOP_UNSTABLE),)
+    if loop.measured is not None and loop.measured.reason is not None and loop.agrees is False:
+        return (loop.measured.reason,)
+    return ()
+
+
+def _best(loop: Loop, target: Target) -> dict[str, float]:
+    """The gains to set, by name: of the rate loop, and then of the attitude loop about it."""
+    names = loop.controller.names
+    known = loop.controller.parameters
+    chosen = dict[str, float]()
+    factors = FACTORS
+    for gains in (("p", "i", "d"), ("angle",)):
+        scored = list[tuple[float, dict[str, float]]]()
+        for factor in factors:
+            stepped = {
+                names[gain]: _stepped(loop, names[gain], factor)
+                for gain in gains
+                if known.get(names[gain])
+            }
+            changed = loop.changed(chosen | stepped)
+            loops = (changed.rate,) if "p" in gains else (changed.rate, changed.attitude)
+            scored.append((_worst(target, *loops), chosen | stepped))
+            if scored[-1][0] >= 1:
+                break
+        score, chosen = max(scored, key=lambda pair: pair[0])
+        if score < 1:  # on a rate loop without margin nothing is to be added
+            factors = [factor for factor in FACTORS if factor <= 1]
+    return chosen
+
+
+def _stepped(loop: Loop, name: str, factor: float) -> float:
+    """A gain times a factor; that of the angle not beyond what autopilots take."""
+    now = loop.controller.parameters[name]
+    most = np.inf
+    if name == loop.controller.names["angle"]:
+        most = max(now, LARGEST_ANGLE[loop.axis])
+    return now if factor == 1 else min(float(f"{factor * now:.4g}"), most)
+
+
+def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
+    """Returns whether rate and attitude ``loop`` have the margins of ``target``: good, perhaps (watch), or bad.
+
+    Its figures are those of the weaker loop.
+    """
+    loops = {"rate loop": loop.rate, "attitude loop": loop.attitude}
+    name, weak = min(loops.items(), key=lambda item: _worst(target, item[1]))
+    level = Level.BAD
+    if _worst(target, *loops.values()) >= 1:
+        level = Level.GOOD
+    elif _scores(target, *loops.values())[0] >= 1:
+        level = Level.WATCH
+    return Fact(
+        Loops.MARGIN_RATING,
+        level,
+        subject=name,
+        phase_margin=weak.phase_margin,
+        phase_margin_interval=weak.phase_margin_interval,
+        gain_margin=weak.gain_margin if isfinite(weak.gain_margin) else None,
+        ms=weak.ms,
     )
-    return Loop(
-        axis, plant, record, controller, gains, dynamics, rate, attitude, cautions, measured
-    )
+
+
+def _scores(target: Target, *loops: OpenLoop) -> Array:
+    """(N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
+    scores = []
+    for loop in loops:
+        phase = loop.figures["phase_margin"] / target.phase_margin
+        gain = loop.figures["gain_margin"] / target.gain_margin
+        least = np.min([phase, gain, target.ms / loop.figures["ms"]], axis=0)
+        scores.append(np.where(loop.stable, least, -np.inf))
+    return np.asarray(np.min(scores, axis=0))
+
+
+def _worst(target: Target, *loops: OpenLoop) -> float:
+    """The score that 95 % of the draws have at least."""
+    return float(np.quantile(_scores(target, *loops), 1 - SURE, method="lower"))
 
 
 def changed_in(record: Record, controller: Controller) -> dict[str, float]:
     """Returns the parameters of a ``controller`` that changed in the ``record``, with their values before."""
-    known = controller.names.values()
     prefix = controller.names["p"][:-1]
     return {
         name: old
         for name, old in record.earlier.items()
-        if name in known or name.startswith(prefix) or not name.startswith(OF_AXES)
+        if name in controller.names.values()
+        or name.startswith(prefix)
+        or not name.startswith(OF_AXES)
     }
 
 
-def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
-    """(N, r + 3) effect, damping, lag and delay without the gyro's filter, Hz, if any: the estimate, and draws.
-
-    The plant's lag and delay hold the filter. Where that is most of them, both are alike in size and phase at half of
-    the cut-off, else in their delay at low frequencies. The sum of lag and delay is better determined than either: a
-    delay is taken for that of common autopilots as far as the flight leaves it open, and the lag is what is left.
-    """
-    theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
-    rng = np.random.default_rng(SEED)
-    covariance = plant.covariance.copy()
-    (usual, sd) = DELAY
-    variance = covariance[-1, -1] + (SPLIT * dt) ** 2
-    if covariance[-1, -1] > sd**2:
-        covariance[-1] = 0.0
-        covariance[:, -1] = 0.0
-    drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
-    late = drawn[:, -2:].sum(axis=1)
-    half = np.pi * cutoff
-    open_ = variance / (variance + sd**2)
-    filtered = HALF_DELAY / half if cutoff else 0.0
-    whole = np.maximum(late - filtered, 0.0)
-    if filtered > late[0] / 2:
-        whole = np.maximum((np.arctan(half * drawn[:, -2]) - HALF_PHASE) / half + drawn[:, -1], 0.0)
-        drawn[:, :-3] /= HALF_SIZE * np.hypot(1.0, half * drawn[:, -2])[:, None]
-    delay = (1 - open_) * max(plant.delay - filtered, 0.0) + open_ * usual
-    delay = np.clip(
-        delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2
-    )
-    drawn[:, -2:] = np.column_stack([whole - delay, delay])
-    return np.asarray(drawn[0] + SPREAD * (drawn - drawn[0]))
-
-
-def _per_demand(controller: Controller, record: Record) -> Array:
-    """(r,) of the inputs, in their unit, by a demand of 1 about the trim; a demand itself is one."""
-    trim = record.inputs.mean(axis=0)
-    if len(trim) == 1 and record.input_range == (-1.0, 1.0):
-        return np.ones(1)
-    if len(trim) != MOTORS or len(record.input_range) != 2:
-        raise NotLearnable(
-            f"The mixer of {len(trim)} motors is not known: this needs a quadrotor's log."
-        )
+def _limited_share(controller: Controller, record: Record) -> float:
+    """Of the samples with an input within 0.5 % of a limit, where the range of the inputs is known."""
+    if len(record.input_range) != 2:
+        return 0.0
     low, high = record.input_range
-    return (high - low) * np.array(controller.per_demand(((trim - low) / (high - low)).tolist()))
+    share = (record.inputs - low) / (high - low)
+    begin, end = (0.0, 1.0) if record.inputs.shape[1] == 1 else controller.spin
+    return float(np.mean(np.any((share <= begin + 0.005) | (share >= end - 0.005), axis=1)))
 
 
-def _loops(controller: Controller, gains: Array, dynamics: Array) -> tuple[OpenLoop, OpenLoop]:
-    frequency = np.geomspace(LOWEST, min(HIGHEST, 0.45 / controller.cycle), FREQUENCIES)
-    s = 2j * np.pi * frequency
-    damping, lag, delay = (column[:, None] for column in dynamics.T)
-    # Rates are logged, and controlled, behind the gyro's filter, the angle is not.
-    share = frequency / controller.gyro_filter if controller.gyro_filter else 0 * frequency
-    filtered = 1 / (1 + 2**0.5 * 1j * share - share**2)
-    acted = filtered * np.exp(-s * delay) / (lag * s + 1)
-    turned = 1 / (s + damping)
-    to_rate = gains[:, None] * acted * turned
-    forward, back = transfer(controller, frequency)
-    response = back * to_rate
-    closed = forward * to_rate / (1 + response)
-    rejected = turned / (1 + response)
-    outer = controller.angle / s * closed / filtered
-    attitude = OpenLoop.of(frequency, outer, outer / (1 + outer), rejected / s / (1 + outer))
-    return OpenLoop.of(frequency, response, closed, rejected), attitude
+def _noise(loop: Loop, after: Controller) -> Noise | None:
+    """The rate's spectrum above the motion, as logged behind the gyro's filter, through the controllers."""
+    from scipy.signal import welch  # it takes half a second to import
+
+    record = loop.record
+    times, least = NOISE_FROM
+    highest = 0.45 / record.dt
+    lowest = max(times * loop.rate.crossover, least)
+    if not 2 * lowest < highest:
+        return None
+    frequency, density = welch(record.outputs[:, -1], 1 / record.dt, nperseg=min(256, len(record)))
+    kept = (frequency >= lowest) & (frequency <= highest)
+    frequency = frequency[kept]
+    density = density[kept]
+    step = float(frequency[1] - frequency[0])
+    now = loop.controller
+    before, without_d, then = (
+        transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after)
+    )
+    size, by_d, new = (
+        float(np.sqrt(step * np.sum(np.abs(response) ** 2 * density)))
+        for response in (before, before - without_d, then)
+    )
+    return Noise(lowest, highest, size, new, by_d, (new / size) ** 2)

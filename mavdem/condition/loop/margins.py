@@ -9,105 +9,123 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.condition.loop.controllers import Controller
 from mavdem.confidence import LEVEL
 from mavdem.dem.engine.linalg import Array
 
 Complex = NDArray[np.complex128]
-FIGURES = (
-    "crossover",
-    "phase_margin",
-    "gain_margin",
-    "delay_margin",
-    "ms",
-    "bandwidth",
-    "rejection",
-)
+Interval = tuple[float, float]
+GRID = (0.02, 100.0, 500)
+"""Hz from and to, and how many frequencies between, evenly by ratio; up to 0.45 of the loop's own rate at most."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a loop, of the estimated plant, as an attribute."""
+
+    name: str
+
+    def __get__(self, loop: Any, kind: type | None = None) -> float:
+        return float(loop.figures[self.name][0])
+
+
+@dataclass(frozen=True)
+class FigureInterval:
+    """The 90 % interval of a figure, (low, high), as an attribute."""
+
+    name: str
+
+    def __get__(self, loop: Any, kind: type | None = None) -> Interval:
+        ends = [0.5 - LEVEL / 2, 0.5 + LEVEL / 2]
+        low, high = np.quantile(loop.figures[self.name], ends, method="nearest").tolist()
+        return low, high
+
+
+class Margins:
+    """Figures of a loop with their 90 % intervals; the margins are the smallest."""
+
+    crossover = Figure("crossover")
+    """The highest frequency at which the gain is 1, Hz."""
+    crossover_interval = FigureInterval("crossover")
+    phase_margin = Figure("phase_margin")
+    """Degrees; negative where the loop is unstable."""
+    phase_margin_interval = FigureInterval("phase_margin")
+    gain_margin = Figure("gain_margin")
+    """dB; infinite where no frequency has it."""
+    gain_margin_interval = FigureInterval("gain_margin")
+    delay_margin = Figure("delay_margin")
+    """Seconds."""
+    delay_margin_interval = FigureInterval("delay_margin")
+    ms = Figure("ms")
+    """The largest sensitivity."""
+    ms_interval = FigureInterval("ms")
+    bandwidth = Figure("bandwidth")
+    """Hz, up to which the closed loop is at least -3 dB."""
+    bandwidth_interval = FigureInterval("bandwidth")
+    rejection = Figure("rejection")
+    """The largest response of rate or angle to a torque, s or s²."""
+    rejection_interval = FigureInterval("rejection")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OpenLoop:
-    """One loop, opened at its controller: N responses at F frequencies, the estimate's first and then of draws.
+class OpenLoop(Margins):
+    """One loop, opened at its controller: N responses at F frequencies, the estimate's first and then of draws."""
 
-    Figures: ``crossover``, the highest frequency at which the gain is 1, Hz; ``phase_margin``, degrees, negative where
-    the loop is unstable; ``gain_margin``, dB, infinite where no frequency has it; ``delay_margin``, s; ``ms``, the
-    largest sensitivity; ``bandwidth``, up to which ``closed`` is at least -3 dB, Hz; ``rejection``, the largest of
-    ``disturbance``, s or s². Margins are the smallest. Each has a 90 % interval, (low, high): ``ms_interval``.
-    """
-
-    frequency: Array  # (F,) Hz
-    response: Complex  # (N, F) of the open loop, without its sign
-    closed: Complex  # (N, F) from the setpoint to the rate, or the angle
-    # (N, F) from the wind's torque, rad/s², to the rate, rad/s, or the angle, rad
+    frequency: Array
+    """(F,) Hz."""
+    response: Complex
+    """(N, F) of the open loop, without its sign."""
+    closed: Complex
+    """(N, F) from the setpoint to the rate, or the angle."""
     disturbance: Complex
-    stable: NDArray[np.bool_]  # (N,) whether the closed loop is
-    figures: Mapping[str, Array]  # (N,) of each of ``FIGURES``, by name
+    """(N, F) from the wind's torque, rad/s², to the rate, rad/s, or the angle, rad."""
 
-    @classmethod
-    def of(
-        cls, frequency: Array, response: Complex, closed: Complex, disturbance: Complex
-    ) -> OpenLoop:
-        """Returns the loop with its figures."""
-        found = figures(frequency, response, closed, disturbance)
-        return cls(frequency, response, closed, disturbance, _stable(response), found)
+    @cached_property
+    def stable(self) -> NDArray[np.bool_]:
+        """(N,) whether closed loops are stable, whose open loops are so but for poles at 0 (Nyquist's criterion).
 
-    def __getattr__(self, name: str) -> Any:
-        figure = name.removesuffix("_interval")
-        if figure not in FIGURES:
-            raise AttributeError(f"an OpenLoop has no attribute {name!r}")
-        ends = [0.5 - LEVEL / 2, 0.5 + LEVEL / 2]
-        values = self.figures[figure]
-        return (
-            float(values[0])
-            if name == figure
-            else tuple(np.quantile(values, ends, method="nearest").tolist())
-        )
+        1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
+        """
+        turned = np.unwrap(np.angle(1 + self.response), axis=1)
+        poles = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
+        return np.asarray(np.abs(turned[:, -1] - turned[:, 0] - poles * np.pi / 2) < np.pi)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Returns figures and intervals as plain JSON values, None for what is not finite."""
-        names = [name for figure in FIGURES for name in (figure, f"{figure}_interval")]
-        values = {
-            name: [one if np.isfinite(one) else None for one in np.ravel(getattr(self, name))]
-            for name in names
+    @cached_property
+    def figures(self) -> Mapping[str, Array]:
+        """(N,) of each figure by its name: of the estimated plant, and then of draws."""
+        at = np.log(self.frequency)
+        gain = np.log(np.abs(self.response))
+        where, crossing = _crossings(gain)
+        phase = np.unwrap(np.angle(-self.response), axis=1)
+        margin = (_between(phase, where, crossing) + np.pi) % (2 * np.pi) - np.pi
+        hertz = np.exp(at[:-1] + crossing * np.diff(at))
+        turned, turning = _crossings(self.response.imag)
+        turned &= self.response.real[:, :-1] < 0
+        left = np.where(turned, -_between(gain, turned, turning), np.inf)
+        falls, falling = _crossings(np.abs(self.closed) - 2**-0.5)  # half of the power
+        rows = np.arange(len(self.response))
+        first = np.argmax(falls, axis=1)
+        bandwidth = np.exp(at[first] + falling[rows, first] * np.diff(at)[first])
+        smallest = np.where(where, margin, np.inf)
+        highest = np.where(where, hertz, 0.0).max(axis=1)
+        return {
+            "crossover": np.where(where.any(axis=1), highest, np.nan),
+            "phase_margin": np.degrees(smallest.min(axis=1)),
+            "gain_margin": 20 / np.log(10) * left[rows, np.argmin(np.abs(left), axis=1)],
+            "delay_margin": (smallest / (2 * np.pi * hertz)).min(axis=1),
+            "ms": np.abs(1 / (1 + self.response)).max(axis=1),
+            "bandwidth": np.where(falls.any(axis=1), bandwidth, np.nan),
+            "rejection": np.abs(self.disturbance).max(axis=1),
         }
-        return {name: each if len(each) > 1 else each[0] for name, each in values.items()}
 
 
-def figures(
-    frequency: Array, response: Complex, closed: Complex, disturbance: Complex
-) -> dict[str, Array]:
-    """Returns (N,) of each of :data:`FIGURES`, of responses (N, F) as in :class:`OpenLoop`."""
-    at = np.log(frequency)
-    gain = np.log(np.abs(response))
-    where, crossing = _crossings(at, gain)
-    phase = np.unwrap(np.angle(-response), axis=1)
-    margin = (_between(phase, where, crossing) + np.pi) % (2 * np.pi) - np.pi
-    hertz = np.exp(at[:-1] + crossing * np.diff(at))
-    turned, turning = _crossings(at, response.imag)
-    turned &= response.real[:, :-1] < 0
-    left = np.where(turned, -_between(gain, turned, turning), np.inf)
-    falls, falling = _crossings(at, np.abs(closed) - 2**-0.5)  # half of the power
-    first = np.argmax(falls, axis=1)
-    rows = np.arange(len(response))
-    smallest = np.where(where, margin, np.inf)
-    return {
-        "crossover": np.where(where.any(axis=1), np.where(where, hertz, 0.0).max(axis=1), np.nan),
-        "phase_margin": np.degrees(smallest.min(axis=1)),
-        "gain_margin": 20 / np.log(10) * left[rows, np.argmin(np.abs(left), axis=1)],
-        "delay_margin": (smallest / (2 * np.pi * hertz)).min(axis=1),
-        "ms": np.abs(1 / (1 + response)).max(axis=1),
-        "bandwidth": np.where(
-            falls.any(axis=1), np.exp(at[first] + falling[rows, first] * np.diff(at)[first]), np.nan
-        ),
-        "rejection": np.abs(disturbance).max(axis=1),
-    }
-
-
-def _crossings(at: Array, values: Array) -> tuple[NDArray[np.bool_], Array]:
+def _crossings(values: Array) -> tuple[NDArray[np.bool_], Array]:
     """(N, F − 1) between which frequencies ``values`` (N, F) change sign, and at which share of the way."""
     before = values[:, :-1]
     after = values[:, 1:]
@@ -119,11 +137,42 @@ def _between(values: Array, where: NDArray[np.bool_], share: Array) -> Array:
     return np.where(where, values[:, :-1] + share * np.diff(values, axis=1), 0.0)
 
 
-def _stable(response: Complex) -> NDArray[np.bool_]:
-    """(N,) whether closed loops are stable, whose open loops are so but for poles at 0 (Nyquist's criterion).
+def loops_of(controller: Controller, gains: Array, dynamics: Array) -> tuple[OpenLoop, OpenLoop]:
+    """Returns rate and attitude loop; ``gains`` (N,) and ``dynamics`` (N, 3) are those of a :class:`Loop`."""
+    lowest, highest, count = GRID
+    frequency = np.geomspace(lowest, min(highest, 0.45 / controller.cycle), count)
+    s = 2j * np.pi * frequency
+    damping, lag, delay = (column[:, None] for column in dynamics.T)
+    # Rates are logged, and controlled, behind the gyro's filter, the angle is not.
+    share = frequency / controller.gyro_filter if controller.gyro_filter else 0 * frequency
+    filtered = 1 / (1 + 2**0.5 * 1j * share - share**2)
+    acted = filtered * np.exp(-s * delay) / (lag * s + 1)
+    turned = 1 / (s + damping)
+    to_rate = gains[:, None] * acted * turned
+    forward, back = transfer(controller, frequency)
+    response = back * to_rate
+    closed = forward * to_rate / (1 + response)
+    rejected = turned / (1 + response)
+    outer = controller.angle / s * closed / filtered
+    attitude = OpenLoop(frequency, outer, outer / (1 + outer), rejected / s / (1 + outer))
+    return OpenLoop(frequency, response, closed, rejected), attitude
 
-    1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
-    """
-    turned = np.unwrap(np.angle(1 + response), axis=1)
-    poles = np.round(-np.angle(response[:, 0]) / (np.pi / 2)).clip(0, 2)
-    return np.asarray(np.abs(turned[:, -1] - turned[:, 0] - poles * np.pi / 2) < np.pi)
+
+def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
+    """Returns (F,) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (F,)."""
+    cycle = controller.cycle
+    late = np.exp(-2j * np.pi * frequency * cycle)
+
+    def filtered(cutoff: float) -> Any:
+        share = cycle / (cycle + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
+        return share / (1 - (1 - share) * late)
+
+    differentiated = controller.d * filtered(controller.derivative_filter) * (1 - late) / cycle
+    integrated = controller.i * cycle / (1 - late)
+    if controller.derivative_of_error:
+        back = filtered(controller.error_filter) * (controller.p + integrated + differentiated)
+        return filtered(controller.target_filter) * (back + controller.ff), back
+    # PX4 integrates the error after it has been used.
+    error = controller.p + late * integrated
+    output = filtered(controller.output_filter)
+    return output * (error + controller.ff), output * (error + differentiated)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.condition.loop.margins import Complex
+from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import SLOWEST_RATE
 from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.record import Record
-from mavdem.ingest.controllers import Controller
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Responses
 
 # of the windows of the spectra, by Welch, and how many it takes
 WINDOW_SECONDS = 5.0
@@ -45,27 +47,7 @@ class MeasuredResponse(NamedTuple):
     step: Array  # (K,) of the rate by a setpoint of 1 rad/s, deconvolved
     # of the motors' demand in flight, over that of the parameters; NaN where it is not known
     controller_gain: float
-    reason: str  # why the two do not agree, one sentence; empty where they do
-
-
-def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
-    """Returns (F,) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (F,)."""
-    cycle = controller.cycle
-    late = np.exp(-2j * np.pi * frequency * controller.cycle)
-
-    def filtered(cutoff: float) -> Any:
-        share = cycle / (cycle + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
-        return share / (1 - (1 - share) * late)
-
-    differentiated = controller.d * filtered(controller.derivative_filter) * (1 - late) / cycle
-    integrated = controller.i * cycle / (1 - late)
-    if controller.derivative_of_error:
-        back = filtered(controller.error_filter) * (controller.p + integrated + differentiated)
-        return filtered(controller.target_filter) * (back + controller.ff), back
-    # PX4 integrates the error after it has been used.
-    error = controller.p + late * integrated
-    output = filtered(controller.output_filter)
-    return output * (error + controller.ff), output * (error + differentiated)
+    reason: Fact | None  # why the two do not agree; None where they do
 
 
 def measured_response(
@@ -114,24 +96,24 @@ def _compared(
     at: Array,
     closed: Complex,
 ) -> MeasuredResponse:
+    """The response by the ``parts``, each of setpoint, rate and demand (T,)."""
     from scipy.signal import csd  # it takes half a second to import
 
     densities = np.zeros((6, size // 2 + 1), np.complex128)
-    for part in parts:  # setpoint, rate and demand
+    for part in parts:
         for total, pair in zip(densities, combinations_with_replacement(part, 2), strict=True):
             total += len(part[0]) * csd(*pair, 1 / dt, nperseg=size)[1]
     smoothed = [np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities]
     of_setpoint, of_rate, of_demand = (
         np.maximum(smoothed[row].real, np.finfo(float).tiny) for row in (0, 3, 5)
     )
-    across, *moved = (smoothed[row] for row in (1, 2, 4))
+    across = smoothed[1]
     hertz = np.arange(len(across)) / (size * dt)
     response = np.asarray(across / of_setpoint, np.complex128)
     predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
     coherence = np.abs(response) ** 2 * of_setpoint / of_rate
-    highest = float(
-        min([*hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)], at[-1], hertz[-1]])
-    )
+    unclear = hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)]
+    highest = float(min([*unclear, at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
     unlike = np.abs(response - predicted) ** 2 * of_setpoint
     by_wind = (1 - coherence) * of_rate
@@ -141,43 +123,44 @@ def _compared(
         else 0.0
         for error in (unlike + by_wind, unlike)
     )
-    passed = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0) / (
-        1 + REGULARISED * of_setpoint.max() / of_setpoint
-    )
+    kept = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0)
+    passed = kept / (1 + REGULARISED * of_setpoint.max() / of_setpoint)
     pulse = np.append(abs(response[1]), (passed * response)[1:])
     step = np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)]
-    reason = ""
-    if highest < LEAST_BAND:
-        reason = f"The setpoint explains too little of the rate from {highest:.1f} Hz on: steer more, in calmer air."
-    elif agreement < LEAST_FIT:
-        reason = (
-            f"The flight's response fits the predicted one by {agreement:.0f} %, less than {LEAST_FIT:.0f} %: the "
-            "plant is biased, or mixer, limits or gains in flight are not those of the parameters."
-        )
     # What the controller should have asked for, by its parameters, and what it did.
     forward, back = transfer(controller, np.maximum(hertz, hertz[1]))
-    likewise = forward.conj() * moved[0] - back.conj() * moved[1]
-    one = np.abs(forward) ** 2 * of_setpoint
-    other = np.abs(back) ** 2 * of_rate
-    asked = one + other - 2 * (forward.conj() * back * across).real
-    sure = (
-        (hertz > LOWEST)
-        & (hertz < 0.25 / dt)
-        & (np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand)
-    )
-    gain = (
-        float(np.median(np.abs(likewise / asked)[sure]))
-        if dt < 1 / SLOWEST_RATE and sure.sum() > 5
-        else np.nan
-    )
+    likewise = forward.conj() * smoothed[2] - back.conj() * smoothed[4]
+    asked = np.abs(forward) ** 2 * of_setpoint + np.abs(back) ** 2 * of_rate
+    asked = asked - 2 * (forward.conj() * back * across).real
+    sure = np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand
+    sure &= (hertz > LOWEST) & (hertz < 0.25 / dt)
+    gain = np.nan
+    if dt < 1 / SLOWEST_RATE and sure.sum() > 5:
+        gain = float(np.median(np.abs(likewise / asked)[sure]))
+    reason = None
     if abs(np.log(gain)) > GAIN_ERROR:
-        reason = (
-            f"The controller moved the motors {gain:.2f} times as far as its gains say: check "
-            f"that these are its own."
+        reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, Level.WATCH, ratio=gain)
+    elif highest < LEAST_BAND:
+        reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
+    elif agreement < LEAST_FIT:
+        reason = Fact(
+            Responses.RESPONSE_DISAGREES,
+            Level.WATCH,
+            share=agreement / 100,
+            needed=LEAST_FIT / 100,
         )
-    time = np.array(dt * np.arange(len(step)), np.float64)
-    known = ((LOWEST, highest), fit, agreement)
-    return MeasuredResponse(hertz, response, predicted, *known, time, step, gain, reason)
+    return MeasuredResponse(
+        frequency=hertz,
+        response=response,
+        predicted=predicted,
+        band=(LOWEST, highest),
+        fit=fit,
+        agreement=agreement,
+        time=dt * np.arange(len(step), dtype=np.float64),
+        step=step,
+        controller_gain=gain,
+        reason=reason,
+    )
 
 
 def evenly(asked: Array) -> Array:

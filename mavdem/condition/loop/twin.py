@@ -7,21 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mavdem.condition.loop.controllers import LOOP_RATES, controller_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.response import evenly, measured_response
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.model import GRAVITY, Drag
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.wind import wind_density
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.ingest.controllers import LOOP_RATES, controller_of
+from mavdem.facts import Fact
+from mavdem.facts.loops import Twins
 
-RIGHT = (1.0, -1.0, -1.0, 1.0)
-FRONT = (1.0, -1.0, 1.0, -1.0)
-SPINS = (1.0, 1.0, -1.0, -1.0)
-"""Motors of an X as ArduPilot and PX4 count them: where they are, and 1 for a propeller counterclockwise from above."""
-COLUMNS = {"roll": (-1.0, 1.0, 1.0, -1.0), "pitch": FRONT, "yaw": SPINS}  # of the torque by axis
+COLUMNS = {
+    "roll": (-1.0, 1.0, 1.0, -1.0),
+    "pitch": (1.0, -1.0, 1.0, -1.0),
+    "yaw": (1.0, 1.0, -1.0, -1.0),
+}
+"""Of the motors' torque about each axis: an X as ArduPilot and PX4 count it, 1 of yaw counterclockwise from above."""
 # m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
 ARM = 0.15
 MASS = 1.5
@@ -49,7 +53,7 @@ class Twin:
     noise: float  # standard deviation of a measured rate, rad/s
     drag: Drag | None  # None where there is no wind
     parameters: Mapping[str, float]  # of the autopilot's rate and attitude control, by name
-    notes: Mapping[str, str]
+    notes: Mapping[str, Fact]
 
     @property
     def slope(self) -> float:
@@ -68,90 +72,115 @@ def twin_of(
     unless given, and the arm by it, unless PX4's parameters have it. Raises ``NotLearnable``: no hover.
     """
     if not 0.1 < hover < 1:
-        raise NotLearnable(f"The motors hover at {hover:.0%} of their range, which is no hover.")
+        raise NotLearnable(Fact(Twins.NO_HOVER, share=hover))
     roll = loops["roll"]
-    kind = "px4" if px4 else "ardupilot"
-    known = {
-        name: value
-        for name, value in roll.controller.parameters.items()
-        if not name.startswith("CA_")
-    }
-    name = LOOP_RATES[kind]
-    cycle = 1 / (rate := min(known.get(name, 0.0) or USUAL_RATES[kind], FASTEST))
-    known = {one: value for one, value in known.items() if one not in LEFT_OUT} | {name: rate}
-    places = np.array(
-        [
-            [roll.controller.parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)]
-            for one in "XY"
-        ]
-    )
-    assumed = ARM * (mass or MASS) ** (1 / 3)
-    told = bool(places.all() and np.abs(places).max() != 1.0)  # of 1 m they are no metres
-    ahead, aside = np.abs(places).mean(axis=1).tolist() if told else (assumed, assumed)
-    square = {f"CA_ROTOR{n}_PX": ahead * FRONT[n] for n in range(4)}
-    square |= {f"CA_ROTOR{n}_PY": aside * RIGHT[n] for n in range(4)}
-    square |= {f"CA_ROTOR{n}_KM": spin for n, spin in enumerate(SPINS)} | {
-        "CA_ROTOR_COUNT": 4.0,
-        "FRAME_CLASS": 1.0,
-    }
     weight = mass or MASS
-    expo = min(max(roll.controller.expo, 0.0), 1.0)
-    lever = dict(zip(COLUMNS, (aside, ahead, 1.0), strict=True))
-    noise = roll.plant.noise
-    lag = roll.plant.lag
-    delay = max(roll.plant.delay - cycle / 2, 0.0)
+    arm, is_measured = _arm(roll.controller.parameters, weight)
+    own, cycle = _parameters(roll.controller.parameters, "px4" if px4 else "ardupilot")
     body = Twin(
-        kind,
-        weight,
-        (),
-        (ahead, aside),
-        hover,
-        expo,
-        MOMENT * aside,
-        (),
-        lag,
-        delay,
-        noise,
-        drag,
-        known,
-        {},
+        autopilot="px4" if px4 else "ardupilot",
+        mass=weight,
+        inertia=(),
+        arm=arm,
+        hover=hover,
+        expo=min(max(roll.controller.expo, 0.0), 1.0),
+        moment=MOMENT * arm[1],
+        damping=(),
+        lag=roll.plant.lag,
+        delay=max(roll.plant.delay - cycle / 2, 0.0),
+        noise=roll.plant.noise,
+        drag=drag,
+        parameters=own,
+        notes={},
     )
-    inertia = dict[str, float]()
-    sure = dict[str, str]()
-    for axis, loop in loops.items():
-        moved = np.abs(
-            controller_of(known | square, axis, COLUMNS[axis]).per_demand([hover] * 4)
-        ).sum()
-        inertia[axis] = float(lever[axis] * body.slope * moved / loop.gains[0])
-        half = 100 * quantile() * np.std(loop.gains) / loop.gains[0]
-        sure[axis] = f"± {half:.0f} %" + ", biased" * bool(loop.plant.bias)
+    inertia = {axis: _inertia(body, axis, loop) for axis, loop in loops.items()}
     sizes = inertia["roll"], inertia.get("pitch", inertia["roll"])
-    halves = roll.plant.interval()
-    status = roll.plant.status
-    likely = {
-        name: "not identifiable, the likeliest value"
-        for name in ("damping", "lag")
-        if status[name][0] == "n"
-    }
-    notes = {
-        "mass": "as given" if mass else "assumed: give --mass",
-        "arm": "as the parameters have it" if told else "assumed by the mass",
-        "inertia": f"roll {sure['roll']}, pitch {sure.get('pitch', 'taken as roll')}, yaw the sum of both",
-        "moment": sure.get("yaw", "taken as of common propellers"),
-        "damping": likely.get("damping", f"roll ± {halves.damping:.2g}"),
-        "lag": likely.get("lag", f"± {halves.lag:.2g}"),
-    }
-    if drag is not None:
-        ends = {
-            f"drag_{name}": drag.interval(name).mean(axis=1) for name in ("linear", "quadratic")
-        }
-        notes |= {name: f"from {low:.2g} to {high:.2g}" for name, (low, high) in ends.items()}
-    about = {"pitch": roll.plant.damping, "yaw": 0.0} | {
-        axis: loop.plant.damping for axis, loop in loops.items()
-    }
-    damping = tuple(about[axis] for axis in COLUMNS)
     moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else body.moment
-    return replace(body, inertia=(*sizes, sum(sizes)), moment=moment, damping=damping, notes=notes)
+    about = {"pitch": roll.plant.damping, "yaw": 0.0}
+    about |= {axis: loop.plant.damping for axis, loop in loops.items()}
+    effects = {axis: _effect_note(loop) for axis, loop in loops.items()}
+    notes = {
+        "mass": Fact(Twins.MASS_NOTE, is_given=bool(mass)),
+        "arm": Fact(Twins.ARM_NOTE, is_given=is_measured),
+        "inertia": Fact(Twins.INERTIA_NOTE, roll=effects["roll"], pitch=effects.get("pitch")),
+        "moment": effects.get("yaw", Fact(Twins.MOMENT_NOTE)),
+        **_dynamics_notes(roll.plant),
+        **_drag_notes(drag),
+    }
+    return replace(
+        body,
+        inertia=(*sizes, sum(sizes)),
+        moment=moment,
+        damping=tuple(about[axis] for axis in COLUMNS),
+        notes=notes,
+    )
+
+
+def _arm(parameters: Mapping[str, float], mass: float) -> tuple[tuple[float, float], bool]:
+    """How far forward and right the motors are, m, and whether the parameters have it."""
+    places = np.array(
+        [[parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)] for one in "XY"]
+    )
+    if places.all() and np.abs(places).max() != 1.0:  # of 1 m they are no metres
+        ahead, aside = np.abs(places).mean(axis=1).tolist()
+        return (ahead, aside), True
+    assumed = ARM * mass ** (1 / 3)
+    return (assumed, assumed), False
+
+
+def _parameters(logged: Mapping[str, float], autopilot: str) -> tuple[dict[str, float], float]:
+    """The parameters that the simulation flies, and the control cycle, s."""
+    name = LOOP_RATES[autopilot]
+    rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST)
+    known = {
+        one: value
+        for one, value in logged.items()
+        if not one.startswith("CA_") and one not in LEFT_OUT
+    }
+    return known | {name: rate}, 1 / rate
+
+
+def _inertia(body: Twin, axis: str, loop: Loop) -> float:
+    """Of the axis, kg m², by what a demand turns and what it changes of the motors' thrust; of yaw, over its moment."""
+    ahead, aside = body.arm
+    square = {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
+    for n, (left, front, spin) in enumerate(zip(*COLUMNS.values(), strict=True)):
+        rotor = f"CA_ROTOR{n}_P"
+        square |= {f"{rotor}X": ahead * front, f"{rotor}Y": -aside * left, f"CA_ROTOR{n}_KM": spin}
+    controller = controller_of({**body.parameters, **square}, axis, COLUMNS[axis])
+    moved = np.abs(controller.per_demand([body.hover] * 4)).sum()
+    lever = {"roll": aside, "pitch": ahead, "yaw": 1.0}[axis]
+    return float(lever * body.slope * moved / loop.gains[0])
+
+
+def _effect_note(loop: Loop) -> Fact:
+    half = quantile() * np.std(loop.gains) / loop.gains[0]
+    return Fact(Twins.EFFECT_NOTE, share=half, is_biased=bool(loop.plant.bias))
+
+
+def _dynamics_notes(plant: Physical) -> dict[str, Fact]:
+    halves = plant.interval()
+    damping, lag = (
+        None if plant.status[name] == "not identifiable" else getattr(halves, name)
+        for name in ("damping", "lag")
+    )
+    return {
+        "damping": Fact(Twins.DAMPING_NOTE, damping=damping),
+        "lag": Fact(Twins.LAG_NOTE, lag=lag),
+    }
+
+
+def _drag_notes(drag: Drag | None) -> dict[str, Fact]:
+    if drag is None:
+        return {}
+    ends = {
+        f"drag_{name}_interval": drag.interval(name).mean(axis=1).tolist()
+        for name in ("linear", "quadratic")
+    }
+    return {
+        f"drag_{name}": Fact(Twins.DRAG_NOTE, subject=name, **ends)
+        for name in ("linear", "quadratic")
+    }
 
 
 BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
@@ -224,7 +253,7 @@ def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[
         "rate": both[..., 1].std(axis=1),
     }
     values = {name: np.degrees(one) for name, one in values.items()}
-    if loop.measured is not None and not loop.measured.reason:
+    if loop.agrees:
         flights = [replace(record, outputs=outputs) for outputs in (record.outputs, *flown)]
         known = (
             loop.controller,

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from mavdem.condition.loop import Loop, OpenLoop
+from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.margins import OpenLoop
 from mavdem.dem.engine.linalg import Array
 from mavdem.report.figures.style import HAIRLINE, Room, legend_above, note, picture
 from mavdem.report.figures.systems import draw

@@ -1,0 +1,201 @@
+"""Controllers: what an autopilot's parameters say of one axis's rate and attitude controller, and of the mixer.
+
+A demand of 1 is all that the mixer takes. Sources: ``AC_PID``, ``AP_MotorsMatrix`` and ``Thrust_Linearization`` of
+https://github.com/ArduPilot/ardupilot; ``RateControl`` and ``ControlAllocation`` of https://github.com/PX4/PX4-Autopilot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Controllers
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+
+MOTORS = 4  # of the frames whose mixer is known
+SLOWEST = 50.0  # Hz of a rate loop
+LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
+"""The parameter of the rate loop's frequency, Hz."""
+RANGES = {
+    **dict.fromkeys(("p", "i", "d", "ff"), (0.0, 1e3)),
+    "angle": (1e-3, 1e3),
+    **dict.fromkeys(
+        ("target_filter", "error_filter", "derivative_filter", "output_filter", "gyro_filter"),
+        (0.0, 1e4),
+    ),
+    "cycle": (1e-5, 1 / SLOWEST),
+    "expo": (-1.0, 1.0),
+}
+"""From the least to the most that each figure of a controller can be; a filter that is on has at least 0.1 Hz."""
+UNMODELLED = {
+    "SMAX": Controllers.SLEW_LIMITED,
+    "PDMX": Controllers.SUM_LIMITED,
+    "NEF": Controllers.ERROR_NOTCHED,
+    "FSTRATE_ENABLE": Controllers.RATE_LOOP_FASTER,
+    "MOT_BAT_VOLT_MAX": Controllers.MIXER_BY_VOLTAGE,
+    "MC_BAT_SCALE_EN": Controllers.DEMAND_BY_VOLTAGE,
+}
+"""By the parameter that is not 0, or its end where each axis has its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Controller:
+    """The rate and the attitude controller of one axis; cut-offs are in Hz, 0 where there is no filter."""
+
+    axis: str  # "roll", "pitch" or "yaw"
+    p: float  # with i, d: demand per rad/s, rad and rad/s² of the error
+    i: float
+    d: float
+    ff: float  # demand per rad/s of the setpoint
+    angle: float  # rate setpoint per error of the angle, 1/s
+    target_filter: float = 0.0  # with error_, derivative_, output_filter: of first-order low-passes
+    error_filter: float = 0.0
+    derivative_filter: float = 0.0
+    output_filter: float = 0.0
+    gyro_filter: float  # of the gyro's second-order low-pass, behind which rates are logged
+    derivative_of_error: bool  # ArduPilot differentiates the error, PX4 the rate alone
+    cycle: float  # s
+    # (4,) thrust that a demand of 1 adds to each motor, as a share of its most
+    mixer: tuple[float, ...]
+    expo: float  # quadratic share of the thrust curve that the autopilot undoes
+    # shares of the output's range at which thrust begins and ends
+    spin: tuple[float, float] = (0.0, 1.0)
+    names: Mapping[str, str]  # the parameter behind "p", "i", "d" and so on
+    parameters: Mapping[str, float]  # all that it was made of
+    # (4,) likewise, of the motors in the axis's torque, with ArduPilot
+    weights: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            slow = name.endswith("filter") and 0 < value < 0.1
+            if slow or not low <= value <= high:
+                what = self.names.get(name, name.replace("_", " "))
+                raise NotLearnable(Fact(Controllers.PARAMETER_IMPOSSIBLE, name=what, value=value))
+
+    @property
+    def cautions(self) -> tuple[Fact, ...]:
+        """What is not modelled."""
+        rate = self.names["p"][:-1]
+        names = {end if "_" in end else rate + end: code for end, code in UNMODELLED.items()}
+        return tuple(
+            Fact(code, Level.WATCH, name=name)
+            for name, code in names.items()
+            if self.parameters.get(name)
+        )
+
+    def per_demand(self, shares: Sequence[float]) -> tuple[float, ...]:
+        """Returns (4,) how far a demand of 1 moves outputs that are at ``shares`` of their range, as such shares."""
+        begin, end = self.spin
+        thrust = np.clip((np.asarray(shares) - begin) / (end - begin), 0.0, 1.0)
+        # The curve is nowhere flatter than a tenth of the straight one.
+        slopes = (end - begin) / np.maximum(1 - self.expo + 2 * self.expo * thrust, 0.1)
+        return tuple((slopes * self.mixer).tolist())
+
+    def changed(self, parameters: Mapping[str, float]) -> Controller:
+        """Returns the controller with other values of some ``parameters``, by name."""
+        return controller_of({**self.parameters, **parameters}, self.axis, self.weights)
+
+
+def controller_of(
+    parameters: Mapping[str, float], axis: str = "roll", weights: Sequence[float] = ()
+) -> Controller:
+    """Returns the controller that an autopilot's ``parameters`` describe, of which ``CONTROL_PARAMETERS`` count.
+
+    ``weights`` (4,) are those of the motors in the axis's torque, of any size; PX4's parameters have them. A single one
+    is of the demand itself. Raises ``NotLearnable``: a parameter is missing, or the firmware or the mixer is not known.
+    """
+    own = {
+        name: float(value)
+        for name, value in parameters.items()
+        if CONTROL_PARAMETERS.match(name) and isfinite(value)
+    }
+    given = tuple(map(float, weights))
+    if any(name.startswith("ATC_RAT_") for name in own):
+        known = _ardupilot(own, axis, given)
+    elif any(name.startswith("MC_") for name in own):
+        known = _px4(own, axis, len(given) == 1)
+    else:
+        raise NotLearnable(Fact(Controllers.NO_GAINS))
+    return Controller(axis=axis, parameters=own, weights=given, **known)
+
+
+def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) -> dict[str, Any]:
+    """The fields of an ArduPilot's controller."""
+    short = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}[axis]
+    rate = f"ATC_RAT_{short}_"
+    filters = {"target_filter": "FLTT", "error_filter": "FLTE", "derivative_filter": "FLTD"}
+    if f"{rate}FILT" in own:  # before ArduCopter 4.0 one filter, of the error, was for all
+        filters = {"error_filter": "FILT"}
+    names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": f"ATC_ANG_{short}_P"}
+    names |= {name: rate + end for name, end in filters.items()} | {"expo": "MOT_THST_EXPO"}
+    known = _gains(own, names, rate) | {
+        "gyro_filter": own.get("INS_GYRO_FILTER", 0.0),
+        "derivative_of_error": True,
+        "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST),
+        "mixer": (1.0,),
+    }
+    if len(weights) != 1:
+        begin, end, frame = _required(own, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS")
+        if frame != 1 or len(weights) != MOTORS or not any(weights) or not begin < end:
+            raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="ardupilot"))
+        largest = max(map(abs, weights))
+        known["mixer"] = tuple(one / largest / 2 for one in weights)
+        known["spin"] = (begin, end)
+    return known
+
+
+def _px4(own: Mapping[str, float], axis: str, is_demand: bool) -> dict[str, Any]:
+    """The fields of a PX4's controller."""
+    rate = f"MC_{axis.upper()}RATE_"
+    names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": f"MC_{axis.upper()}_P"}
+    names |= {"derivative_filter": "IMU_DGYRO_CUTOFF", "expo": "THR_MDL_FAC"}
+    known = _gains(own, names, rate)
+    known |= {gain: own.get(f"{rate}K", 1.0) * known[gain] for gain in "pid"}
+    return known | {
+        "output_filter": own.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,
+        "gyro_filter": own.get("IMU_GYRO_CUTOFF", 0.0),
+        "derivative_of_error": False,
+        "cycle": 1 / max(own.get("IMU_GYRO_RATEMAX", 400.0), SLOWEST),
+        "mixer": (1.0,) if is_demand else _allocation(own)[axis],
+    }
+
+
+def _gains(own: Mapping[str, float], names: Mapping[str, str], rate: str) -> dict[str, Any]:
+    values = dict(zip(names, _required(own, *names.values()), strict=True))
+    return {"names": names, "ff": own.get(f"{rate}FF", 0.0), **values}
+
+
+def _required(parameters: Mapping[str, float], *names: str) -> list[float]:
+    if missing := [name for name in names if name not in parameters]:
+        raise NotLearnable(Fact(Controllers.PARAMETERS_MISSING, names=missing))
+    return [parameters[name] for name in names]
+
+
+def _allocation(parameters: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+    """PX4's mixer by axis: the inverse of the motors' torques and thrust, normalised as the control allocator does."""
+    rotors = [f"CA_ROTOR{number}_" for number in range(MOTORS)]
+    x, y, moment = (
+        _required(parameters, *(rotor + name for rotor in rotors)) for name in ("PX", "PY", "KM")
+    )
+    tilts = [parameters.get(f"{rotor}A{name}", 0.0) for rotor in rotors for name in "XY"]
+    sizes = {parameters.get(f"{rotor}CT", 0.0) for rotor in rotors}
+    effects = np.array([np.negative(y), x, moment, np.ones(MOTORS)])
+    other = (
+        parameters.get("CA_ROTOR_COUNT") != MOTORS
+        or parameters.get("CA_AIRFRAME", 0.0)
+        or any(tilts)
+    )
+    if other or len(sizes) > 1 or np.linalg.cond(effects) > 1e6:
+        raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="px4"))
+    inverse = np.linalg.inv(effects)[:, :3]
+    tilting = np.abs(inverse[:, :2]) > 1e-3 * np.abs(inverse).max()
+    most = np.sqrt((inverse[:, :2] ** 2).sum(axis=0) / (tilting.sum(axis=0) / 2)).max()
+    scaled = inverse / [most, most, inverse[:, 2].max()]
+    return dict(zip(("roll", "pitch", "yaw"), map(tuple, scaled.T.tolist()), strict=True))

@@ -1,0 +1,130 @@
+"""From a flight: the loops of the identified plant, with its posterior, and of the controller of the parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mavdem.condition.loop.controllers import MOTORS, Controller, controller_of
+from mavdem.condition.loop.loop import Loop, changed_in
+from mavdem.condition.loop.margins import loops_of
+from mavdem.condition.loop.response import measured_response
+from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox import Physical
+from mavdem.dem.graybox.likelihood import DELAY
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Controllers, Loops
+
+DRAWS = 400  # of the plant's posterior
+# of the posterior that is drawn: with all of it 98 % of 90 % intervals held simulated margins
+SPREAD = 0.8
+# of a step of the stream: standard deviation of a delay by the times between its samples
+SPLIT = 0.25
+HALF_DELAY = 2**-0.5
+HALF_PHASE = 0.7560
+HALF_SIZE = 0.9701
+"""Of a second-order Butterworth filter at half of its cut-off, ω: its delay at low frequencies by ω, rad, and size."""
+LEAST = 0.02, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a drawn plant
+
+
+def loop(learned: Learned, controller: Controller | None = None) -> Loop:
+    """Returns the loops of what was ``learned``; the ``controller`` is that of the log's parameters unless given.
+
+    Raises ``NotLearnable``: the plant is not identifiable, or the controller is not known.
+    """
+    if learned.physical is None:
+        raise NotLearnable(learned.physical_reason)
+    return loop_of(learned.physical, learned.record, controller)
+
+
+def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
+    """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
+    if not isinstance(controller, Controller | None):
+        raise ValueError(
+            f"The loop takes a Controller, such as the one of another loop, and not {controller!r}."
+        )
+    if plant.caution is not None:
+        raise NotLearnable(Fact(Loops.NO_MARGINS, because=plant.caution))
+    axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
+    if controller is None:
+        if not record.parameters:
+            raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
+        weights = [] if record.effect_directions is None else record.effect_directions.tolist()
+        controller = controller_of(record.parameters, axis, weights)
+    if not controller.p > 0:
+        name = controller.names["p"]
+        raise NotLearnable(Fact(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p))
+    drawn = _drawn(plant, controller.gyro_filter, record.dt)
+    per_demand = _per_demand(controller, record)
+    gains = drawn[:, :-3] @ per_demand
+    if not gains[0] > 0:
+        raise NotLearnable(Fact(Loops.MIXER_REVERSED))
+    dynamics = np.maximum(drawn[:, -3:], LEAST)
+    rate, attitude = loops_of(controller, gains, dynamics)
+    cautions = list[Fact]()
+    if plant.bias:
+        because = plant.reasons["effect"]
+        cautions.append(Fact(Loops.EFFECT_BIASED, Level.WATCH, because=because))
+    measured = None
+    if earlier := changed_in(record, controller):
+        changes = [(name, old, record.parameters[name]) for name, old in earlier.items()]
+        cautions.append(Fact(Loops.PARAMETERS_CHANGED, Level.WATCH, changes=changes))
+    else:
+        measured = measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
+    return Loop(
+        axis,
+        plant,
+        record,
+        controller,
+        gains,
+        dynamics,
+        rate,
+        attitude,
+        (*cautions, *controller.cautions),
+        measured,
+    )
+
+
+def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
+    """(N, r + 3) effect, damping, lag and delay without the gyro's filter, Hz, if any: the estimate, and draws.
+
+    The plant's lag and delay hold the filter. Where that is most of them, both are alike in size and phase at half of
+    the cut-off, else in their delay at low frequencies. The sum of lag and delay is better determined than either: a
+    delay is taken for that of common autopilots as far as the flight leaves it open, and the lag is what is left.
+    """
+    theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
+    rng = np.random.default_rng(31)
+    covariance = plant.covariance.copy()
+    usual, sd = DELAY
+    variance = covariance[-1, -1] + (SPLIT * dt) ** 2
+    if covariance[-1, -1] > sd**2:
+        covariance[-1] = 0.0
+        covariance[:, -1] = 0.0
+    drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
+    late = drawn[:, -2:].sum(axis=1)
+    half = np.pi * cutoff
+    open_ = variance / (variance + sd**2)
+    filtered = HALF_DELAY / half if cutoff else 0.0
+    whole = np.maximum(late - filtered, 0.0)
+    if filtered > late[0] / 2:
+        whole = np.maximum((np.arctan(half * drawn[:, -2]) - HALF_PHASE) / half + drawn[:, -1], 0.0)
+        drawn[:, :-3] /= HALF_SIZE * np.hypot(1.0, half * drawn[:, -2])[:, None]
+    delay = (1 - open_) * max(plant.delay - filtered, 0.0) + open_ * usual
+    delay = np.clip(
+        delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2
+    )
+    drawn[:, -2:] = np.column_stack([whole - delay, delay])
+    return np.asarray(drawn[0] + SPREAD * (drawn - drawn[0]))
+
+
+def _per_demand(controller: Controller, record: Record) -> Array:
+    """(r,) of the inputs, in their unit, by a demand of 1 about the trim; a demand itself is one."""
+    trim = record.inputs.mean(axis=0)
+    if len(trim) == 1 and record.input_range == (-1.0, 1.0):
+        return np.ones(1)
+    if len(trim) != MOTORS or len(record.input_range) != 2:
+        raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot=None, motors=len(trim)))
+    low, high = record.input_range
+    return (high - low) * np.array(controller.per_demand(((trim - low) / (high - low)).tolist()))
