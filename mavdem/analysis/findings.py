@@ -87,24 +87,21 @@ class Findings(NamedTuple):
         return next((one.grade for one in self.purposes if one.purpose is purpose), None)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; ``findings`` are the graded purposes."""
+        """The keys of documents, which make sentences of facts; ``findings`` are the graded purposes."""
         return {
-            "headline": "" if self.headline is None else str(self.headline),
+            "headline": self.headline,
             "overrides": [
                 {
                     "kind": override.code,
-                    "headline": str(Fact(Headline.OVERRIDDEN, because=override)),
-                    "sentence": str(override),
+                    "headline": Fact(Headline.OVERRIDDEN, because=override),
+                    "sentence": override,
                     "remedy": override.remedy,
                 }
                 for override in self.overrides
             ],
-            "findings": [
-                {**finding._asdict(), "reason": f"{finding.reason} {finding.reason.remedy}".strip()}
-                for finding in self.purposes
-            ],
-            "warnings": list(map(str, self.warnings)),
-            "next_step": str(self.next_step),
+            "findings": [finding._asdict() for finding in self.purposes],
+            "warnings": self.warnings,
+            "next_step": self.next_step,
         }
 
 

@@ -34,7 +34,7 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import condition_sentences, log_blocks, tier_sentences, wind_blocks
+from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.flights import live_report, truth_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, live_figures
 from mavdem.report.labels import Labels
@@ -54,6 +54,7 @@ from mavdem.report.screen import (
     vehicle_blocks,
 )
 from mavdem.report.timeline import Timeline, live_timeline, timeline_of
+from mavdem.report.words import section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -231,8 +232,8 @@ def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
     if learned is None or analysis.tier.name != "a":
         blocks += [
-            *tier_sentences(analysis.tier.as_dict()),
-            *condition_sentences(analysis.condition.as_dict()),
+            *section("tier", **analysis.tier.as_dict()),
+            *section("condition", **analysis.condition.as_dict()),
         ]
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     return Chapter("Motors", blocks, pictures)

@@ -36,7 +36,6 @@ from mavdem.report.blocks import (
     text_of,
     warning,
 )
-from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
 from mavdem.report.labels import Labels, outputs_of, state_names, states_are_outputs
 from mavdem.report.numbers import (
     TORQUE,
@@ -48,7 +47,7 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
-from mavdem.report.words import PARAMETERS, advised
+from mavdem.report.words import PARAMETERS, advised, section
 
 # beside the baselines
 ROWS: dict[str, str] = {
@@ -132,10 +131,10 @@ def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
         blocks += [
-            *tier_sentences(analysis.tier.as_dict()),
-            identity_sentence(analysis.identity.as_dict()),
+            *section("tier", **analysis.tier.as_dict()),
+            *section("identity", **analysis.identity.as_dict()),
+            *section("condition", **analysis.condition.as_dict()),
         ]
-        blocks += condition_sentences(analysis.condition.as_dict())
     return blocks
 
 

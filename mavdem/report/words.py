@@ -15,7 +15,8 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined, Template
 
 from mavdem.facts import Code, Fact, Words
-from mavdem.report.numbers import listed, rounded, short
+from mavdem.report.blocks import Sentence
+from mavdem.report.numbers import listed, plus_minus, rounded, short
 
 PARAMETERS = {
     "effect": "control effectiveness",
@@ -50,14 +51,32 @@ def _rendered(fact: Fact, part: str) -> str:
     return _template(fact.code, part).render({**known, **fact.figures}).strip()
 
 
-def sentence(fact: Fact) -> str:
-    """Returns the sentence of a ``fact``."""
-    return words(fact).sentence
+def sentence(fact: Fact | str) -> str:
+    """Returns the sentence of a ``fact``; text that is no fact yet as it is."""
+    return str(fact) if isinstance(fact, str) else words(fact).sentence
 
 
 def advised(fact: Fact) -> str:
     """Returns the sentence of a ``fact`` and, after it, its remedy."""
     return " ".join(filter(None, words(fact)))
+
+
+@cache
+def _paragraphs(section: str) -> list[dict[str, Template]]:
+    path = files("mavdem.report") / "sections" / f"{section}.toml"
+    told = tomllib.loads(path.read_text("utf-8"))["paragraph"]
+    make = _environment().from_string
+    return [{part: make(text) for part, text in paragraph.items()} for paragraph in told]
+
+
+def section(name: str, /, **known: Any) -> list[Sentence]:
+    """Returns the paragraphs of the section of this ``name`` that say something of what is ``known``, in order."""
+    sentences = []
+    for paragraph in _paragraphs(name):
+        parts = {part: template.render(known).strip() for part, template in paragraph.items()}
+        if any(parts.values()) and parts.get("text", parts["lead"]):
+            sentences.append(Sentence(parts.get("text", ""), parts.get("lead", "")))
+    return sentences
 
 
 @cache
@@ -68,6 +87,7 @@ def _template(code: Code, part: str) -> Template:
 @cache
 def _environment() -> Environment:
     environment = Environment(undefined=StrictUndefined, finalize=_shown, autoescape=False)
+    environment.globals |= {"comma": comma, "zip": zip}
     environment.filters |= {
         "advised": advised,
         "bare": bare,
@@ -76,6 +96,7 @@ def _environment() -> Environment:
         "fixed": lambda value, digits=0: f"{value:.{digits}f}",
         "go_on": go_on,
         "headline": headline,
+        "interval": interval,
         "listed": listed,
         "parameter": PARAMETERS.get,
         "percent": lambda share, digits=0: f"{100 * share:.{digits}f} %",
@@ -88,6 +109,28 @@ def _environment() -> Environment:
 
 def _shown(value: Any) -> Any:
     return bare(value) if isinstance(value, Fact) else value
+
+
+def comma(loop: Any, more: bool = False) -> str:
+    """Returns what stands before an entry of a list in words: "a, b and c"; ``more``: another follows the last."""
+    if loop.first:
+        return ""
+    return " and " if loop.last and not more else ", "
+
+
+def interval(value: float, half: float | None, unit: str = " %") -> str:
+    """Returns a share in percent, or an angle in degrees, with the ``half`` width of its interval where it is known."""
+    scale = 100.0 if unit == " %" else degrees(1)
+    shown = rounded(scale * value) if half is None else plus_minus(scale * value, scale * half)
+    return f"{shown}{unit}"
+
+
+def says(fact: Fact | None, other: object) -> bool:
+    """Returns whether a ``fact``, or one within it, says what the ``other`` does."""
+    if not isinstance(fact, Fact):
+        return False
+    within = [figure for figure in fact.figures.values() if isinstance(figure, Fact)]
+    return str(fact) == str(other) or any(says(one, other) for one in within)
 
 
 def bare(fact: Fact | str) -> str:

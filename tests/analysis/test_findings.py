@@ -191,7 +191,7 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
 def test_a_motor_that_lost_thrust_is_said_with_its_first_alarm_and_its_largest():
     worse = WEAK._replace(time=90.0, since=80.0, size=0.4, loss=(0.3, 0.5))
     other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
-    first, second = findings_of(alarms=(WEAK, worse, other, WEAK._replace(size=0.0))).overrides
+    second, first = findings_of(alarms=(WEAK, worse, other, WEAK._replace(size=0.0))).overrides
     assert (first.subject, first.time, first.figures["loss"]) == (WEAK.name, 66.4, (0.3, 0.5))
     assert first.figures["because"].code is InFlight.MOTOR_LOST_THRUST
     assert second.subject == other.name
