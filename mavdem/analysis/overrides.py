@@ -50,7 +50,7 @@ def _oscillation(found: Oscillation) -> Fact:
 
 
 def _lost_thrust(alarms: Sequence[MotorAlarm]) -> Iterator[Fact]:
-    """Each motor that weakened in flight, at the time of its first alarm and by its largest, the worst first by the least."""
+    """Each motor that weakened in flight, at its first alarm's time, by its largest; the worst by the least first."""
     weak = sorted((alarm for alarm in alarms if alarm.weak), key=lambda alarm: -alarm.size)
     for name in reversed(dict.fromkeys(alarm.name for alarm in reversed(weak))):
         worst, *others = (alarm for alarm in weak if alarm.name == name)
