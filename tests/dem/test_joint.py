@@ -9,7 +9,8 @@ from simulated import in_closed_loop
 from mavdem.dem.forecast import joint
 from mavdem.dem.forecast.joint import LAGS, Choice, JointModel
 from mavdem.dem.forecast.var import CONSTANT_RIDGE, INPUT_NOISE, LagStatistics, lagged, regress
-from mavdem.dem.online.ahead import Memory, OnlineJoint
+from mavdem.dem.online.ahead import OnlineJoint
+from mavdem.dem.online.memory import Memory
 from mavdem.dem.record import Record
 
 K = 2

@@ -17,8 +17,8 @@ from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.forecast.simulation_error import CONVERGED_NATS
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.dem.online.ahead import Memory, drop_since
 from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS, TOO_FEW
+from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import (
     BAND_SECONDS,
     FALSE_MARK_SECONDS,

@@ -3,6 +3,8 @@
 And what commanded motors would do: the plant alone, beside a plant that is commanded.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_lyapunov
@@ -26,6 +28,7 @@ from mavdem.dem.graybox.likelihood import (
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
 from mavdem.dem.graybox.wind import simulated
 from mavdem.dem.record import Record
+from mavdem.facts.identifiability import Status
 from mavdem.paper.runner import hover
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
@@ -258,6 +261,13 @@ def test_a_steered_flight_gives_the_truth_back(known):
         repr(found).startswith(f"<Physical: mean effect {found.mean_effect()[0]:.3g} ± ")
         and len(repr(found)) < 160
     )
+
+
+def test_an_effect_that_the_wind_biases_comes_out_low():
+    """The motors answer the wind: what they do counts for less."""
+    flight = flown(0, steering=0.4)
+    found = physical(replace(flight, effect_directions=np.sign(MOTORS)))
+    assert found.status["effect"] == Status.BIASED and found.bias < 0
 
 
 @pytest.mark.slow

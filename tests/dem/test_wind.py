@@ -21,7 +21,7 @@ from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.parameters import updated
 from mavdem.dem.graybox.wind import _Spectra, gusts, shortest_gust, wind
-from mavdem.dem.online.ahead import Memory
+from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import (
     DELAY_SECONDS,
     FILTER_SECONDS,

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.generative import GenerativeModel
-from mavdem.dem.engine.linalg import Array, Damping, Quadratic, gauss_newton, inverse, logdet
+from mavdem.dem.engine.linalg import Array, inverse, logdet
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import turning_combinations

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array, Damping, Quadratic, gauss_newton
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.var import turning_patterns
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
 

@@ -18,7 +18,8 @@ from mavdem.dem.forecast.joint import known_combinations
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
-from mavdem.dem.online.ahead import Memory, OnlineJoint, drop_since
+from mavdem.dem.online.ahead import OnlineJoint
+from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import (
     AnomalyMarks,
     ErrorBands,

@@ -22,7 +22,7 @@ from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.dem.fitting import generalized, generative_model
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
-from mavdem.dem.online.ahead import Memory
+from mavdem.dem.online.memory import Memory
 
 BAND_SECONDS = 6.0
 """Of errors: fewer give no steady quantile, and a change of the vehicle widens bands for this long."""

@@ -23,7 +23,7 @@ from mavdem.dem.graybox.identifiability import MODEL_ERRORS, NotIdentifiable
 from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.graybox.wind import balanced, steady
-from mavdem.dem.online.ahead import Memory, MemoryBlock, drop_since, record_of
+from mavdem.dem.online.memory import Memory, MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
 
 DELAY_SECONDS = 0.25  # of the wind's torque, behind the latest sample

@@ -1,0 +1,86 @@
+"""Gauss-Newton: maximises a function that is nearly quadratic, by damped steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from mavdem.dem.engine.linalg import Array
+
+
+class Quadratic(NamedTuple):
+    """A function to second order about a point: its value and slope there, and its negative's curvature."""
+
+    at: Array
+    value: float
+    slope: Array
+    curvature: Array
+
+    @property
+    def remaining(self) -> float:
+        """What the function gains up to the maximum of the quadratic."""
+        return float(0.5 * self.slope @ np.linalg.solve(self.curvature, self.slope))
+
+
+class Objective(Protocol):
+    """A function to maximise."""
+
+    def value(self, at: Array) -> tuple[float, Array]:
+        """The value at a point (f,), NaN where there is none, and the residuals that it is made of."""
+
+    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
+        """The function to second order about a point whose residuals are known."""
+
+
+class Damping(NamedTuple):
+    """How steps are damped."""
+
+    first: float  # damping of the first step, as a share of the curvature's diagonal
+    # times more after a step that does not increase the function, and less after one that does
+    factor: float
+    attempts: int  # at most for one step
+    limited: Callable[[Array], Array] = np.asarray  # makes a step (f,) short enough to be trusted
+    careful: bool = False  # compare the gain with what the quadratic predicts before damping less
+
+    def after(self, damping: float, gained: float, predicted: float) -> float:
+        """The damping of the step after one that increased the function."""
+        if not self.careful or gained > predicted / 2:
+            return max(damping / self.factor, 1e-6) if self.careful else damping / self.factor
+        return damping if gained > predicted / 5 else 4 * damping
+
+
+def gauss_newton(
+    objective: Objective, start: Quadratic, damping: Damping, iterations: int, converged: float
+) -> tuple[list[Quadratic], float]:
+    """Maximises from ``start`` until a step gains no more than ``converged``, by at most so many steps.
+
+    Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2nd ed., 10.3): a step that does not
+    increase the function is damped more; after one that does, the next is damped less.
+
+    Returns the function about each iterate, the start's first; and what the last step gained or, where no attempt at a
+    step increased the function, what the last quadratic still predicts.
+    """
+    trace = [start]
+    damped = damping.first
+    gained = np.inf
+    while gained > converged and len(trace) <= iterations:
+        now = trace[-1]
+        for _ in range(damping.attempts):
+            curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
+            step: Array = damping.limited(
+                np.asarray(np.linalg.solve(curvature, now.slope), np.float64)
+            )
+            value, residuals = objective.value(now.at + step)
+            gained = value - now.value
+            if gained > 0:
+                break
+            damped *= damping.factor
+        if not gained > 0:
+            return trace, now.remaining
+        damped = damping.after(
+            damped, gained, float(now.slope @ step - 0.5 * step @ now.curvature @ step)
+        )
+        trace.append(objective.quadratic(now.at + step, residuals))
+    return trace, gained

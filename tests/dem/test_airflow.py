@@ -1,0 +1,25 @@
+"""The motion that drag and wind are identified from."""
+
+import numpy as np
+
+from mavdem.dem.airflow.model import GRAVITY, motion
+
+
+def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
+    """Specific force along body x and y is what thrust and weight do not explain, however much the thrust varies."""
+    time = np.arange(0.0, 20.0, 0.01)
+    roll, pitch, yaw = 0.2, -0.1, 0.7
+    thrust_axis = np.array(
+        [
+            np.cos(roll) * np.sin(pitch) * np.cos(yaw) + np.sin(roll) * np.sin(yaw),
+            np.cos(roll) * np.sin(pitch) * np.sin(yaw) - np.sin(roll) * np.cos(yaw),
+            np.cos(roll) * np.cos(pitch),
+        ]
+    )
+    # Of a thrust of (1.2 + 0.3 cos t) of the weight; the vehicle climbs or sinks at up to 5 m/s² all the time.
+    impulse = GRAVITY * (1.2 * time + 0.3 * np.sin(time))
+    velocity = np.outer(GRAVITY * time, [0, 0, 1]) - np.outer(impulse, thrust_axis)
+    attitude = np.tile([roll, pitch, yaw], (len(time), 1))
+    moved = motion(time, attitude, velocity, 0.2)
+    assert moved.known.sum() > 90 and np.abs(np.diff(moved.velocity[:, 2])).max() > 0.5
+    np.testing.assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
