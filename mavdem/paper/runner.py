@@ -46,8 +46,8 @@ from sitl_scenarios.simulation import Simulation, fly
 EXPERIMENTS = (1, 2, 3, 4, 5)
 SAMPLE = 2  # the experiment that the paper's figures of one flight show
 
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
-"""The folder of the recorded flights, which are no part of the repository."""
+SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
+"""The folder of the recorded flights, which are no part of the product: unless named, one in the working directory."""
 
 # samples of a window, as in the paper, at every rate
 TRAIN = 700
