@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 from jinja2 import Environment, PackageLoader
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.condition.loop.twin import Twin
-from mavdem.dem.airflow.model import GRAVITY
 
 LEFT_OUT = {  # what a format has no place for
     ".json": "motor lag, delay, damping of pitch and yaw apart from roll's, battery and controller gains",

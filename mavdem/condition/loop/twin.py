@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.condition.loop.controllers import LOOP_RATES, controller_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.response import evenly, measured_response
 from mavdem.confidence import quantile
-from mavdem.dem.airflow.model import GRAVITY, Drag
+from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.wind import wind_density

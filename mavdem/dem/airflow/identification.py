@@ -10,11 +10,11 @@ from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.dem.airflow.model import (
     AXES,
     FREEDOM,
-    GRAVITY,
     WIND_SD,
     Drag,
     Motion,
@@ -23,7 +23,6 @@ from mavdem.dem.airflow.model import (
     drawn,
     filtered,
     motion,
-    smoothed,
 )
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
@@ -233,7 +232,7 @@ def independent_share(errors: Array) -> float:
 def courses(moved: Motion, mean: Array, covariance: Array) -> tuple[Array, Array]:
     """Returns states (T, N, 4) of the airflow and their covariances, by draws of what is :func:`identified`."""
     places = in_air(drawn(mean, covariance, COURSES), moved)
-    return smoothed(*filtered(places, moved, keep=True).states)
+    return filtered(places, moved).smoothed()
 
 
 def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) -> Drag:

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, require_positive_definite
 
 POPULATION = np.log([0.3, 0.014, 1.0, 1.0])
 POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])
@@ -102,17 +103,20 @@ class Drag:
             np.append(logs, [0.0, 0.0]), np.diag(np.append(sd, [LEAN_SD, LEAN_SD]) ** 2), source
         )
 
-    linear = property(
-        lambda self: coefficients(self.mean)[0],
-        doc="Linear drag (2,) along body x and y, 1/s: medians.",
-    )
-    quadratic = property(
-        lambda self: coefficients(self.mean)[1], doc="Likewise the quadratic drag (2,), 1/m."
-    )
-    lean = property(
-        lambda self: self.mean[4:],
-        doc="Specific force (2,) along body x and y that no wind makes, m/s².",
-    )
+    @property
+    def linear(self) -> Array:
+        """Linear drag (2,) along body x and y, 1/s: medians."""
+        return coefficients(self.mean)[0]
+
+    @property
+    def quadratic(self) -> Array:
+        """Likewise the quadratic drag (2,), 1/m."""
+        return coefficients(self.mean)[1]
+
+    @property
+    def lean(self) -> Array:
+        """Specific force (2,) along body x and y that no wind makes, m/s²."""
+        return self.mean[4:]
 
     def interval(self, name: str) -> Array:
         """Returns (2, 2) lower and upper ends, by axis, of the 90 % interval of ``name``: linear or quadratic."""
@@ -151,13 +155,15 @@ class Drag:
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values, which :meth:`from_dict` reads."""
-        names = ("linear", "quadratic")
-        shown = {name: getattr(self, name).tolist() for name in (*names, "mean", "covariance")}
-        return (
-            shown
-            | {f"{name}_interval": self.interval(name).tolist() for name in names}
-            | {"source": self.source}
-        )
+        return {
+            "linear": self.linear.tolist(),
+            "quadratic": self.quadratic.tolist(),
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance.tolist(),
+            "linear_interval": self.interval("linear").tolist(),
+            "quadratic_interval": self.interval("quadratic").tolist(),
+            "source": self.source,
+        }
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
@@ -167,22 +173,11 @@ class Drag:
 
     def required(self) -> Drag:
         """Returns it; ``ValueError`` where no vehicle can have it."""
-        if (
-            np.shape(self.mean) != (6,)
-            or np.shape(self.covariance) != (6, 6)
-            or self.source not in SOURCES
-        ):
-            raise ValueError(
-                f"a drag has a mean of 6, its covariance, and a source of {', '.join(SOURCES)}"
-            )
-        finite = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
-        if not finite or (np.abs(self.mean - np.append(POPULATION, np.zeros(2))) > FARTHEST).any():
+        if np.shape(self.mean) != (6,) or self.source not in SOURCES:
+            raise ValueError(f"a drag has a mean of 6 and a source of {', '.join(SOURCES)}")
+        if not (np.abs(self.mean - np.append(POPULATION, np.zeros(2))) <= FARTHEST).all():
             raise ValueError("no vehicle has such a drag")
-        if (
-            not np.allclose(self.covariance, self.covariance.T)
-            or not np.linalg.eigvalsh(self.covariance)[0] > 0
-        ):
-            raise ValueError("the covariance of the drag is none")
+        require_positive_definite(self.covariance, "the drag's covariance", 6)
         return self
 
     @classmethod
@@ -198,8 +193,7 @@ class Drag:
         )
 
 
-# m/s²; m/s along each axis, of the mean wind before the flight: 3 to 10 are usual
-GRAVITY = 9.80665
+# m/s along each axis, of the mean wind before the flight: 3 to 10 are usual
 WIND_SD = 5.0
 # s between attitude and velocity; share of an acceleration that is measured
 LAG = 0.03
@@ -249,8 +243,8 @@ def motion(
     manoeuvres do not look like drag. ``time`` (T,) and ``step`` are in s; ``attitude`` (T, 3), roll, pitch and yaw in
     rad, and velocity (T, 3), m/s north, east and down; a known ``wind`` (T, 2), m/s, is taken off the velocity.
     """
-    (cr, cp, cy) = np.cos(attitude).T
-    (sr, sp, sy) = np.sin(attitude).T
+    cr, cp, cy = np.cos(attitude).T
+    sr, sp, sy = np.sin(attitude).T
     x = (cp * cy, cp * sy, -sp)
     y = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
     # body z, by its part downwards
@@ -303,32 +297,25 @@ class Filter:
     """
 
     def __init__(self, parameters: Array, start: Motion) -> None:
-        self._linear, self._quadratic = linear, quadratic = coefficients(parameters)
-        self._lean, (wind_sd, wind_seconds, walk, noise) = (
-            parameters[:, 4:6],
-            np.exp(parameters[:, 6:]).T,
-        )
-        G = len(parameters)
+        self._linear, self._quadratic = coefficients(parameters)
+        self._lean = parameters[:, 4:6]
+        wind_sd, wind_seconds, walk, noise = np.exp(parameters[:, 6:]).T
         phi = np.exp(-start.step / wind_seconds)
-        known = start.known
-        self.decay, self.states, self.total = np.ones((G, 4)), np.zeros((G, 4)), np.zeros(G)
-        self.decay[:, WIND] = phi[:, None]
-        self.spreads, self._process = np.zeros((2, G, 4, 4))
-        self.spreads[:, WIND, WIND] = wind_sd[:, None, None] ** 2 * np.eye(2)
-        self.spreads[:, MEAN, MEAN] = WIND_SD**2 * np.eye(2)
-        self._process[:, WIND, WIND] = (wind_sd**2 * (1 - phi**2))[:, None, None] * np.eye(2)
-        self._process[:, MEAN, MEAN] = (walk**2 * start.step)[:, None, None] * np.eye(2)
+        both = np.ones(len(parameters))
+        self.decay = np.repeat(np.stack([phi, both], axis=1), 2, axis=1)
+        self.spreads = _diagonal(wind_sd**2, WIND_SD**2 * both)
+        self._process = _diagonal(wind_sd**2 * (1 - phi**2), walk**2 * start.step)
         self._fade = self.decay[:, :, None] * self.decay[:, None, :]
-        self._noise = (noise**2)[:, None, None] * np.eye(2)
-        force = np.median(
-            np.einsum("tij,ti->tj", start.axes[known][:, :, :2], start.force[known]), axis=0
-        )
-        speed = air_speed(
-            linear.mean(axis=1), quadratic.mean(axis=1), size := float(np.hypot(*force))
-        )
-        self.states[:, MEAN] = (
-            np.median(start.velocity[known, :2], axis=0) + force / max(size, 1e-9) * speed[:, None]
-        )
+        self._noise = (noise**2)[:, None, None] * PLANE
+        self.total = np.zeros(len(parameters))
+        known = start.known
+        axes = start.axes[known][:, :, :2]
+        force = np.median(np.einsum("tij,ti->tj", axes, start.force[known]), axis=0)
+        size = float(np.hypot(*force))
+        speed = air_speed(self._linear.mean(axis=1), self._quadratic.mean(axis=1), size)
+        against = force / max(size, 1e-9) * speed[:, None]
+        mean = np.median(start.velocity[known, :2], axis=0) + against
+        self.states = np.hstack([np.zeros_like(mean), mean])
 
     def predict(self) -> None:
         """Goes on by a step."""
@@ -362,57 +349,59 @@ class Filter:
         return error, S
 
 
+def _diagonal(wind: Array, mean: Array) -> Array:
+    """(G, 4, 4) covariances with variances (G,) of the gusts' two components and of the mean wind's."""
+    return np.asarray(np.repeat(np.stack([wind, mean], axis=1), 2, axis=1)[:, :, None] * np.eye(4))
+
+
 class Filtered(NamedTuple):
-    """What a :class:`Filter` leaves for each of G parameters."""
+    """What a :class:`Filter` leaves of T steps, for each of G parameters."""
 
     log_likelihood: Array  # (G,)
     errors: Array  # (T, G, 2) innovations, m/s², NaN where the motion is not known
     spread: Array  # (T, G, 2, 2) of these
-    states: tuple[Array, ...]  # what ``smoothed`` takes; empty unless kept
+    states: Array  # (2, T, G, 4) before each step's measurement, and after it
+    spreads: Array  # (2, T, G, 4, 4) likewise
+    decay: Array  # (G, 4) of the states in a step
+
+    def smoothed(self) -> tuple[Array, Array]:
+        """Returns states (T, G, 4) and covariances given all steps (Rauch, Tung and Striebel, 1965)."""
+        x_before, states = self.states
+        P_before, spreads = self.spreads
+        decayed = (spreads[:-1] * self.decay[:, None, :]).swapaxes(2, 3)
+        gains = np.linalg.solve(P_before[1:], decayed).swapaxes(2, 3)
+        for t in range(len(states) - 2, -1, -1):
+            K = gains[t]
+            states[t] += np.einsum("gij,gj->gi", K, states[t + 1] - x_before[t + 1])
+            spreads[t] += K @ (spreads[t + 1] - P_before[t + 1]) @ K.transpose(0, 2, 1)
+        return states, spreads
 
 
-def filtered(parameters: Array, motion: Motion, keep: bool = False) -> Filtered:
-    """Returns what a ``Filter`` leaves of the ``motion``; with states to be smoothed, where ``keep``."""
+def filtered(parameters: Array, motion: Motion) -> Filtered:
+    """Returns what a ``Filter`` leaves of the ``motion``."""
     run = Filter(parameters, motion)
     known = motion.known
-    T = len(motion.force)
-    kept = T if keep else 0
-    G = len(parameters)
-    states = np.empty((2, kept, G, 4))
-    spreads = np.empty((2, kept, G, 4, 4))
-    errors = np.full((T, G, 2), np.nan)
-    expected = np.full((T, G, 2, 2), np.nan)
-    for t in range(T):
+    size = len(motion.force), len(parameters)
+    states = np.empty((2, *size, 4))
+    spreads = np.empty((2, *size, 4, 4))
+    errors = np.full((*size, 2), np.nan)
+    expected = np.full((*size, 2, 2), np.nan)
+    for t in range(len(known)):
         if t:
             run.predict()
-        if keep:
-            states[0, t] = run.states
-            spreads[0, t] = run.spreads
+        states[:, t] = run.states
+        spreads[:, t] = run.spreads
         if known[t]:
             step = motion.axes[t], motion.velocity[t], motion.force[t], float(motion.doubt[t])
             errors[t], expected[t] = run.update(*step)
-        if keep:
             states[1, t] = run.states
             spreads[1, t] = run.spreads
-    return Filtered(run.total, errors, expected, (*states, *spreads, run.decay) if keep else ())
+    return Filtered(run.total, errors, expected, states, spreads, run.decay)
 
 
 def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
     """Returns the air speed, m/s, at which ``linear`` and ``quadratic`` drag makes a ``force``, m/s²."""
     return np.asarray(2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force)))
-
-
-def smoothed(
-    x_before: Array, states: Array, P_before: Array, spreads: Array, decay: Array
-) -> tuple[Array, Array]:
-    """Returns states (T, G, 4) and covariances given all steps, in place (Rauch, Tung and Striebel, 1965)."""
-    gains = np.linalg.solve(
-        P_before[1:], (spreads[:-1] * decay[:, None, :]).swapaxes(2, 3)
-    ).swapaxes(2, 3)
-    for t in range(len(states) - 2, -1, -1):
-        states[t] += np.einsum("gij,gj->gi", gains[t], states[t + 1] - x_before[t + 1])
-        spreads[t] += gains[t] @ (spreads[t + 1] - P_before[t + 1]) @ gains[t].transpose(0, 2, 1)
-    return states, spreads
 
 
 def drawn(mean: Array, covariance: Array, number: int) -> Array:
