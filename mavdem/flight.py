@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavdem.errors import FlightDownstream, unit_slip
+from mavdem.facts import Fact
 
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
 
@@ -41,6 +42,7 @@ class Flight(FlightDownstream):
         setpoints: (T, q) what the controllers' outer loops asked of the axis: at each sample the
             last value until then, NaN where there is none. None where the source has no setpoints.
         setpoint_names, setpoint_units: one string a column of ``setpoints``.
+        cautions: what makes a model less reliable; their sentences are in a log's ``provenance["cautions"]`` too.
 
     Raises:
         ValueError: names the argument whose shape, order or values are wrong.
@@ -64,6 +66,7 @@ class Flight(FlightDownstream):
     setpoints: NDArray[np.float64] | None = None
     setpoint_names: tuple[str, ...] = ()
     setpoint_units: tuple[str, ...] = ()
+    cautions: tuple[Fact, ...] = ()
 
     def __init__(
         self,
@@ -80,6 +83,7 @@ class Flight(FlightDownstream):
         setpoints: ArrayLike | None = None,
         setpoint_names: tuple[str, ...] | None = None,
         setpoint_units: tuple[str, ...] | None = None,
+        cautions: tuple[Fact, ...] = (),
     ) -> None:
         if not (provenance is None or isinstance(provenance, Mapping)):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
@@ -112,6 +116,7 @@ class Flight(FlightDownstream):
             "setpoints": asked,
             "setpoint_names": _labels(setpoint_names, "setpoint_names", none, "setpoint"),
             "setpoint_units": _labels(setpoint_units, "setpoint_units", none, None),
+            "cautions": cautions,
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.facts import Fact
+from mavdem.facts.learnability import MotorObstacle, Remedy
+from mavdem.ingest.motors import (
+    MOTOR_MESSAGES,
+    MotorMessage,
+    OutputScale,
+    demand_geometry,
+    motor_geometry,
+    output_scale,
+)
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
-from mavdem.ingest.motors import OutputScale, demand_geometry, motor_geometry, output_scale
 from mavdem.ingest.telemetry import Array, Columns, Telemetry
 
 FREQUENT_ENOUGH = 0.9
@@ -93,13 +102,9 @@ AXES = (*TILT_AXES, "yaw")
 
 # The possible inputs of a model: motor outputs, or the controller's command for the axis
 INPUTS = ("motors", "demand")
-MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
-"""Messages with motor outputs, the preferred first."""
-
-# A sentence on what is wrong, and one on what to do; "" to ask for faster messages
-Obstacle = tuple[str, str]
-FLY = "Record a flight: half a minute in the air between take-off and landing is enough."
+RECORD_A_FLIGHT = Fact(Remedy.RECORD_A_FLIGHT)
 DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
+DEMAND_FORM = MotorMessage("controls")
 THRUST_COLUMN = 3  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
 PORT_CHANNELS = 8
 WIDE_PORT_CHANNELS = 16
@@ -129,19 +134,19 @@ class Motors:
     left_out: int
 
 
-def motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
+def motors_or_obstacle(telemetry: Telemetry) -> Motors | Fact:
     """Returns the outputs of the most preferred message that has those of all motors; else why there are none."""
-    obstacles: list[Obstacle] = []
-    for message in by_preference(message_counts(telemetry, MOTOR_MESSAGES)):
-        found = _motors_in(telemetry, message)
-        if not isinstance(found, tuple):
-            return found
-        obstacles.append(found)
-    none = f"There is no message with motor outputs ({telemetry.called(MOTOR_MESSAGES[0])})."
-    return obstacles[0] if obstacles else (none, "")
+    obstacles: list[Fact] = []
+    for message in by_preference(message_counts(telemetry, tuple(MOTOR_MESSAGES))):
+        motors = _motors_in(telemetry, message)
+        if isinstance(motors, Motors):
+            return motors
+        obstacles.append(motors)
+    name = telemetry.called(next(iter(MOTOR_MESSAGES)))
+    return obstacles[0] if obstacles else Fact(MotorObstacle.NO_MOTOR_MESSAGE, name=name)
 
 
-def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
+def _motors_in(telemetry: Telemetry, message: str) -> Motors | Fact:
     name = telemetry.called(message)
     banks = _banks(message, telemetry.messages[message])
     width = banks[0].signal.values.shape[1]
@@ -152,16 +157,19 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
         telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, width
     )
     if plan is None or not moving:
-        return f"The motors did not run: no output in {name} ever changes.", FLY
+        return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
     there = {channel for bank in banks for channel in bank.among(plan.channels)}
-    of_motors = (
-        f"By {plan.basis.partition(';')[0]} the motors are on channels {_numbers(plan.channels)}"
-    )
-    if there != set(plan.channels):
-        reason = f"{of_motors}, but {name} has no channel {_numbers(set(plan.channels) - there)}."
-        return reason, "Record all outputs: MAVLink 1 has 8 channels, MAVLink 2 has 16."
-    if not set(plan.channels) & set(moving):
-        return f"{of_motors}, which never change in {name}; {_numbers(moving)} do.", FLY
+    missing = sorted(set(plan.channels) - there)
+    if missing or not set(plan.channels) & set(moving):
+        return Fact(
+            MotorObstacle.CHANNELS_MISSING if missing else MotorObstacle.CHANNELS_CONSTANT,
+            name=name,
+            basis=plan.basis,
+            channels=sorted(plan.channels),
+            missing=missing,
+            moving=sorted(moving),
+            remedy=RECORD_A_FLIGHT,
+        )
     # One row a message of the bank that holds most motors; the other bank's rows come a moment before or after.
     main = max(banks, key=lambda bank: len(bank.among(plan.channels)))
     signal = main.signal
@@ -175,10 +183,7 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
             outputs[:, at] = values if bank is main else _interpolated(signal, bank.signal, values)
     whole = series({"time": signal.time, "boot": signal.boot}, outputs)
     if not len(whole.time):
-        return (
-            f"{name} has no message with finite outputs of all motors.",
-            "Check what wrote the log.",
-        )
+        return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=name)
     # Of the values as sent: interpolated ones fall between the steps of the stream.
     scale = output_scale(np.concatenate(sent), telemetry.parameters, plan.drivers)
     left_out = signal.left_out + whole.left_out
@@ -222,7 +227,7 @@ def control(telemetry: Telemetry, column: int) -> Signal | None:
         return None
     # Group 0 is flight control: roll, pitch, yaw and thrust.
     group_0 = np.asarray(columns["group_mlx"]) == 0 if "group_mlx" in columns else None
-    return series(columns, floats(columns, "controls")[:, column], group_0)
+    return series(columns, floats(columns, DEMAND_FORM.field)[:, column], group_0)
 
 
 class _Bank(NamedTuple):
@@ -239,37 +244,28 @@ class _Bank(NamedTuple):
         ]
 
 
-def _banks(message: str, columns: Columns) -> list[_Bank]:
-    if message != "SERVO_OUTPUT_RAW":
-        field = "actuator" if message == "ACTUATOR_OUTPUT_STATUS" else "controls"
-        return [
-            _bank(
-                columns,
-                np.atleast_2d(floats(columns, field)),
-                1,
-                np.ones(len(columns["time"]), dtype=bool),
-            )
-        ]
-    fields = [f"servo{n}_raw" for n in range(1, 17) if f"servo{n}_raw" in columns]
-    values = np.column_stack([floats(columns, field) for field in fields])
+def outputs_by_port(message: str, columns: Columns) -> tuple[Array, int]:
+    """Returns the outputs (N, k) of a message, unused ones as 0, and how many channels one port has."""
+    first, *channels = MOTOR_MESSAGES[message].fields
+    if not channels:
+        values = np.atleast_2d(floats(columns, first))
+        return values, values.shape[1]
+    values = np.column_stack([floats(columns, field) for field in channels if field in columns])
     values[values == UNUSED_CHANNEL] = 0.0
-    port = floats(columns, "port") if "port" in columns else np.zeros(len(values))
     wide = values.shape[1] == WIDE_PORT_CHANNELS and np.any(values[:, PORT_CHANNELS:])
-    width = WIDE_PORT_CHANNELS if wide else PORT_CHANNELS
-    return [
-        _bank(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)
-    ]
+    return values, WIDE_PORT_CHANNELS if wide else PORT_CHANNELS
 
 
-def _bank(columns: Columns, values: Array, first: int, rows: NDArray[np.bool_]) -> _Bank:
-    """A bank of outputs; a channel that never has a number has none."""
-    return _Bank(
-        first, series(columns, np.where(np.isfinite(values[rows]).any(axis=0), values, 0.0), rows)
-    )
-
-
-def _numbers(channels: Iterable[int]) -> str:
-    return ", ".join(str(channel) for channel in sorted(channels))
+def _banks(message: str, columns: Columns) -> list[_Bank]:
+    """A bank of outputs a port; a channel that never has a number has none."""
+    values, width = outputs_by_port(message, columns)
+    port = floats(columns, "port") if "port" in columns else np.zeros(len(values))
+    banks = []
+    for number in np.unique(port):
+        sent = values[port == number, :width]
+        table = np.where(np.isfinite(sent).any(axis=0), values[:, :width], 0.0)
+        banks.append(_Bank(1 + width * int(number), series(columns, table, port == number)))
+    return banks
 
 
 def _moves(values: Array) -> bool:

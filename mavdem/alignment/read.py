@@ -1,4 +1,4 @@
-"""From a log to the Flight a model can be learnt from, or the reason why not."""
+"""From a log to the Flight a model can be learned from, or the reason why not."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ from dataclasses import replace
 from os import PathLike
 
 from mavdem.alignment.drive import message_counts
+from mavdem.alignment.learnability import (
+    MINIMUM_DURATION,
+    Learnability,
+    learnabilities,
+    learnability_of,
+)
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, segment_verdicts, verdict_of
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.learnability import Caution, Reason
 from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
@@ -39,11 +46,11 @@ def read_flight(
             they come too slowly and the demand does not.
         tier: the lowest that will do: "a", attitude and inputs at 40 Hz or more, for a model; "b", 8 Hz and more, for
             its slow motion; "c", at any rate, whether or not its attitude is consistent. The provenance's cautions then
-            say why no full model can be learnt from it.
+            say why no full model can be learned from it.
 
     Raises:
         Unreadable: the log cannot be read.
-        NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
+        NotLearnable: it holds no vehicle, or several and none was chosen, or it cannot be learned from.
         ValueError: ``path`` is no path, or an axis, inputs or a tier that is none.
 
     See Also:
@@ -80,11 +87,11 @@ def read_segments(
         :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`, which takes them together.
     """
     log = read_log(path)
-    flights, verdict = usable_segments(
+    flights, learnability = usable_segments(
         Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components
     )
     if not flights:
-        raise NotLearnable(verdict.reason, verdict.remedy)
+        raise NotLearnable(learnability.reason)
     return flights
 
 
@@ -94,52 +101,57 @@ def learnable_flight(
     vehicle: str | None = None,
     inputs: str | None = None,
     tier: str = "a",
-) -> tuple[Flight, Verdict]:
-    """Returns the longest usable segment of a log, as :func:`read_flight` gives it, and the verdict on it."""
+) -> tuple[Flight, Learnability]:
+    """Returns the longest usable segment of a log, as :func:`read_flight` gives it, and whether it is learnable."""
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
-    verdict = verdict_of(signals, log.components)
-    if verdict.learnable or tier == "a":
-        return _with_cautions(verdict), verdict
-    doubt = (f"No full {axis} model can be learnt from it: {verdict.reason}",)
-    slow = verdict_of(signals, log.components, SLOW_MOTION_RATE)
-    if slow.learnable or tier == "b" or verdict.flight is None:
-        return _with_cautions(slow, doubt), verdict
-    provenance = {**verdict.flight.provenance, "cautions": list(doubt)}
-    return replace(verdict.flight, provenance=provenance), verdict
+    learnability = learnability_of(signals, log.components)
+    if learnability.learnable or tier == "a":
+        return _with_cautions(learnability), learnability
+    doubt = Fact(Caution.ONLY_SLOWER_TIER, Level.WATCH, axis=axis, because=learnability.reason)
+    slow = learnability_of(signals, log.components, SLOW_MOTION_RATE)
+    if slow.learnable or tier == "b" or learnability.flight is None:
+        return _with_cautions(slow, doubt), learnability
+    return _but(learnability.flight, (doubt,)), learnability
 
 
 def usable_segments(
     signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
-) -> tuple[tuple[Flight, ...], Verdict]:
-    """Returns all usable segments, none if the verdict, on the longest, is no; both need ``least_rate``, Hz."""
-    verdicts = list(segment_verdicts(signals, components, least_rate))
-    found = verdicts[0].segments
-    usable = [verdict for verdict in verdicts if verdict.learnable]
-    lost = [
-        segment.duration
-        for segment in found
-        if segment not in [verdict.segment for verdict in usable]
-    ]
-    left_out: tuple[str, ...] = ()
-    if 0 < len(lost) < len(found):
-        seconds = sum(segment.duration for segment in found)
-        left_out = (
-            f"{len(lost)} of {len(found)} segments of settled flight, {sum(lost):.1f} of {seconds:.1f} s, are left "
-            f"out: they are shorter than {MINIMUM_DURATION:.0f} s, come slower than the longest, or cannot be learnt "
-            "from.",
-        )
-    flights = [_with_cautions(verdict, left_out) for verdict in usable]
+) -> tuple[tuple[Flight, ...], Learnability]:
+    """Returns all usable segments, none if the longest is not learnable; both streams need ``least_rate``, Hz."""
+    judged = list(learnabilities(signals, components, least_rate))
+    first = judged[0]
+    usable = [one for one in judged if one.learnable]
+    taken = [one.segment for one in usable]
+    lost = [segment.duration for segment in first.segments if segment not in taken]
+    left_out = []
+    if 0 < len(lost) < len(first.segments):
+        left_out = [
+            Fact(
+                Caution.SEGMENTS_LEFT_OUT,
+                Level.WATCH,
+                count=len(lost),
+                segments=len(first.segments),
+                duration=sum(lost),
+                settled=sum(segment.duration for segment in first.segments),
+                least_duration=MINIMUM_DURATION,
+            )
+        ]
+    flights = [_with_cautions(one, *left_out) for one in usable]
     in_time = sorted(
         flights, key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0]))
     )
-    return tuple(in_time), verdicts[0]
+    return tuple(in_time), first
 
 
-def _with_cautions(verdict: Verdict, further: tuple[str, ...] = ()) -> Flight:
-    if not verdict.learnable or verdict.flight is None:
-        raise NotLearnable(verdict.reason, verdict.remedy)
-    provenance = {**verdict.flight.provenance, "cautions": [*verdict.cautions, *further]}
-    return replace(verdict.flight, provenance=provenance)
+def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:
+    if not learnability.learnable or learnability.flight is None:
+        raise NotLearnable(learnability.reason)
+    return _but(learnability.flight, (*learnability.cautions, *further))
+
+
+def _but(flight: Flight, cautions: tuple[Fact, ...]) -> Flight:
+    provenance = {**flight.provenance, "cautions": [str(caution) for caution in cautions]}
+    return replace(flight, provenance=provenance, cautions=cautions)
 
 
 def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:
@@ -147,7 +159,7 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
 
     One that sends no attitude is no rival.
 
-    Raises NotLearnable: none or several match; the message lists them.
+    Raises NotLearnable: none or several match, which the fact lists.
     """
     if wanted is not None:
         matching = [
@@ -165,21 +177,19 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     if len(matching) == 1:
         return matching[0]
     if not vehicles:
-        raise NotLearnable(
-            "There is no vehicle in it.", "Check that the autopilot's own messages are recorded."
-        )
+        raise NotLearnable(Fact(Reason.LOG_WITHOUT_VEHICLE))
     rivals = matching or vehicles
     # two logs in one, of vehicles with the same ids
     alike = len({_ids(vehicle) for vehicle in rivals}) < len(rivals)
-    names = [vehicle.board if alike and vehicle.board else _ids(vehicle) for vehicle in rivals]
-    listed = ", ".join(
-        f"{name} ({one.vehicle}, {one.autopilot})" for name, one in zip(names, rivals, strict=True)
+    raise NotLearnable(
+        Fact(
+            Reason.SEVERAL_VEHICLES if matching else Reason.NO_SUCH_VEHICLE,
+            name=wanted,
+            names=[rival.board if alike and rival.board else _ids(rival) for rival in rivals],
+            kinds=[rival.vehicle for rival in rivals],
+            autopilots=[rival.autopilot for rival in rivals],
+        )
     )
-    example = f"Choose one, for example with `--vehicle {names[0]}`."
-    if not matching:
-        there = "is" if len(vehicles) == 1 else "are"
-        raise NotLearnable(f"There is no vehicle {wanted}; there {there} {listed}.", example)
-    raise NotLearnable(f"There are several vehicles: {listed}.", example)
 
 
 def _ids(vehicle: Telemetry) -> str:

@@ -203,8 +203,8 @@ class Signals:
     @cached_property
     def motors(self) -> Motors | None:
         """Motor outputs."""
-        found = motors_or_obstacle(self.telemetry)
-        return None if isinstance(found, tuple) else found
+        motors = motors_or_obstacle(self.telemetry)
+        return motors if isinstance(motors, Motors) else None
 
     @cached_property
     def demand(self) -> Motors | None:

@@ -16,10 +16,10 @@ from typing import TypeVar
 import numpy as np
 
 from mavdem.alignment.drive import AXES, TILT_AXES
+from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
-from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
 from mavdem.analysis.findings import disown_torque
 from mavdem.condition import condition_of, identity_of
@@ -117,7 +117,7 @@ def analyse(
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
-            return _refused(found, prose(of_slow.reason))
+            return _refused(found, of_slow.reason)
     if not segments or not (options.whole or slow):
         return found
     try:
@@ -127,7 +127,7 @@ def analyse(
             raise
         return _refused(found, error.fact) if slow else replace(found, reason=error.fact)
     caution = [str(Fact(Caveat.SLOW_MOTION_ONLY, Level.WATCH))] if slow else []
-    cautions = *caution, *flights[0].provenance["cautions"], *learned.cautions
+    cautions = *caution, *map(str, flights[0].cautions), *learned.cautions
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     changes = found.changes
     if changes and learned.physical is not None and learned.wind_torque is not None:
@@ -148,7 +148,7 @@ def analyse(
 
 
 def _without_model(
-    log: Log, signals: Signals, verdict: Verdict, other_axis: LogAnalysis | None
+    log: Log, signals: Signals, verdict: Learnability, other_axis: LogAnalysis | None
 ) -> LogAnalysis:
     """What a log says of a vehicle without a model of an axis, and why it allows none."""
     if other_axis is None:
@@ -167,7 +167,7 @@ def _without_model(
     if tier.name is None and measured.airborne and not measured.segments:
         reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=measured.airborne)
     elif tier.name != "a":
-        reason = prose(tier.reason, tier.remedy)
+        reason = tier.reason
     return LogAnalysis(
         verdict,
         tier,

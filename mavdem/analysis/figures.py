@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import AXES
+from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.condition import Condition, Identity
 from mavdem.condition.condition import HoverFigures, hover_of, or_none
@@ -96,7 +96,7 @@ class LogAnalysis:
         signals: what was recorded.
     """
 
-    verdict: Verdict
+    verdict: Learnability
     tier: Tier
     condition: Condition
     identity: Identity
@@ -351,7 +351,7 @@ def axis_figures(
     """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
     flights, verdict = usable_segments(signals, components)
     if not flights:
-        return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))
+        return AxisFigures((), None, None, str(NotLearnable(verdict.reason)))
     record = Record.of(flights)
     parameters = physical(record)
     if isinstance(parameters, NotIdentifiable):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import radians
 
-from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY
+from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.condition import Condition
 from mavdem.condition.condition import HoverFigures
 from mavdem.condition.oscillation import Oscillation

@@ -25,11 +25,11 @@ from scipy.fft import dct
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
+from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import Intervals, both
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import verdict_of
 from mavdem.condition.oscillation import Oscillation, oscillation_of
 from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
@@ -111,8 +111,8 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        verdict = verdict_of(signals, components)
-        raise NotLearnable(verdict.reason, verdict.remedy)
+        verdict = learnability_of(signals, components)
+        raise NotLearnable(verdict.reason)
     rows = within(motors, *segments)
     tilts = zip(TILT_AXES, signals.tilts, strict=True)
     lean = {

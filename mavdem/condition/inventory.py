@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.alignment.align import settled_segments
+from mavdem.alignment.learnability import Learnability, learnability_of, slower_rate
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.alignment.verdict import Verdict, verdict_of
 from mavdem.condition.condition import Condition, condition_of
+from mavdem.facts import Fact
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 from mavdem.ingest.vocabulary import (
@@ -212,10 +213,14 @@ class Tier(NamedTuple):
     """What a log allows."""
 
     name: str | None  # "a", "b" or "c"; None where there is no settled flight
-    reason: str  # one sentence with the figures that decided; of all but "a", why it is no better
-    next_tier: str | None  # the next better one; None for "a"
-    remedy: str  # what to change, by the log's own parameters and firmware; empty for "a"
+    reason: Fact  # what decided; of all but "a", why it is no better, and what to change
+    next_tier: str | None = None  # the next better one; None for "a"
     is_slow: bool = True  # whether rates are what is missing
+
+    @property
+    def remedy(self) -> str:
+        """What to change for the next tier; empty for "a"."""
+        return self.reason.remedy
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
@@ -227,24 +232,23 @@ class Tier(NamedTuple):
         allows = TIERS[self.name]["allows"] if self.name else ""
         return {
             "tier": self.name,
-            "tier_reason": self.reason,
+            "tier_reason": str(self.reason),
             "allows": allows,
             "next_tier": better,
         }
 
 
-def tier_of(verdict: Verdict, condition: Condition) -> Tier:
+def tier_of(learnability: Learnability, condition: Condition) -> Tier:
     """Returns the tier by the rates; in the second a model may be refused: :func:`mavdem.analysis.analyse` says."""
-    figures = verdict.figures
-    slower = min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
-    if verdict.learnable:
-        return Tier("a", verdict.reason, None, "")
-    name: str | None
-    name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
+    reason = learnability.reason
+    if learnability.learnable:
+        return Tier("a", reason)
+    slower = slower_rate(learnability.figures)
+    is_slow = slower < MINIMUM_RATE
     if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
-        name = None
-        following = "c"
-    return Tier(name, verdict.reason, following, verdict.remedy, slower < MINIMUM_RATE)
+        return Tier(None, reason, "c", is_slow)
+    name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
+    return Tier(name, reason, following, is_slow)
 
 
 def inventory(
@@ -252,7 +256,9 @@ def inventory(
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-    known: Mapping[tuple[int, int], tuple[Verdict, Condition, Identity]] = MappingProxyType({}),
+    known: Mapping[tuple[int, int], tuple[Learnability, Condition, Identity]] = MappingProxyType(
+        {}
+    ),
 ) -> dict[str, Any]:
     """Returns everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
 
@@ -294,12 +300,12 @@ def _vehicle(
     axis: str,
     inputs: str | None,
     log: Log,
-    known: tuple[Verdict, Condition, Identity] | None,
+    known: tuple[Learnability, Condition, Identity] | None,
 ) -> dict[str, Any]:
     if known is None:
         signals = Signals(telemetry, axis, inputs)
         known = (
-            verdict_of(signals, log.components),
+            learnability_of(signals, log.components),
             condition_of(signals),
             identity_of(signals, log.receive_time[0]),
         )

@@ -16,9 +16,9 @@ import numpy as np
 
 from mavdem.alignment.align import LOW_PASS_RATIO, align, longest_recorded
 from mavdem.alignment.drive import Motors
+from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
-from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import WindVelocity
 from mavdem.condition.wind_of_log import air_of
 from mavdem.dem import Learned
@@ -336,12 +336,12 @@ def _convert_to_table(
 ) -> dict[str, Any]:
     log = read_log(source, progress)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
-    verdict = verdict_of(signals, log.components)
+    verdict = learnability_of(signals, log.components)
     segment = None if verdict.flight else longest_recorded(signals)
     flight = align(signals, segment) if segment else verdict.flight
-    cautions = list(verdict.cautions)
+    cautions = list(map(str, verdict.cautions))
     if not verdict.learnable:
-        cautions.append(f"A {axis} model cannot be learnt from this table: {verdict.reason}")
+        cautions.append(f"A {axis} model cannot be learned from this table: {verdict.reason}")
     # A common step would cost most of the faster stream, which a model needs but a table does not.
     rates = [] if flight is None else flight.provenance["rates"].values()
     if flight is not None and (verdict.learnable or max(rates) < LOW_PASS_RATIO * min(rates)):
@@ -352,7 +352,7 @@ def _convert_to_table(
         table = own_columns(signals)
         provenance = {"source": str(source), "cautions": cautions}
     if not table:
-        raise NotLearnable(verdict.reason, verdict.remedy)
+        raise NotLearnable(verdict.reason)
     with atomic_write(out) as file:
         TABLES[out.suffix.lower()](file, table, provenance)
     return {

@@ -8,7 +8,7 @@ from mavdem.facts.fact import InWords
 
 
 class Status(InWords):
-    """Whether an estimate is reported: with its interval, though biased, or not at all; values as documents hold."""
+    """Whether an estimate is reported: with its interval, though biased, or not at all."""
 
     REPORTED = auto()
     BIASED = auto()

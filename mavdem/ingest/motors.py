@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from math import atan2, cos, degrees, radians, sin
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,27 @@ MOTOR_COUNTS = {
 }
 """Number of motors of each MAV_TYPE that has one."""
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
+
+
+class MotorMessage(NamedTuple):
+    """How a message carries outputs: in one array ``field``, or in a field a channel, of which ports have a message."""
+
+    field: str
+    is_ported: bool = False
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The names of all its fields with outputs, and of the port's."""
+        channels = (self.field.format(n) for n in range(1, 17))
+        return ("port", *channels) if self.is_ported else (self.field,)
+
+
+MOTOR_MESSAGES = {
+    "SERVO_OUTPUT_RAW": MotorMessage("servo{}_raw", is_ported=True),
+    "ACTUATOR_OUTPUT_STATUS": MotorMessage("actuator"),
+    "HIL_ACTUATOR_CONTROLS": MotorMessage("controls"),
+}
+"""Messages with motor outputs, the preferred first."""
 
 
 def motor_parameters(autopilot: str) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment
-from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, Motors, Signal
+from mavdem.alignment.drive import DEMAND_FORM, DEMAND_MESSAGE, Motors, Signal
 from mavdem.alignment.phases import (
     AVERAGING_SECONDS,
     CLIMB_OUT_SPEED,
@@ -39,7 +39,7 @@ from mavdem.condition.oscillation import oscillation_of
 from mavdem.dem import Learned, Physical
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
-from mavdem.ingest.motors import MotorGeometry, OutputScale
+from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale
 from mavdem.ingest.telemetry import Columns, Telemetry, joined
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, CUSTOM_MODE, IN_AIR, LANDING_MODES, STANDBY
 from mavdem.live.history import FLIGHT_UNKNOWN, NOT_FLYING
@@ -150,16 +150,10 @@ class InputChoice:
             )
         if chosen is None:
             return None
-        width = drive.PORT_CHANNELS
-        columns = messages[chosen.message]
-        if any(
-            np.any(columns[f"servo{n}_raw"]) for n in range(9, 17) if f"servo{n}_raw" in columns
-        ):
-            width = drive.WIDE_PORT_CHANNELS
         picks = [(0, drive.AXES.index(axis))]
         if chosen.message != DEMAND_MESSAGE:
-            ported = chosen.message == "SERVO_OUTPUT_RAW"
-            picks = [divmod(n - 1, width) if ported else (0, n - 1) for n in chosen.layout.channels]
+            _, width = drive.outputs_by_port(chosen.message, messages[chosen.message])
+            picks = [divmod(n - 1, width) for n in chosen.layout.channels]
         if collective is not None:
             now = collective.time >= oldest
             collective = Signal(collective.time[now], collective.boot[now], collective.values[now])
@@ -181,13 +175,11 @@ class InputChoice:
             "time": np.array([time for time, _ in rows]),
             "boot": np.zeros(len(rows), dtype=np.int64),
         }
-        if name == "SERVO_OUTPUT_RAW":
-            return (
-                columns
-                | {"port": np.full(len(rows), port)}
-                | {f"servo{n + 1}_raw": table[:, n] for n in range(16)}
-            )
-        return columns | {"actuator" if name == "ACTUATOR_OUTPUT_STATUS" else "controls": table}
+        form = MOTOR_MESSAGES.get(name, DEMAND_FORM)
+        if form.is_ported:
+            channels = {form.field.format(n): values for n, values in enumerate(table.T, 1)}
+            return columns | channels | {"port": np.full(len(rows), port)}
+        return columns | {form.field: table}
 
 
 class Phase:

@@ -19,6 +19,7 @@ from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UNUSED_CHANNEL
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
+from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.vocabulary import euler_angles
 
 Values = tuple[float, ...]
@@ -28,7 +29,7 @@ MAX_UNDECIDED = 32 * framing.LONGEST_FRAME  # Bytes without a good frame that wa
 FIELDS: dict[str, tuple[str, ...]] = {
     name: tuple(fields)
     for name, fields in json.loads((files("mavdem.live") / "fields.json").read_text()).items()
-}
+} | {name: form.fields for name, form in MOTOR_MESSAGES.items()}
 """Of the messages that a model or the wind needs; of those in ``CLIMB_FIELDS`` the vertical speed first."""
 
 
@@ -182,7 +183,7 @@ def attitude(message: Message) -> Values | None:
 
 def outputs(message: Message) -> tuple[int, Values]:
     """The port of a message of motor outputs, or the group of a demand, and its channels, unused ones as 0."""
-    if message.name != "SERVO_OUTPUT_RAW":
+    if message.name not in MOTOR_MESSAGES or not MOTOR_MESSAGES[message.name].is_ported:
         return int(message.values[0]) if len(message.values) > 1 else 0, tuple(
             message.values[-1].tolist()
         )

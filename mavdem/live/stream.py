@@ -13,21 +13,22 @@ from mavdem.alignment.align import STEP_TOLERANCE
 from mavdem.alignment.drive import (
     DEMAND_MESSAGE,
     INPUTS,
-    MOTOR_MESSAGES,
     THRUST_COLUMN,
     TILT_AXES,
     preferred_message,
 )
+from mavdem.alignment.learnability import too_slow
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
-from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
+from mavdem.facts import Fact
+from mavdem.facts.learnability import Reason
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
-from mavdem.ingest.motors import MULTIROTORS
+from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.decisions import InputChoice, Inputs, Phase, Setup
@@ -52,6 +53,7 @@ MAX_REPLIES = 64
 # Of the boot clock, between two reviews of the phase, and two of the inputs
 REVIEW_SECONDS = 0.1
 CHOICE_SECONDS = 0.5
+NO_ATTITUDE = Fact(Reason.NO_ATTITUDE, recorder="", remedy=None)
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
@@ -160,7 +162,7 @@ class LiveStream:
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle
-            or (NO_ATTITUDE[""] + self._advice if isnan(now) else self._obstacle),
+            or (f"{NO_ATTITUDE}{self._advice}" if isnan(now) else self._obstacle),
             rates=self._rates(now),
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
@@ -381,7 +383,7 @@ class LiveStream:
                 f"The vehicle is a {sender.kind}; the {self.axis} model is for multirotors only."
             )
         elif self._attitude is None:
-            obstacle = NO_ATTITUDE[""]
+            obstacle = str(NO_ATTITUDE)
         elif drives is None:
             obstacle = "There is no message with motor outputs."
         else:
@@ -389,7 +391,7 @@ class LiveStream:
             # With hysteresis: a rate at the limit must not be reported twice a second.
             least = MINIMUM_RATE / STEP_TOLERANCE if self._enough else MINIMUM_RATE
             slow = too_slow(rates, self.axis) if min(rates.values()) < least else None
-            obstacle = slow and slow + self._advice
+            obstacle = f"{slow}{self._advice}" if slow else None
         if obstacle is not None and self._enough:
             self._report(obstacle)
         elif obstacle is None and not self._enough:

@@ -37,7 +37,7 @@ def table() -> dict[str, dict[str, str]]:
 
 
 def words(fact: Fact) -> Words:
-    """Returns the sentence and the remedy of a ``fact``."""
+    """Returns the sentence and the remedy of a ``fact``; one among its figures, where the table has none."""
     return Words(_rendered(fact, "sentence"), _rendered(fact, "remedy"))
 
 
@@ -48,7 +48,8 @@ def headline(fact: Fact) -> str:
 
 def _rendered(fact: Fact, part: str) -> str:
     known = {"level": fact.level, "time": fact.time, "until": fact.until, "subject": fact.subject}
-    return _template(fact.code, part).render({**known, **fact.figures}).strip()
+    figures = {"remedy": "", **known, **fact.figures}
+    return _template(fact.code, part).render(figures).strip()
 
 
 def sentence(fact: Fact | str) -> str:
@@ -81,7 +82,8 @@ def section(name: str, /, **known: Any) -> list[Sentence]:
 
 @cache
 def _template(code: Code, part: str) -> Template:
-    return _environment().from_string(table()[code].get(part, ""))
+    missing = "{{ remedy | string if remedy }}" if part == "remedy" else ""
+    return _environment().from_string(table()[code].get(part, missing))
 
 
 @cache
@@ -92,6 +94,7 @@ def _environment() -> Environment:
         "advised": advised,
         "bare": bare,
         "begin": begin,
+        "below": below,
         "degrees": lambda angle: degrees(angle),
         "fixed": lambda value, digits=0: f"{value:.{digits}f}",
         "go_on": go_on,
@@ -136,6 +139,14 @@ def says(fact: Fact | None, other: object) -> bool:
 def bare(fact: Fact | str) -> str:
     """Returns the sentence of a ``fact`` without its full stop, for the inside of another."""
     return str(fact).removesuffix(".")
+
+
+def below(value: float, limit: float) -> str:
+    """Returns the value with as many decimals, at least one, as show that it is below the limit."""
+    return next(
+        (text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit),
+        f"{value:.6g}",
+    )
 
 
 def begin(text: object) -> str:

@@ -20,9 +20,10 @@ from recorded_flights import shared
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, settled_segments
+from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
-from mavdem.alignment.verdict import verdict_of
+from mavdem.facts.learnability import Caution, Reason, Remedy
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import OFF_GROUND
@@ -49,7 +50,7 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
     (flight,) = phases.flying(Signals(telemetry), 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
-    verdict = verdict_of(Signals(telemetry))
+    verdict = learnability_of(Signals(telemetry))
     assert verdict.learnable and verdict.segment is not None
     assert verdict.segment.end == pytest.approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
 
@@ -89,7 +90,7 @@ def test_a_recorded_flight_whose_reports_come_at_its_end():
     assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
     ((start, end),) = phases.settled(signals, 0)
     assert start < 55 and end == pytest.approx(106, abs=2)
-    assert "never left the ground" not in verdict_of(signals).reason
+    assert learnability_of(signals).reason.code is not Reason.NEVER_AIRBORNE
 
 
 def eight_and_twelve(phase: int) -> np.ndarray:
@@ -240,9 +241,10 @@ def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
     assert [edge for span in phases.settled(signals, 0) for edge in span] == pytest.approx(
         settled, abs=0.5
     )
-    verdict = verdict_of(Signals(signals.telemetry))
+    verdict = learnability_of(Signals(signals.telemetry))
     assert verdict.figures.airborne == pytest.approx(airborne, abs=1.0)
-    assert ("never left the ground" in verdict.reason) == (verdict.figures.airborne == 0)
+    grounded = verdict.reason.code is Reason.NEVER_AIRBORNE
+    assert grounded == (verdict.figures.airborne == 0)
 
 
 def test_gaps_and_tumbles_end_a_segment():
@@ -371,41 +373,33 @@ def with_roll_demand(motor_rate, demand_rate):
 )
 def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
     demanded = with_roll_demand(motor_rate, demand_rate)
-    verdict = verdict_of(Signals(demanded))
+    verdict = learnability_of(Signals(demanded))
     assert verdict.learnable
     flight = align(Signals(demanded), verdict.segment)
-    said = any(
-        "(10.0 Hz), so the input is the controller's roll demand" in caution
-        for caution in verdict.cautions
-    )
+    assert verdict.reason.figures["demand"] == (taken == "demand")
     if taken == "motors":
-        assert len(flight.input_names) == 4 and not said
+        assert len(flight.input_names) == 4
     else:
-        assert flight.input_names == ("roll demand",) and said
-        assert "roll demand at 100.0 Hz" in verdict.reason
+        assert flight.input_names == ("roll demand",)
+        caution = next(each for each in verdict.cautions if each.code is Caution.DEMAND_IS_INPUT)
+        assert caution.figures["motor_rate"] == pytest.approx(10.0)
         np.testing.assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
 
 
 def test_the_inputs_that_are_asked_for_are_taken():
     both = with_roll_demand(100.0, 50.0)
-    verdict = verdict_of(Signals(both, inputs="demand"))
+    verdict = learnability_of(Signals(both, inputs="demand"))
     flight = align(Signals(both, inputs="demand"), verdict.segment)
-    assert verdict.learnable and "model includes the mixer" in " ".join(verdict.cautions)
+    assert verdict.learnable and verdict.cautions[0].code is Caution.DEMAND_IS_INPUT
     assert flight.input_names == ("roll demand",) and flight.dt == pytest.approx(0.02)
-    slow_motors = verdict_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
-    assert not slow_motors.learnable and slow_motors.remedy.startswith(
-        "Leave out `--inputs motors`: "
-    )
-    neither = verdict_of(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
-    assert "--inputs" not in neither.remedy and "RC_CHAN" in neither.remedy
-    without = verdict_of(Signals(Hover().telemetry(), inputs="demand"))
-    assert (
-        not without.learnable
-        and "demand is not in it" in without.reason
-        and "motors" in without.remedy
-    )
+    slow_motors = learnability_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
+    assert slow_motors.reason.figures["remedy"].code is Remedy.LEAVE_OUT_MOTORS
+    neither = learnability_of(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
+    assert neither.reason.figures["remedy"].code is Remedy.ARDUPILOT_STREAMS
+    without = learnability_of(Signals(Hover().telemetry(), inputs="demand"))
+    assert without.reason.code is Reason.NO_DEMAND and without.remedy
     with pytest.raises(ValueError, match="'torque'"):
-        verdict_of(Signals(both, inputs="torque"))
+        learnability_of(Signals(both, inputs="torque"))
 
 
 def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
@@ -429,7 +423,7 @@ def yawing(size: float = 0.3, correction: float = 0.0) -> Telemetry:
 
 def test_a_flight_of_yaw_has_the_rate_only():
     telemetry = yawing()
-    verdict = verdict_of(Signals(telemetry, "yaw"))
+    verdict = learnability_of(Signals(telemetry, "yaw"))
     assert verdict.learnable and verdict.cautions == ()
     flight = verdict.flight
     assert (flight.output_names, flight.output_units) == (("yaw rate",), ("rad/s",))
@@ -438,7 +432,7 @@ def test_a_flight_of_yaw_has_the_rate_only():
     assert verdict.figures.input_sd == pytest.approx(30 / np.sqrt(2), rel=0.02)
     assert verdict.figures.consistency == pytest.approx(1, abs=1e-3)
     assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
-    roll = verdict_of(Signals(telemetry, "roll")).flight
+    roll = learnability_of(Signals(telemetry, "roll")).flight
     np.testing.assert_array_equal(flight.time, roll.time)
     np.testing.assert_array_equal(flight.inputs, roll.inputs)
 
@@ -447,6 +441,6 @@ def test_a_flight_of_yaw_has_the_rate_only():
 def test_the_motors_that_should_turn_the_nose_do(name):
     """By the sign of the correlation of their yaw combination with the angular acceleration."""
     (telemetry,) = read_log(shared(f"samples/{name}.tlog")).vehicles
-    flight = verdict_of(Signals(telemetry, "yaw")).flight
+    flight = learnability_of(Signals(telemetry, "yaw")).flight
     acceleration = np.gradient(flight.outputs[:, 0]) / flight.dt
     assert np.corrcoef(flight.inputs @ flight.effect_directions, acceleration)[0, 1] > 0.2

@@ -11,9 +11,8 @@ from command_line import FLIGHT, SLOW, strict_json
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
-from mavdem.alignment.quality import QualityFigures
+from mavdem.alignment.learnability import NEVER_ARMED, Learnability
 from mavdem.alignment.read import read_flight
-from mavdem.alignment.verdict import Verdict
 from mavdem.analysis import Options, analyse
 from mavdem.analysis.figures import model_figures
 from mavdem.cli.commands import main
@@ -170,7 +169,7 @@ def test_segments_of_one_boot_are_learnt_from_together(
         replace(whole[a:b], provenance=boots[boot])
         for a, b, boot in ((0, 200, 0), (300, 500, 0), (0, 150, 1))
     ]
-    judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
+    judged = Learnability("roll", True, NEVER_ARMED)
     monkeypatch.setattr(
         "mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged)
     )

@@ -13,13 +13,14 @@ from scipy.signal import lfilter
 import mavdem
 from mavdem import Flight, hover_figures
 from mavdem.alignment import read
+from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import condition_of, identity_of
 from mavdem.condition.condition import LEVEL, hover_of, mean_interval
 from mavdem.condition.inventory import Tier, autopilot_alarms, inventory, tier_of
 from mavdem.errors import NotLearnable
+from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Component, Telemetry
@@ -381,7 +382,7 @@ LONG = Hover(hovering=100.0)
 
 def tier(telemetry: Telemetry) -> Tier:
     signals = Signals(telemetry)
-    return tier_of(verdict_of(signals), condition_of(signals))
+    return tier_of(learnability_of(signals), condition_of(signals))
 
 
 @pytest.mark.parametrize(
@@ -397,7 +398,9 @@ def tier(telemetry: Telemetry) -> Tier:
 def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
     found = tier(HOVER.telemetry(attitude, motors))
     assert (found.name, found.next_tier) == (name, following)
-    assert bool(found.remedy) == (name != "a") and (name == "a" or "Hz" in found.reason)
+    assert bool(found.remedy) == (name != "a") and (
+        name == "a" or found.reason.code is Reason.STREAMS_TOO_SLOW
+    )
 
 
 def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
@@ -406,13 +409,9 @@ def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     found = tier(
         changed(telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8))
     )
-    assert (found.name, found.next_tier, found.reason) == (
-        None,
-        "c",
-        "The vehicle was never armed.",
-    )
+    assert (found.name, found.next_tier, found.reason.code) == (None, "c", Reason.NEVER_ARMED)
     submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
-    assert submarine.name is None and "SUBMARINE" in submarine.reason
+    assert submarine.name is None and submarine.reason.code is Reason.NO_MULTIROTOR
 
 
 def flight(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch, lowest: str) -> mavdem.Flight:
@@ -426,10 +425,8 @@ def test_a_flight_is_read_at_the_tier_that_is_accepted_and_says_what_it_lacks(mo
         flight(slow, monkeypatch, "a")
     for lowest in ("b", "c"):
         found = flight(slow, monkeypatch, lowest)
-        assert (
-            found.dt == pytest.approx(0.1)
-            and "No full roll model" in found.provenance["cautions"][-1]
-        )
+        assert found.dt == pytest.approx(0.1)
+        assert found.cautions[-1].code is Caution.ONLY_SLOWER_TIER
     with pytest.raises(NotLearnable, match="4.0 Hz"):
         flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "b")
     assert flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "c").dt == pytest.approx(0.25)

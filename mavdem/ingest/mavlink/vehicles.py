@@ -22,6 +22,7 @@ from mavdem.ingest.mavlink.definitions import (
     parameter_values,
 )
 from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
+from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair_sentences
 from mavdem.ingest.vocabulary import (
     RADIO,
@@ -168,15 +169,7 @@ NOT_VEHICLES = frozenset(
     }
 )
 """MAV_TYPEs of components and ground equipment."""
-VEHICLE_MESSAGES = frozenset(
-    {
-        "ATTITUDE",
-        "ATTITUDE_QUATERNION",
-        "SERVO_OUTPUT_RAW",
-        "ACTUATOR_OUTPUT_STATUS",
-        "HIL_ACTUATOR_CONTROLS",
-    }
-)
+VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES})
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
 # Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
 PARAMETER_STORE = 190
