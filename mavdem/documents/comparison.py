@@ -110,7 +110,7 @@ class Standing(Document):
     """number of windows whose forecast is infinite or NaN"""
     unstable: int
     """number of models with a growing mode"""
-    mspe: list[SquareOfOutput | None]
+    mspe: list[SquareOfOutput]
     """mean squared error of each output, mean over windows"""
     mspe_total: Number
     """sum over the outputs"""
@@ -129,7 +129,7 @@ class Standing(Document):
 class Mspe(Document):
     """Errors over the whole test part."""
 
-    per_output: list[SquareOfOutput | None]
+    per_output: list[SquareOfOutput]
     """mean squared error of each output"""
     total: Number
     """sum over the outputs"""
@@ -255,11 +255,11 @@ class Order(Document):
 
     orders: list[int]
     """numbers of states that were tried"""
-    free_energy: list[list[Nats | None]]
+    free_energy: list[list[Nats]]
     """F̄ by flight and order"""
-    mean: list[Nats | None]
+    mean: list[Nats]
     """mean of F̄ over the flights"""
-    spread: list[Nats | None]
+    spread: list[Nats]
     """standard deviation of F̄ over the flights"""
     chosen: int
     """the order that F̄ chooses"""
@@ -271,7 +271,7 @@ class Order(Document):
     """why orders are missing"""
     width: list[Seconds]
     """width of the kernel that filters each flight"""
-    smoothness: list[list[Seconds | None]]
+    smoothness: list[list[Seconds]]
     """estimated kernel width of the noise, by flight and order"""
     samples: list[float]
     """effective sample size of each flight"""

@@ -22,17 +22,17 @@ class Change(Document):
 
     quantity: Quantity
     """which quantity"""
-    before: PerSecondOrSeconds | None
+    before: PerSecondOrSeconds
     """mean of A; null for shares and effects"""
-    after: PerSecondOrSeconds | None
+    after: PerSecondOrSeconds
     """mean of B; null for shares and effects"""
-    difference: PerSecondOrSeconds | None
+    difference: PerSecondOrSeconds
     """B less A; relative for shares and effects"""
-    half_width: PerSecondOrSeconds | None
+    half_width: PerSecondOrSeconds
     """half width of its 90 % interval"""
     p: Number
     """probability of a difference as large if nothing changed"""
-    allowance: PerSecondOrSeconds | None
+    allowance: PerSecondOrSeconds
     """standard deviation of what other conditions may do to it"""
     outcome: str
     """changed, same or uncertain"""
@@ -52,15 +52,15 @@ class Incomparable(Document):
 class FlightConditions(Document):
     """Conditions of A and of B."""
 
-    voltage: Volts | None
+    voltage: Volts
     """mean voltage"""
     collective: Number
     """mean output of all motors, as a share of their range"""
-    lean_roll: Radians | None
+    lean_roll: Radians
     """mean roll"""
-    lean_pitch: Radians | None
+    lean_pitch: Radians
     """mean pitch"""
-    tilt_sd: Radians | None
+    tilt_sd: Radians
     """standard deviation of the angle from level"""
     wind_torque: dict[str, AngularAcceleration]
     """standard deviation of the wind torque, by axis"""

@@ -134,7 +134,7 @@ class HeldOut(Document):
     """length of a window"""
     start: list[Seconds]
     """start of each window, on the boot clock"""
-    rmse: dict[str, list[OfOutput | None]]
+    rmse: dict[str, list[OfOutput]]
     """root mean squared error of each output, by forecast"""
     error_ratio: dict[str, Number]
     """error ratio (NMSE), by forecast"""
@@ -161,7 +161,7 @@ class HeldOut(Document):
 class Errors(Document):
     """Errors one step ahead in the training data, by method, the lowest first."""
 
-    per_output: list[SquareOfAngleOrRate | None]
+    per_output: list[SquareOfAngleOrRate]
     """mean squared error of each output"""
     total: Number
     """sum over the outputs"""
@@ -217,11 +217,11 @@ class PhysicalInterval(Document):
 
     effect: list[Effectiveness] | None
     """half width of each motor's control effectiveness"""
-    damping: PerSecond | None
+    damping: PerSecond
     """half width of the rate damping"""
-    lag: Seconds | None
+    lag: Seconds
     """half width of the motor time constant"""
-    delay: Seconds | None
+    delay: Seconds
     """half width of the delay"""
 
 
@@ -230,19 +230,19 @@ class WindowTable(Document):
 
     start: list[Seconds]
     """start of the window, after the first sample"""
-    effect: list[Effectiveness | None]
+    effect: list[Effectiveness]
     """mean magnitude of the motors' control effectiveness"""
-    effect_sd: list[Effectiveness | None]
+    effect_sd: list[Effectiveness]
     """standard deviation of effect"""
-    damping: list[PerSecond | None]
+    damping: list[PerSecond]
     """rate damping"""
-    damping_sd: list[PerSecond | None]
+    damping_sd: list[PerSecond]
     """standard deviation of damping"""
-    lag: list[Seconds | None]
+    lag: list[Seconds]
     """motor time constant"""
-    lag_sd: list[Seconds | None]
+    lag_sd: list[Seconds]
     """standard deviation of lag"""
-    wind: list[AngularAcceleration | None]
+    wind: list[AngularAcceleration]
     """standard deviation of the wind torque"""
 
 
@@ -293,9 +293,9 @@ class Spectrum(Document):
 
     frequency: list[Hertz]
     """frequencies of both densities"""
-    density: list[TorqueDensity | None]
+    density: list[TorqueDensity]
     """power spectral density of the estimate"""
-    model: list[TorqueDensity | None]
+    model: list[TorqueDensity]
     """power spectral density of the model"""
 
 
@@ -316,9 +316,9 @@ class WindTorque(Document):
     """why the wind torque is not reported"""
     reason_fact: OneFact = fact_in("reason")
     """reason as a fact; null where there is none"""
-    gust_threshold: AngularAcceleration | None
+    gust_threshold: AngularAcceleration
     """distance from the running level beyond which it is a gust"""
-    false_gusts_per_minute: PerMinute | None
+    false_gusts_per_minute: PerMinute
     """gusts a minute that turbulence shows by chance"""
     answered: Number
     """share of its variance that the motors cancel"""
@@ -354,7 +354,7 @@ class TrueParameter(Document):
     """unit of estimate, half_width and truth"""
     estimate: SeeUnit
     """estimate of the flight"""
-    half_width: SeeUnit | None
+    half_width: SeeUnit
     """half width of its 90 % interval"""
     truth: SeeUnit
     """value in the simulator"""
@@ -403,7 +403,7 @@ class Report(Tier, MotorHealth, Findings):
     """names of the inputs"""
     outputs: list[str] | None = None
     """names of the outputs"""
-    dt: Seconds | None = None
+    dt: Seconds = None
     """sampling step"""
     training_samples: int | None = None
     """number of training samples"""
@@ -417,7 +417,7 @@ class Report(Tier, MotorHealth, Findings):
     """ẋ = A x + B (u − u₀) + d, y = C x + y₀, in units of inputs and outputs, and s"""
     model_interval_90_percent: ModelErrors | None = None
     """half widths of 90 % intervals, by the simulation-error fit"""
-    spectral_abscissa: PerSecond | None = None
+    spectral_abscissa: PerSecond = None
     """largest real part of the poles of A"""
     free_energy: FreeEnergy | None = None
     """free energy action F̄ of A, B and C"""

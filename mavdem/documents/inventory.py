@@ -57,7 +57,7 @@ class Stream(Document):
 
     count: int
     """number of messages"""
-    rate: Hertz | None
+    rate: Hertz
     """mean rate"""
 
 
@@ -126,7 +126,7 @@ class Inventory(Document):
     """number of MAVLink frames or messages"""
     bytes_skipped: int
     """bytes that belong to no frame"""
-    receive_time: list[UnixSeconds | None]
+    receive_time: list[UnixSeconds]
     """receive times of the first and the last message"""
     unread: list[Unread]
     """frames that could not be decoded"""

@@ -26,44 +26,44 @@ from mavdem.units import (
 class Margins(Document):
     """Figures of the rate loop."""
 
-    crossover: Hertz | None
+    crossover: Hertz
     """highest frequency at which the gain is 1"""
-    crossover_interval: list[Hertz | None]
+    crossover_interval: list[Hertz]
     """ends of the 90 % interval"""
-    phase_margin: Degrees | None
+    phase_margin: Degrees
     """phase margin; negative where the loop is unstable"""
-    phase_margin_interval: list[Degrees | None]
+    phase_margin_interval: list[Degrees]
     """ends of the 90 % interval"""
-    gain_margin: Decibels | None
+    gain_margin: Decibels
     """gain margin; null where no frequency has it"""
-    gain_margin_interval: list[Decibels | None]
+    gain_margin_interval: list[Decibels]
     """ends of the 90 % interval"""
-    delay_margin: Seconds | None
+    delay_margin: Seconds
     """delay margin"""
-    delay_margin_interval: list[Seconds | None]
+    delay_margin_interval: list[Seconds]
     """ends of the 90 % interval"""
     ms: Number
     """largest sensitivity (Ms)"""
     ms_interval: list[Number]
     """ends of the 90 % interval"""
-    bandwidth: Hertz | None
+    bandwidth: Hertz
     """frequency up to which the closed loop is at least −3 dB"""
-    bandwidth_interval: list[Hertz | None]
+    bandwidth_interval: list[Hertz]
     """ends of the 90 % interval"""
-    rejection: Rejection | None
+    rejection: Rejection
     """largest response of the rate, or the angle, to a torque"""
-    rejection_interval: list[Rejection | None]
+    rejection_interval: list[Rejection]
     """ends of the 90 % interval"""
 
 
 class Measured(Document):
     """Response measured in flight, beside the predicted one."""
 
-    band: list[Hertz | None]
+    band: list[Hertz]
     """frequencies between which the two can be compared"""
-    fit: Percent | None
+    fit: Percent
     """fit of the predicted rate to the measured one, 100 (1 − NRMSE)"""
-    agreement: Percent | None
+    agreement: Percent
     """fit of the predicted rate to what the setpoint explains of the measured one"""
     reason: Said
     """why they do not agree; empty where they do"""
@@ -82,7 +82,7 @@ class Loop(Document):
     """figures of the rate loop"""
     attitude: Margins
     """figures of the attitude loop"""
-    lean_in_wind: Radians | None
+    lean_in_wind: Radians
     """angle by a steady torque of one standard deviation of the wind"""
     cautions: list[Said]
     """what limits the figures, one sentence each"""
@@ -209,17 +209,17 @@ class TwinVehicle(Document):
 class Alike(Document):
     """Figures of the recorded flight, and their mean over the twin's."""
 
-    levels: list[Decibels | None]
+    levels: list[Decibels]
     """level of the roll rate's spectrum by band, the twin's over the recorded"""
-    lean: list[Degrees | None]
+    lean: list[Degrees]
     """mean roll, recorded and twin's"""
-    sway: list[Degrees | None]
+    sway: list[Degrees]
     """standard deviation of roll, recorded and twin's"""
-    rate: list[DegreesPerSecond | None]
+    rate: list[DegreesPerSecond]
     """standard deviation of the roll rate, recorded and twin's"""
     peak: list[Number] | None = None
     """peak of the roll rate's step response, recorded and twin's"""
-    rise: list[Seconds | None] | None = None
+    rise: list[Seconds] | None = None
     """time to half of that peak, recorded and twin's"""
 
 

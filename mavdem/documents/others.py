@@ -31,13 +31,13 @@ class Convert(Document):
     """number of rows; with the others for a table only"""
     columns: list[str] | None = None
     """names of the columns, with units"""
-    dt: Seconds | None = None
+    dt: Seconds = None
     """sampling step; null where every signal is at its own stamps"""
     resampling: dict[str, str] | None = None
     """how signals came onto one clock"""
-    start: Seconds | None = None
+    start: Seconds = None
     """first time stamp, on the boot clock"""
-    end: Seconds | None = None
+    end: Seconds = None
     """last time stamp, on the boot clock"""
     learnable: bool | None = None
     """whether a full model can be learned"""
@@ -67,7 +67,7 @@ class Fly(Document):
     """all keys of the scenario's file; with --describe only"""
     seed: int | None = None
     """seed of the wind"""
-    duration: Seconds | None = None
+    duration: Seconds = None
     """time from arming to disarming"""
     out: str | None = None
     """log that was written"""
@@ -77,7 +77,7 @@ class Fly(Document):
     """file of the true states"""
     rrd: str | None = None
     """recording for Rerun"""
-    took: Seconds | None = None
+    took: Seconds = None
     """time that it took"""
     cautions: list[Said] | None = None
     """what the vehicle could not do, one sentence each"""
@@ -87,7 +87,7 @@ class Fly(Document):
     """number of commands received"""
     unheard: int | None = None
     """number of datagrams that were dropped"""
-    flown: Seconds | None = None
+    flown: Seconds = None
     """time that was simulated"""
     stopped: bool | None = None
     """whether the flight was ended early"""
@@ -169,7 +169,7 @@ class Reproduce(Document):
     """version of the program"""
     python: str | None = None
     """version of Python"""
-    seconds: Seconds | None = None
+    seconds: Seconds = None
     """time that it took"""
     items: list[Item] | None = None
     """the paper's claims"""

@@ -28,18 +28,18 @@ class Behind(Document):
 class Latency(Document):
     """Time from a packet's arrival to its estimate."""
 
-    median: Seconds | None
+    median: Seconds
     """median over the last rows"""
-    p99: Seconds | None
+    p99: Seconds
     """99th percentile over the last rows"""
-    max: Seconds | None
+    max: Seconds
     """longest of all rows"""
 
 
 class Ahead(Document):
     """Band of a prediction."""
 
-    seconds: Seconds | None
+    seconds: Seconds
     """how far ahead"""
     half_width_rad: Number
     """half width of the angle's 90 % band there, rad"""
@@ -48,7 +48,7 @@ class Ahead(Document):
 class Useful(Document):
     """Longest useful horizon of predictions."""
 
-    seconds: Seconds | None
+    seconds: Seconds
     """the horizon"""
     error_ratio: Number
     """squared error over that of the better of last sample and mean"""
@@ -57,15 +57,15 @@ class Useful(Document):
 class LiveWind(Document):
     """Latest wind in m/s."""
 
-    speed: Speed | None
+    speed: Speed
     """speed"""
-    speed_from: Speed | None
+    speed_from: Speed
     """lower end of its 90 % interval"""
-    speed_to: Speed | None
+    speed_to: Speed
     """upper end of its 90 % interval"""
-    direction: Degrees | None
+    direction: Degrees
     """where the wind comes from, clockwise from north"""
-    direction_interval: Degrees | None
+    direction_interval: Degrees
     """half width of the 90 % interval of direction"""
 
 
@@ -91,7 +91,7 @@ class Live(MotorHealth):
     """the same by what the seconds were"""
     samples: LiveSamples
     """number of rows"""
-    rates: dict[str, Hertz | None]
+    rates: dict[str, Hertz]
     """rates over the last 2 s, by message"""
     lost: int
     """number of lost messages, by sequence numbers"""

@@ -95,9 +95,9 @@ class Hover(Document):
     """share of the time at the upper limit"""
     at_lower_limit: list[float]
     """share of the time at the lower limit"""
-    roll: Degrees | None
+    roll: Degrees
     """mean roll"""
-    pitch: Degrees | None
+    pitch: Degrees
     """mean pitch"""
     imbalance: list[Percent]
     """trim deviation: 100 (trim_share − 1)"""
@@ -119,7 +119,7 @@ class Lean(Document):
 
     mean: Radians
     """mean over settled flight"""
-    interval: Radians | None
+    interval: Radians
     """half width of the 90 % interval of mean"""
     sd: Radians
     """standard deviation"""
@@ -145,9 +145,9 @@ class Battery(Document):
     """mean voltage"""
     voltage_min: Volts
     """least voltage"""
-    current_mean: Amperes | None
+    current_mean: Amperes
     """mean current"""
-    current_max: Amperes | None
+    current_max: Amperes
     """largest current"""
 
 
@@ -156,7 +156,7 @@ class Oscillation(Document):
 
     axis: str
     """the axis that turns faster: roll or pitch"""
-    frequency: Hertz | None
+    frequency: Hertz
     """frequency; null where it may be an alias"""
     rate: DegreesPerSecond
     """standard deviation of the body rate"""
@@ -173,7 +173,7 @@ class Condition(Document):
 
     duration: Seconds
     """duration of the log, over all boots"""
-    armed: Seconds | None
+    armed: Seconds
     """time that the vehicle was armed"""
     settled: Seconds
     """duration of settled flight"""
@@ -185,11 +185,11 @@ class Condition(Document):
     """steady command about each axis, as a share of the motors' range"""
     lean: dict[str, Lean]
     """mean roll and pitch"""
-    tilt_mean: Radians | None
+    tilt_mean: Radians
     """mean angle from level"""
-    tilt_sd: Radians | None
+    tilt_sd: Radians
     """standard deviation of the angle from level"""
-    tilt_max: Radians | None
+    tilt_max: Radians
     """largest angle from level"""
     vibration: Vibration | None
     """vibration of the first IMU"""
@@ -306,37 +306,37 @@ class Quality(Document):
     """time in the air, over all boots"""
     segments: int
     """number of segments of settled flight"""
-    duration: Seconds | None
+    duration: Seconds
     """duration of the segment"""
     samples: int | None
     """samples of the segment"""
-    dt: Seconds | None
+    dt: Seconds
     """sampling step"""
-    attitude_rate: Hertz | None
+    attitude_rate: Hertz
     """rate of the attitude's messages"""
-    motor_rate: Hertz | None
+    motor_rate: Hertz
     """rate of the motors' messages"""
-    attitude_fresh: Hertz | None
+    attitude_fresh: Hertz
     """rate of new values of attitude"""
-    motor_fresh: Hertz | None
+    motor_fresh: Hertz
     """rate of new values of the motors"""
-    attitude_gap: Seconds | None
+    attitude_gap: Seconds
     """longest step between messages of attitude"""
-    motor_gap: Seconds | None
+    motor_gap: Seconds
     """longest step between messages of the motors"""
-    angle_sd: Radians | None
+    angle_sd: Radians
     """standard deviation of the angle"""
-    rate_sd: AngularRate | None
+    rate_sd: AngularRate
     """standard deviation of the rate"""
-    angle_step: Radians | None
+    angle_step: Radians
     """quantisation step of the angle"""
-    rate_step: AngularRate | None
+    rate_step: AngularRate
     """quantisation step of the rate"""
     output_snr: Number
     """variance of the outputs' changes over that of rounding"""
-    input_sd: OfInput | None
+    input_sd: OfInput
     """standard deviation of the motors' combination that turns the axis"""
-    input_step: OfInput | None
+    input_step: OfInput
     """quantisation step of the motor outputs"""
     input_snr: Number
     """variance of that combination over that of rounding"""

@@ -64,7 +64,7 @@ class WindVelocity(Document):
     """where the wind comes from, clockwise from north"""
     direction_interval: Degrees
     """half width of the 90 % interval of direction"""
-    gust: Speed | None
+    gust: Speed
     """largest mean over gust_seconds"""
     gust_seconds: Seconds
     """time over which a gust is averaged"""
@@ -72,9 +72,9 @@ class WindVelocity(Document):
     """standard deviation of the wind along its mean direction, over its speed"""
     time: list[Seconds]
     """stamps of velocity and band, on the boot clock"""
-    velocity: list[list[Speed | None]]
+    velocity: list[list[Speed]]
     """north and east components of where the air moves to"""
-    band: list[list[Speed | None]]
+    band: list[list[Speed]]
     """half widths of the 90 % band of velocity"""
     minutes: list[WindMinute]
     """mean wind of each minute"""
@@ -95,5 +95,5 @@ class WindVelocity(Document):
 class Wind(WindVelocity):
     """`--json` of wind."""
 
-    parameters: dict[str, list[OfParameter | None]]
+    parameters: dict[str, list[OfParameter]]
     """drag parameters of the autopilot: value to set, and ends of its 90 % interval"""

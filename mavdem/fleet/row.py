@@ -12,13 +12,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
 from mavdem.facts import Fact
 from mavdem.heading import heading
 from mavdem.units import (
-    Acceleration,
     AngularAcceleration,
     ArmLengths,
     DragUnit,
@@ -26,7 +25,6 @@ from mavdem.units import (
     GainOfOutput,
     Hertz,
     OfInputUnit,
-    OfOutput,
     OfTrim,
     PerRadian,
     PerSecond,
@@ -35,6 +33,7 @@ from mavdem.units import (
     Speed,
     UtcTime,
     Volts,
+    unit,
     units_of_fields,
 )
 
@@ -92,29 +91,29 @@ class FlightRow:
     """a (full model), b (slow motion) or c (condition only)"""
     tier_reason: str | None = at("reason")
     """why the tier is no better"""
-    duration: Seconds | None = at("condition.settled")
+    duration: Seconds = at("condition.settled")
     """duration of settled flight"""
-    attitude_rate: Hertz | None = at("verdict.figures.attitude_rate")
+    attitude_rate: Hertz = at("verdict.figures.attitude_rate")
     """rate of the attitude's messages"""
-    motor_rate: Hertz | None = at("verdict.figures.motor_rate")
+    motor_rate: Hertz = at("verdict.figures.motor_rate")
     """rate of the motors' messages"""
-    voltage_start: Volts | None = at("condition.battery.voltage_start")
+    voltage_start: Volts = at("condition.battery.voltage_start")
     """voltage at the start, median of 2 s"""
-    voltage_end: Volts | None = at("condition.battery.voltage_end")
+    voltage_end: Volts = at("condition.battery.voltage_end")
     """voltage at the end, median of 2 s"""
-    voltage_mean: Volts | None = at("condition.battery.voltage_mean")
+    voltage_mean: Volts = at("condition.battery.voltage_mean")
     """mean voltage"""
     collective: float | None = at("condition.collective")
     """mean output of all motors, as a share of their range"""
-    lean_roll: Radians | None = at("condition.lean.roll.mean")
+    lean_roll: Radians = at("condition.lean.roll.mean")
     """mean roll"""
-    lean_pitch: Radians | None = at("condition.lean.pitch.mean")
+    lean_pitch: Radians = at("condition.lean.pitch.mean")
     """mean pitch"""
-    tilt_sd: Radians | None = at("condition.tilt_sd")
+    tilt_sd: Radians = at("condition.tilt_sd")
     """standard deviation of the angle from level"""
-    tilt_max: Radians | None = at("condition.tilt_max")
+    tilt_max: Radians = at("condition.tilt_max")
     """largest angle from level"""
-    vibration: tuple[Acceleration, ...] | None = at("condition.vibration.level")
+    vibration: Annotated[tuple[float, ...], unit("m/s²")] | None = at("condition.vibration.level")
     """mean vibration, x, y and z or one level"""
     clips: int | None = at("condition.vibration.clips")
     """times that an accelerometer was out of range"""
@@ -136,13 +135,13 @@ class FlightRow:
     """share of the range that is left at the 99th percentile of the output"""
     saturated: Numbers | None = at("condition.hover.at_upper_limit")
     """share of the time at the upper stop"""
-    oscillation: Seconds | None = at("condition.oscillation.seconds")
+    oscillation: Seconds = at("condition.oscillation.seconds")
     """duration of oscillation by its own controller"""
     balance: Numbers | None = None
     """what is asked of the motors in roll, pitch and yaw, as shares of their mean command"""
     balance_error: Numbers | None = None
     """standard error of balance"""
-    balance_lean: tuple[Radians, ...] | None = None
+    balance_lean: Annotated[tuple[float, ...], unit("rad")] | None = None
     """mean roll and pitch while balance was measured"""
     lean_effect: tuple[PerRadian, ...] | None = None
     """change of balance by roll and by pitch, row after row"""
@@ -158,31 +157,31 @@ class FlightRow:
     """half widths of the 90 % intervals of effect"""
     effect_status: str | None = at("physical.status.effect")
     """status of effect: reported, biased or not identifiable"""
-    damping: PerSecond | None = at("physical.damping")
+    damping: PerSecond = at("physical.damping")
     """rate damping"""
-    damping_interval: PerSecond | None = at("physical.interval_90_percent.damping")
+    damping_interval: PerSecond = at("physical.interval_90_percent.damping")
     """half width of the 90 % interval of damping"""
     damping_status: str | None = at("physical.status.damping")
     """status of damping: reported, biased or not identifiable"""
-    lag: Seconds | None = at("physical.lag")
+    lag: Seconds = at("physical.lag")
     """motor time constant"""
-    lag_interval: Seconds | None = at("physical.interval_90_percent.lag")
+    lag_interval: Seconds = at("physical.interval_90_percent.lag")
     """half width of the 90 % interval of lag"""
     lag_status: str | None = at("physical.status.lag")
     """status of lag: reported, biased or not identifiable"""
-    wind_torque_sd: AngularAcceleration | None = at("wind.sd")
+    wind_torque_sd: AngularAcceleration = at("wind.sd")
     """standard deviation of the wind torque"""
-    wind_torque_mean: AngularAcceleration | None = at("wind.mean")
+    wind_torque_mean: AngularAcceleration = at("wind.mean")
     """steady part of the wind torque"""
-    wind_torque_interval: AngularAcceleration | None = at("wind.mean_band")
+    wind_torque_interval: AngularAcceleration = at("wind.mean_band")
     """half width of the 90 % interval of wind_torque_mean"""
-    wind_speed: Speed | None = None
+    wind_speed: Speed = None
     """speed of the mean wind"""
-    wind_speed_interval: tuple[Speed, ...] | None = None
+    wind_speed_interval: Annotated[tuple[float, ...], unit("m/s")] | None = None
     """ends of the 90 % interval of wind_speed"""
-    wind_direction: Radians | None = None
+    wind_direction: Radians = None
     """where the wind comes from, clockwise from north"""
-    wind_direction_interval: Radians | None = None
+    wind_direction_interval: Radians = None
     """half width of the 90 % interval of wind_direction"""
     drag: tuple[DragUnit, ...] | None = None
     """linear drag along body x and y, then quadratic"""
@@ -190,14 +189,14 @@ class FlightRow:
     """half widths of the 90 % intervals of drag"""
     mean_inputs: tuple[OfInputUnit, ...] | None = at("condition.hover.trim")
     """mean of each input over the flight"""
-    mean_outputs: tuple[OfOutput, ...] | None = None
+    mean_outputs: Annotated[tuple[float, ...], unit("rad, rad/s")] | None = None
     """mean of each output over the flight"""
     residual_gain_inputs: tuple[EffectPerInput, ...] | None = None
     """the mean angular acceleration that this flight's frozen model leaves unexplained in another one is the sum of \
 gains times that flight's means, and of the offset"""
     residual_gain_outputs: tuple[GainOfOutput, ...] | None = None
     """the same gains of the outputs"""
-    residual_offset: AngularAcceleration | None = None
+    residual_offset: AngularAcceleration = None
     """the offset of that sum"""
     headline: str | None = at("headline")
     """what the flight says of its vehicle, one sentence"""
@@ -207,9 +206,9 @@ gains times that flight's means, and of the offset"""
     """error ratio (NMSE) of forecasts in held-out windows"""
     coverage: float | None = at("inside_90_percent_band")
     """share of held-out samples in the 90 % band"""
-    residual_mean: AngularAcceleration | None = None
+    residual_mean: AngularAcceleration = None
     """mean acceleration that models of its healthy flights leave unexplained in this one"""
-    residual_mean_interval: AngularAcceleration | None = None
+    residual_mean_interval: AngularAcceleration = None
     """distance of residual_mean from 0 within which 90 % of healthy flights are"""
     health: str = UNKNOWN
     """ok, drift, fault or unknown"""
