@@ -20,10 +20,6 @@ from mavdem.dem.engine.free_energy import Belief, optimal_terms, state_curvature
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, solve
 
-DIFFERENCE_SD = 1.0
-"""Step of differences of the slope, in posterior standard deviations: F̄ is nearly quadratic over it, and rounding is
-negligible."""
-
 MIN_CURVATURE = 1e-6
 """Least curvature of a direction, in units of the posterior's own: it limits the step along flatter ones."""
 
@@ -42,10 +38,8 @@ def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: B
         np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()])
     )
     here = _slope(model, samples, belief, np.zeros(len(unit)))
-    beside = DIFFERENCE_SD * np.diag(unit)
-    columns = [
-        (here - _slope(model, samples, belief, step)) * unit / DIFFERENCE_SD for step in beside
-    ]
+    # Over a posterior standard deviation F̄ is nearly quadratic, and rounding is negligible.
+    columns = [(here - _slope(model, samples, belief, step)) * unit for step in np.diag(unit)]
     curvature = np.array(columns)
     values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
     along = modes.T @ (unit * here)

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
-from mavdem.dem.engine.linalg import Array, logdet
+from mavdem.dem.engine.linalg import Array, Indices, logdet
 
 
 class Belief(NamedTuple):
@@ -184,12 +183,12 @@ def _kron(left: Array, right: Array) -> Array:
     return product.reshape(left.shape[0] * right.shape[0], left.shape[1] * right.shape[1])
 
 
-def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
+def blocks(matrix: Array, rows: Indices) -> Array:
     """The square blocks of ``matrix`` at the places ``rows`` (j, size): (j, size, size)."""
     return matrix[rows[:, :, None], rows[:, None, :]]
 
 
-def add_blocks(matrix: Array, rows: NDArray[np.intp], added: Array) -> None:
+def add_blocks(matrix: Array, rows: Indices, added: Array) -> None:
     """Adds ``added[j]`` to ``matrix`` at the places ``rows[j]``, for every j."""
     matrix[rows[:, :, None], rows[:, None, :]] += added
 

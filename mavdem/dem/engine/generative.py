@@ -13,16 +13,15 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import inv
 from scipy.ndimage import correlate1d
 from scipy.special import erf
 
-from mavdem.dem.engine.linalg import Array, logdet
+from mavdem.dem.engine.linalg import Array, Indices, logdet
 from mavdem.dem.engine.model import unpack
 
 
-def taylor_weights(order: int, dt: float, window: int, at: float) -> NDArray[np.float64]:
+def taylor_weights(order: int, dt: float, window: int, at: float) -> Array:
     """Weights that turn samples into derivatives: the least-squares polynomial of degree ``order`` over a window.
 
     With ``window = order + 1`` the polynomial interpolates, which is the inverse of the Taylor matrix that the
@@ -37,9 +36,7 @@ def taylor_weights(order: int, dt: float, window: int, at: float) -> NDArray[np.
     return per_step / dt ** np.arange(order + 1)[:, None]
 
 
-def embed(
-    samples: NDArray[np.float64], order: int, dt: float, window: int, at: int
-) -> NDArray[np.float64]:
+def embed(samples: Array, order: int, dt: float, window: int, at: int) -> Array:
     """Generalized vectors of ``samples`` (T, m), one for each place the whole window of :func:`taylor_weights` fits.
 
     (T − window + 1, (order + 1)·m): row i belongs to sample ``i + at``. Nothing is padded.
@@ -50,7 +47,7 @@ def embed(
     return np.hstack([correlate1d(samples, row, axis=0)[whole] for row in weights])
 
 
-def derivative_operator(order: int, size: int) -> NDArray[np.float64]:
+def derivative_operator(order: int, size: int) -> Array:
     """D, Eq. ``generative_process``, which moves every block of ``size`` up by one order; the last becomes zero."""
     return np.asarray(np.kron(np.eye(order + 1, k=1), np.eye(size)), np.float64)
 
@@ -59,7 +56,7 @@ WORST_CONDITION = 1e12
 """Of a covariance that is inverted: beyond, less than four digits are left of some of it."""
 
 
-def temporal_covariance(order: int, smoothness: float) -> NDArray[np.float64]:
+def temporal_covariance(order: int, smoothness: float) -> Array:
     """Covariance of [w, w′, …] of a noise of unit variance and kernel width s, Eq. ``Smatrix`` before it is inverted.
 
     (order + 1, order + 1), in powers of 1/s: entry (i, j) is (−1)ⁱ times the (i+j)-th derivative of the autocorrelation
@@ -74,7 +71,7 @@ def temporal_covariance(order: int, smoothness: float) -> NDArray[np.float64]:
     return covariance
 
 
-def temporal_precision(order: int, smoothness: float) -> NDArray[np.float64]:
+def temporal_precision(order: int, smoothness: float) -> Array:
     """S(s²), the inverse of :func:`temporal_covariance`, (order + 1, order + 1).
 
     It is inverted in units of s, where its condition does not depend on the unit of time.
@@ -83,9 +80,7 @@ def temporal_precision(order: int, smoothness: float) -> NDArray[np.float64]:
     return np.asarray(inv(temporal_covariance(order, 1.0)) * np.outer(units, units))
 
 
-def sampled_output_precision(
-    order: int, smoothness: float, dt: float, window: int
-) -> NDArray[np.float64]:
+def sampled_output_precision(order: int, smoothness: float, dt: float, window: int) -> Array:
     """S of a noise on the samples themselves, z, whose derivatives are estimated from a window of them.
 
     W K Wᵀ (order + 1, order + 1) inverted, for the weights W of ``taylor_weights`` and K the autocorrelation between
@@ -95,9 +90,7 @@ def sampled_output_precision(
     return _precision_in_steps(weights @ np.exp(-((lag / smoothness) ** 2) / 4) @ weights.T, dt)
 
 
-def sampled_state_precision(
-    order: int, smoothness: float, dt: float, window: int
-) -> NDArray[np.float64]:
+def sampled_state_precision(order: int, smoothness: float, dt: float, window: int) -> Array:
     """S of a noise that drives the states, w, whose k-th derivative is estimated as the k + 1-st of what it drives.
 
     So it is that of the noise's integral, of which the weights of derivatives see differences only: with
@@ -113,13 +106,13 @@ def sampled_state_precision(
     return _precision_in_steps(-weights[1:] @ g @ weights[1:].T, dt)
 
 
-def _reading(order: int, dt: float, window: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _reading(order: int, dt: float, window: int) -> tuple[Array, Array]:
     """Weights (order + 1, window) of derivatives at the window's centre, and the times between its samples, s."""
     instants = dt * np.arange(window)
     return taylor_weights(order, dt, window, window // 2), instants[:, None] - instants
 
 
-def _precision_in_steps(covariance: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+def _precision_in_steps(covariance: Array, dt: float) -> Array:
     """The inverse, taken in units of steps, where orders do not differ by powers of the sampling rate."""
     units = dt ** np.arange(len(covariance))
     if not np.linalg.cond(covariance * np.outer(units, units)) < WORST_CONDITION:
@@ -178,8 +171,8 @@ class GenerativeModel:
     q: int
     output_correlation: Array
     state_correlation: Array
-    output_groups: NDArray[np.intp]
-    state_groups: NDArray[np.intp]
+    output_groups: Indices
+    state_groups: Indices
     input_precision: Array
     prior: Prior
     state_precision: Array | None = None
@@ -215,18 +208,12 @@ class GenerativeModel:
         return operator
 
     @cached_property
-    def _operator_parts(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+    def _operator_parts(self) -> tuple[Array, Indices, Indices]:
         """E at θ = 0, the flat places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
-        n = self.n
-        r = self.r
-        m = self.m
-        p = self.p
-        d = self.d
-        q = self.q
-        y = m * (p + 1)
-        v = r * (d + 1)
-        x = n * (p + 1)
+        n, r, m = self.sizes
         of_y, of_v, of_x = self.errors
+        y, v = of_y.stop, of_v.stop - of_v.start
+        x = n * (self.p + 1)
         at_x = slice(y + v, y + v + x)
         at_v = slice(y + v + x, None)
         fixed = np.zeros((self.about_zero.stop, y + v + x + v))
@@ -235,15 +222,16 @@ class GenerativeModel:
         fixed[of_v, y : y + v] = -np.eye(v)
         fixed[of_v, at_v] = np.eye(v)
         # The highest order's derivative is not modelled: D's last row is zero, or, for q < p, not there.
-        fixed[of_x, at_x] = derivative_operator(p, n)[: n * (q + 1)]
+        fixed[of_x, at_x] = derivative_operator(self.p, n)[: of_x.stop - of_x.start]
         # Numbered from 1, so that the zeros of the Kronecker products stay no parameter's place.
         A, B, C = (
             part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m)
         )
         number = np.zeros(fixed.shape, int)
-        number[of_y, at_x] = np.kron(np.eye(p + 1, dtype=int), C)
-        number[of_x, at_x] = np.kron(np.eye(q + 1, p + 1, dtype=int), A)
-        number[of_x, at_v] = np.kron(np.eye(q + 1, d + 1, dtype=int), B)
+        p, d, q = self.p + 1, self.d + 1, self.q + 1
+        number[of_y, at_x] = np.kron(np.eye(p, dtype=int), C)
+        number[of_x, at_x] = np.kron(np.eye(q, p, dtype=int), A)
+        number[of_x, at_v] = np.kron(np.eye(q, d, dtype=int), B)
         places = np.flatnonzero(number)
         return fixed, places, number.flat[places] - 1
 
@@ -254,7 +242,7 @@ class GenerativeModel:
         return np.asarray(unit * np.append(weights, 1.0)[groups])
 
     @cached_property
-    def _precision_parts(self) -> tuple[Array, NDArray[np.intp]]:
+    def _precision_parts(self) -> tuple[Array, Indices]:
         """Π̃ at λ = 0, and for each column its entry of λ, or −1."""
         of_y, of_v, of_x = self.errors
         unit = np.zeros((self.about_zero.stop, self.about_zero.stop))
@@ -303,26 +291,24 @@ class GenerativeModel:
         # One row and column of zeros stands for every derivative beyond the embedding.
         padded = np.zeros((len(joint) + 1, len(joint) + 1))
         padded[:-1, :-1] = joint
-        Sx = self.state_correlation
-        Sy = self.output_correlation
         both, slope, states, outputs = self.orders
-        dynamics = _contract(Sx, padded, np.hstack([both, slope]), both)
-        observation = _contract(Sy, padded, np.hstack([states, outputs]), states)
+        S = self.state_correlation
+        dynamics = _contract(S, padded, np.hstack([both, slope]), both)
+        S = self.output_correlation
+        observation = _contract(S, padded, np.hstack([states, outputs]), states)
         n = self.n
-        size = self.n + self.r
+        size = n + self.r
         return Regression(dynamics[:size], dynamics[size:], observation[:n], observation[n:])
 
     @cached_property
     def parameter_rows(self) -> ParameterRows:
         """Where θ holds the parameters of each noise component."""
-        n = self.n
-        r = self.r
-        m = self.m
+        n, r, m = self.sizes
         A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
         return ParameterRows(np.hstack([A, B]), C)
 
     @cached_property
-    def orders(self) -> tuple[NDArray[np.intp], ...]:
+    def orders(self) -> tuple[Indices, ...]:
         """Places, in the joint vector, of [x; v], x′, x and y of each order: (orders, components) each."""
         start = self.hidden.start
         x = start + np.arange(self.n * (self.p + 1)).reshape(-1, self.n)
@@ -394,13 +380,11 @@ class GeneralizedMoments:
 class ParameterRows(NamedTuple):
     """Places in θ of each row of [A B], (n, n + r), and of each row of C, (m, n)."""
 
-    dynamics: NDArray[np.intp]
-    observation: NDArray[np.intp]
+    dynamics: Indices
+    observation: Indices
 
 
-def _contract(
-    correlation: Array, joint: Array, left: NDArray[np.intp], right: NDArray[np.intp]
-) -> Array:
+def _contract(correlation: Array, joint: Array, left: Indices, right: Indices) -> Array:
     """Σᵢⱼ Sᵢⱼ · moments between the components of order i on the left and of order j on the right."""
     blocks = joint[left.ravel()[:, None], right.ravel()[None, :]].reshape(*left.shape, *right.shape)
     return np.asarray(np.einsum("ij,iajb->ab", correlation, blocks))

@@ -20,9 +20,9 @@ import numpy as np
 from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.engine.model import recursion
 
-# of the time over which the filter becomes steady, and single steps after it
-MAX_DOUBLINGS = 40
-MAX_STEPS = 60
+MAX_STEPS = (
+    60  # that double the time over which the filter becomes steady, and single ones after them
+)
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
 NEGLIGIBLE = 1e-12  # of a variance: what is less of it no longer counts
 
@@ -42,7 +42,7 @@ def steady_covariance(A: Array, C: Array, Q: Array, R: Array, S: Array | None = 
     across = np.swapaxes(A - crossed @ seen, -1, -2)
     gained = Ct @ seen
     P = Q - crossed @ np.linalg.solve(R, np.swapaxes(crossed, -1, -2))
-    for _ in range(MAX_DOUBLINGS):
+    for _ in range(MAX_STEPS):
         solved = np.linalg.inv(eye + gained @ P)
         half = across @ solved
         back = np.swapaxes(across, -1, -2)

@@ -18,8 +18,9 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from threadpoolctl import ThreadpoolController
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-SMALLEST = 1e-300  # keeps a zero on the diagonal from being divided by
+SMALLEST = np.finfo(np.float64).tiny  # keeps a zero on the diagonal from being divided by
 SYMMETRY = 1e-9  # rounding that a symmetric matrix may show, relative to its largest entry
 
 

@@ -10,10 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.dem.engine.kalman import steady_gain
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.dem.engine.model import Transition, discretize, recursion
 
 
@@ -97,9 +96,7 @@ class StateSpace(NamedTuple):
             states = np.vstack([start, recursion(self.A, self._pushes(inputs[:-1]), start)])
             return self.outputs(states[: len(inputs)], inputs)
 
-    def simulated_from(
-        self, begins: NDArray[np.intp], horizon: int, states: Array, inputs: Array
-    ) -> Array:
+    def simulated_from(self, begins: Indices, horizon: int, states: Array, inputs: Array) -> Array:
         """(S, H, m): outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
 
         The ``horizon`` is H; beyond the last row of ``inputs`` (T, r) they stay as they are there.
