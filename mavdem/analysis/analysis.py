@@ -258,7 +258,7 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
         is_weak = not ratio <= MAX_SLOW_RATIO
-        if is_weak or test.result != TestResult.LOWER:
+        if is_weak or test.verdict != TestResult.LOWER:
             return Fact(
                 NoModel.SLOW_MODEL_TOO_WEAK,
                 name=name,

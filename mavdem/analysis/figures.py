@@ -161,7 +161,7 @@ class LogAnalysis:
             "identity": self.identity.as_dict(),
             **alarm_figures(self.alarms),
             **self.findings.as_dict(),
-            "truth": None if self.truth is None else self.truth.as_dict(),
+            "truth": self.truth,
             "settings": None if learned is None else asdict(learned.settings),
             "verdict": self.verdict.as_dict(),
         }

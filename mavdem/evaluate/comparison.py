@@ -8,7 +8,7 @@ flights it is the geometric mean of these medians, so that each flight counts on
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -32,9 +32,9 @@ from mavdem.evaluate.scores import (
     ScoreTable,
     by_horizon,
     error_over,
+    errors_of,
     horizons,
     ratio,
-    score,
     score_values,
     table_type,
 )
@@ -122,7 +122,7 @@ class Outcome:
         return np.asarray(self.of(question)["squared_error"][-1])
 
     def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
-        """Returns plain JSON values by name, without the forecasts themselves; of a ``question``, and from zero."""
+        """Returns values for its document, without the forecasts themselves; of a ``question``, and from zero."""
         rows = self.of(question)
         zero = self.of(FROM_ZERO)
         mspe, from_zero = (
@@ -130,9 +130,9 @@ class Outcome:
             for values in (self.mspe(question), self.mspe(FROM_ZERO))
         )
         return {
-            "failure": _words(self.failure),
+            "failure": self.failure,
             "stable": self.stable,
-            "cautions": [str(caution) for caution in self.cautions],
+            "cautions": self.cautions,
             "mspe": mspe,
             "skill": [score_values(row) for row in rows],
             "inside_90_percent_band": [
@@ -146,45 +146,40 @@ class Outcome:
 def evaluate_window(method: Method, window: Window) -> Outcome:
     """Trains ``method`` on the first part of ``window`` and forecasts the second; failures are in the outcome."""
     began = thread_time()
+    outcome = partial(Outcome, method.name, window.flight, window.start)
     # The outcome has what numpy and scipy would warn of.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             model = method.learn(window.train)
-            return _outcome(method, window, model, thread_time() - began)
+            seconds = thread_time() - began
+            scores, forecasts = _scored(method, window, model)
+            cautions = (*model.cautions, *_doubts(model, window))
+            return outcome(None, model.stable, cautions, seconds, scores, forecasts)
         except (ValueError, ArithmeticError, RuntimeError) as error:
             failure = fact_of(error)
-    steps = horizons(len(window.test), window.test.dt)
-    m = window.test.outputs.shape[1]
-    asked = (
-        [(KNOWN, k) for k in steps]
-        + [(FROM_ZERO, steps[-1])]
-        + [(UNKNOWN, k) for k in steps] * method.predicts
-    )
-    scores = np.array(
-        [
-            (window.flight, window.start, method.name, *row, [np.inf] * m, [1] * m, [1] * m, np.nan)
-            for row in asked
-        ],
-        table_type(m),
-    )
-    return Outcome(
-        method.name,
-        window.flight,
-        window.start,
-        failure,
-        None,
-        (),
-        thread_time() - began,
-        scores,
-        {},
-    )
+    return outcome(failure, None, (), thread_time() - began, _rows(method, window), {})
 
 
-def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) -> Outcome:
-    train = window.train
+def _rows(method: Method, window: Window) -> ScoreTable:
+    """A row for each question and horizon, whose errors are infinite."""
     test = window.test
-    cautions: tuple[Fact | str, ...] = tuple(model.cautions)
+    steps = horizons(len(test), test.dt)
+    asked = [*product([KNOWN], steps), (FROM_ZERO, len(test))]
+    asked += product([UNKNOWN] * method.predicts, steps)
+    scores = np.ones(len(asked), table_type(test.outputs.shape[1]))
+    scores["flight"], scores["start"], scores["method"] = window.flight, window.start, method.name
+    scores["question"], scores["steps"] = zip(*asked, strict=True)
+    scores["squared_error"] = np.inf
+    scores["inside"] = np.nan
+    return scores
+
+
+def _scored(
+    method: Method, window: Window, model: Forecaster
+) -> tuple[ScoreTable, dict[Question, Array]]:
+    """The scores of a model, and its forecasts (H, m) of the whole test part by question."""
+    test = window.test
     forecasts = {
         KNOWN: model.forecast(test.inputs),
         FROM_ZERO: model.forecast(test.inputs, from_zero=True),
@@ -196,26 +191,24 @@ def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) 
         bands[KNOWN] = model.forecast_band(test.inputs)
         if method.predicts:
             bands[UNKNOWN] = model.predict_band(len(test))
-        if (model.forecast_variance(test.inputs) / train.outputs.var(axis=0)).mean() > 1:
-            cautions += (Fact(Forecasts.WORSE_THAN_MEAN_EXPECTED, Level.WATCH),)
-    rows = []
-    for question, whole in forecasts.items():
+    scores = _rows(method, window)
+    for row in scores:
+        question, steps = row["question"], row["steps"]
         again = model.predict_every if question == UNKNOWN else model.forecast_every
-        for steps in horizons(len(test), test.dt):
-            if question == FROM_ZERO and steps < len(test):
-                continue
-            made = whole if steps == len(test) else again(steps, test.inputs, test.outputs)
-            row = score(train, test, made, steps, question)
-            if question in bands:
-                row["inside"] = (np.abs(test.outputs - whole) <= bands[question])[:steps].mean()
-            rows.append(row)
-    scores = np.concatenate(rows)
-    scores["method"], scores["flight"], scores["start"] = who = (
-        method.name,
-        window.flight,
-        window.start,
-    )
-    return Outcome(*who, None, model.stable, cautions, seconds, scores, forecasts)
+        whole = forecasts[question]
+        made = whole if steps == len(test) else again(int(steps), test.inputs, test.outputs)
+        for name, error in errors_of(window.train, test, made).items():
+            row[name] = error
+        if question in bands:
+            row["inside"] = (np.abs(test.outputs - whole) <= bands[question])[:steps].mean()
+    return scores, forecasts
+
+
+def _doubts(model: Forecaster, window: Window) -> Iterator[Fact]:
+    if isinstance(model, ProbabilisticForecaster):
+        expected = model.forecast_variance(window.test.inputs) / window.train.outputs.var(axis=0)
+        if expected.mean() > 1:
+            yield Fact(Forecasts.WORSE_THAN_MEAN_EXPECTED, Level.WATCH)
 
 
 def outcomes(
@@ -441,24 +434,21 @@ class Comparison:
         return tuple(sorted(overall, key=lambda row: row["relative"]))
 
     def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
-        """Returns plain JSON values of a ``question``, by flight and by window, infinite errors as infinity.
+        """Returns values of a ``question`` for its document, by flight and by window, infinite errors as infinity.
 
         Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
         """
         predicted = question != UNKNOWN and self.methods_of(UNKNOWN)
-        values: dict[str, Any] = _plain(
-            {
-                "reference": self.methods_of(question)[0],
-                "methods": list(self.methods_of(question)),
-                "start": "zero" if question == FROM_ZERO else "data",
-                "verdicts": self.verdicts(question),
-                "losses": self.losses(question),
-                "over_flights": list(self.over_flights(question)),
-                "flights": [self._flight(flight, question) for flight in self.flights],
-                "predictions": self.to_dict(UNKNOWN) if predicted else None,
-            }
-        )
-        return values
+        return {
+            "reference": self.methods_of(question)[0],
+            "methods": list(self.methods_of(question)),
+            "start": "zero" if question == FROM_ZERO else "data",
+            "verdicts": self.verdicts(question),
+            "losses": self.losses(question),
+            "over_flights": list(self.over_flights(question)),
+            "flights": [self._flight(flight, question) for flight in self.flights],
+            "predictions": self.to_dict(UNKNOWN) if predicted else None,
+        }
 
     def _flight(self, flight: str, question: Question) -> dict[str, Any]:
         part = self.of_flight(flight)
@@ -504,28 +494,13 @@ class Comparison:
                     for i, value in enumerate(values["per_output"])
                 },
                 "stable": one.stable,
-                "failure": _words(one.failure),
+                "failure": "" if one.failure is None else str(one.failure),
             }
             for window, outcomes in zip(self.windows, self.outcomes, strict=True)
             for one in outcomes
             for row, values in ((row, score_values(row)) for row in one.scores)
         ]
         return sorted(found, key=lambda row: row["inputs"])
-
-
-def _plain(value: Any) -> Any:
-    """With every paired test as plain JSON values, and every failure in words."""
-    if isinstance(value, Paired):
-        return value.to_dict()
-    if isinstance(value, Fact):
-        return _words(value)
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, list) else value
-
-
-def _words(failure: Fact | None) -> str:
-    return "" if failure is None else f"{failure} {failure.remedy}".strip()
 
 
 def _mean(shares: Iterable[float | None]) -> float | None:

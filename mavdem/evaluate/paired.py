@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,15 +43,11 @@ class Paired(NamedTuple):
     p_value: float
 
     @property
-    def result(self) -> TestResult:
+    def verdict(self) -> TestResult:
         """Whether our error is lower or higher than theirs, or the two cannot be told apart."""
         if not self.p_value < SIGNIFICANCE:
             return TestResult.NOT_DISTINGUISHABLE
         return TestResult.LOWER if self.ratio < 1 else TestResult.HIGHER
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain JSON values by name."""
-        return self._asdict() | {"verdict": self.result}
 
 
 def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None = None) -> Paired:

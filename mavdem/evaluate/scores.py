@@ -111,14 +111,8 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
     return (*(one for one in steps if one < samples), samples)
 
 
-def score(
-    train: Flight,
-    test: Flight,
-    predicted: ArrayLike,
-    steps: int | None = None,
-    question: Question = KNOWN,
-) -> ScoreTable:
-    """Returns one row: the error of ``predicted`` (H, m), forecasts of ``test`` in pieces of ``steps``, all at once.
+def errors_of(train: Flight, test: Flight, predicted: ArrayLike) -> dict[str, Array]:
+    """Returns the error (m,) of ``predicted`` (H, m), forecasts of ``test``, its unit and the baseline's, by column.
 
     Raises:
         ValueError: predictions of another shape, or an output of ``train`` that is constant.
@@ -126,19 +120,11 @@ def score(
     if not np.ptp(train.outputs, axis=0).all():
         raise ValueError("train must vary in every output: errors are in units of its variance")
     mean = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
-    ours, baseline = (mspe(test.outputs, values).per_output for values in (predicted, mean))
-    row = (
-        "",
-        0,
-        "",
-        question,
-        steps or len(test),
-        ours,
-        train.outputs.var(axis=0),
-        baseline,
-        np.nan,
-    )
-    return np.array([row], table_type(len(ours)))
+    return {
+        "squared_error": mspe(test.outputs, predicted).per_output,
+        "variance": train.outputs.var(axis=0),
+        "baseline": mspe(test.outputs, mean).per_output,
+    }
 
 
 def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
@@ -151,7 +137,11 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
     Raises:
         ValueError: a forecast of another shape, or an output of ``train`` that is constant.
     """
-    return float(ratio(score(train, test, forecast))[0])
+    errors = errors_of(train, test, forecast)
+    ours, baseline = (
+        (errors[name] / errors["variance"]).sum() for name in ("squared_error", "baseline")
+    )
+    return float(error_over(ours, baseline))
 
 
 def ratio(scores: ScoreTable) -> Array:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import isnan, nan
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,11 +44,6 @@ class ComparedParameter(NamedTuple):
             return None
         return bool(abs(self.estimate - self.truth) <= self.half_width)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        half = None if isnan(self.half_width) else self.half_width
-        return self._asdict() | {"half_width": half, "inside": self.inside}
-
 
 class ComparedWind(NamedTuple):
     """The wind torque beside its truth, rad/s²: ``inside`` is the share of samples whose truth is in the 90 % band.
@@ -70,15 +65,6 @@ class TruthComparison(NamedTuple):
     source: str
     parameters: tuple[ComparedParameter, ...]
     wind: ComparedWind | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        wind = self.wind
-        return {
-            "source": self.source,
-            "parameters": [parameter.as_dict() for parameter in self.parameters],
-            "wind": None if wind is None else wind._asdict() | {"mean": wind.mean.as_dict()},
-        }
 
 
 class Truth(NamedTuple):

@@ -76,7 +76,7 @@ def _verdict(comparison: Comparison, question: Question) -> str:
         (TestResult.NOT_DISTINGUISHABLE, "from"),
         (TestResult.LOWER, "than"),
     ):
-        if names := [name for name, test in tests.items() if test.result == result]:
+        if names := [name for name, test in tests.items() if test.verdict == result]:
             which = (
                 f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
             )
@@ -126,7 +126,7 @@ def _losses(comparison: Comparison) -> list[Block]:
             for one in losses
             if one["method"] == method and (one["flight"], one["steps"]) in steps
         ]
-        worse = sum(one["paired"].result is TestResult.HIGHER for one in lost)
+        worse = sum(one["paired"].verdict is TestResult.HIGHER for one in lost)
         if not lost or len(flights) > 1:
             return f"{len(lost)} ({worse})" if lost else ""
         return f"{'' if worse else '≈ '}{_ratio(lost[0]['ratio'])}"

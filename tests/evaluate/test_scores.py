@@ -10,7 +10,7 @@ from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
 from mavdem.evaluate.comparison import Method, evaluate_window
 from mavdem.evaluate.paired import Paired, paired
-from mavdem.evaluate.scores import KNOWN, by_horizon, ratio, score, score_values
+from mavdem.evaluate.scores import KNOWN, by_horizon, ratio, score_values
 from mavdem.evaluate.windows import Window, disjoint, windows
 from mavdem.facts.forecasts import TestResult
 
@@ -51,7 +51,7 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
         np.testing.assert_allclose(score_values(row)["relative_per_output"], 1)
     assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
     still = Flight(TEST.time, TEST.inputs, np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
-    assert ratio(score(TRAIN, still, still.outputs)).tolist() == [1]  # neither errs
+    assert evaluate.relative_mspe(TRAIN, still, still.outputs) == 1  # neither errs
     # Outputs count in units of their training variance.
     wrong = TEST.outputs + TRAIN.outputs.std(axis=0)
     half_wrong = TEST.outputs + TRAIN.outputs.std(axis=0) * [1, 0]
@@ -148,12 +148,12 @@ def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
 
 def test_what_is_distinguished_takes_six_pairs_and_a_side():
     assert (
-        paired([1.0] * 6, [2.0] * 6).result is TestResult.LOWER
-        and paired([2.0] * 6, [1.0] * 6).result is TestResult.HIGHER
+        paired([1.0] * 6, [2.0] * 6).verdict is TestResult.LOWER
+        and paired([2.0] * 6, [1.0] * 6).verdict is TestResult.HIGHER
     )
-    assert paired([1.0] * 5, [2.0] * 5).result is TestResult.NOT_DISTINGUISHABLE
-    assert paired([], []).result is TestResult.NOT_DISTINGUISHABLE
-    assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).to_dict()["verdict"] == "not distinguishable"
+    assert paired([1.0] * 5, [2.0] * 5).verdict is TestResult.NOT_DISTINGUISHABLE
+    assert paired([], []).verdict is TestResult.NOT_DISTINGUISHABLE
+    assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).verdict is TestResult.NOT_DISTINGUISHABLE
 
 
 def uniform(samples: int, rate: float = 100) -> Flight:

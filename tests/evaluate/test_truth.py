@@ -1,6 +1,5 @@
 """Estimates beside the truth of a simulated flight: the right numbers side by side, and no other flight's."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +10,7 @@ from mavdem import Flight
 from mavdem.dem import physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
+from mavdem.documents.flight import Truth
 from mavdem.evaluate.truth import TruthComparison, compare_with_truth, read_truth, truth_of
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
@@ -93,8 +93,9 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
     assert found.wind.inside == np.mean(
         np.abs(true - learned.wind_torque.torque) <= learned.wind_torque.band
     )
-    document = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    document = Truth.model_validate(found).as_dict()
     assert document["parameters"][0]["truth"] == known["roll_effect"][0]
+    assert document["parameters"][0]["inside"] is by_name["effect of motor 1"].inside
 
 
 def test_in_segments_it_is_the_same(learned, flight, path):
