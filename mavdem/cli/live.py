@@ -34,14 +34,17 @@ from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
+from mavdem.facts import Fact
 from mavdem.fleet.rows_of_log import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
-from mavdem.live.history import ACCOUNT, horizons, sentence
-from mavdem.live.link import Link, RawRecording
+from mavdem.live.history import horizons
+from mavdem.live.link import Link
+from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.flights import whole_seconds
 from mavdem.report.page import live_page
+from mavdem.report.words import advised, go_on
 
 # between two status lines; on the ground, two collections of all garbage
 STATUS_SECONDS = 5.0
@@ -223,7 +226,7 @@ def live_command(
         dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
-        shown = dashboard.open, dashboard.report, say_aside
+        shown = dashboard.open, dashboard.report, lambda fact: say_aside(advised(fact))
         session = LiveSession(
             opened, stream, settings, *shown, executor, recording, request_rate, earlier
         )
@@ -239,9 +242,7 @@ def live_command(
         account = session.account()
         ends_at = monotonic() + ENDING_SECONDS
         whole = whole_seconds(account)
-        spent = ", ".join(
-            f"{seconds} s {ACCOUNT[kind]}" for kind, seconds in whole.items() if seconds
-        )
+        spent = ", ".join(f"{seconds} s {Fact(kind)}" for kind, seconds in whole.items() if seconds)
         say_aside(f"Of {sum(whole.values())} s: {spent or 'nothing'}.")
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status = session.status
@@ -254,7 +255,7 @@ def live_command(
             learned = fitting.result()
             code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
         except ValueError as error:
-            say_aside(sentence(f"There is no model: {error}"))
+            say_aside(f"There is no model: {go_on(error)}.")
         executor.shutdown()
         judging = _in_background(partial(session.judge, learned))
         page = None
@@ -293,7 +294,7 @@ def live_command(
                 "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
                 "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                 "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-                "obstacle": status.obstacle,
+                "obstacle": advised(status.obstacle) if status.obstacle else "",
                 "wind": status.wind
                 and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
                 **(status.findings.as_dict() if status.findings else {}),
@@ -380,13 +381,13 @@ def _status_line(status: SessionStatus, axis: str) -> str:
         else ""
     )
     ahead += (
-        f"; wind {''.join(status.wind.words())}"
+        f"; wind {' '.join(map(str, status.wind.facts))}"
         if status.wind is not None and status.flying
         else ""
     )
-    end = f". {sentence(status.obstacle)}" if status.obstacle else "; learning."
+    end = f". {advised(status.obstacle)}" if status.obstacle else "; learning."
     told = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end}"
-    return " ".join(filter(None, [told, status.slow, status.alarm]))
+    return " ".join(map(str, filter(None, [told, status.slow, *status.alarm])))
 
 
 def _in_background(work: Callable[[], Any]) -> Future[Any]:

@@ -37,12 +37,13 @@ from mavdem.condition import Condition
 from mavdem.condition.condition import hover_figures
 from mavdem.condition.oscillation import oscillation_of
 from mavdem.dem import Learned, Physical
+from mavdem.facts import Fact
+from mavdem.facts.session import Session
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale
 from mavdem.ingest.telemetry import Columns, Telemetry, joined
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, CUSTOM_MODE, IN_AIR, LANDING_MODES, STANDBY
-from mavdem.live.history import FLIGHT_UNKNOWN, NOT_FLYING
 from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
@@ -204,12 +205,14 @@ class Phase:
         self._landing: float | None = None
 
     @property
-    def obstacle(self) -> str:
-        """Why it is not flying, one sentence; empty if it is."""
+    def obstacle(self) -> Fact | None:
+        """Why it is not flying; None if it is."""
+        if self.flying:
+            return None
         evidence = (
             self.idle or self._rows["collective"] or self._rows["landed_state"] or not self._armed
         )
-        return "" if self.flying else NOT_FLYING if evidence else FLIGHT_UNKNOWN
+        return Fact(Session.NOT_FLYING if evidence else Session.FLIGHT_UNKNOWN)
 
     def settled(self, time: float) -> bool:
         """Whether ``time``, s, is in settled flight, apart from the tilt."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import nan
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,18 +13,11 @@ import numpy as np
 from mavdem.analysis.findings import Findings
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
+from mavdem.facts import Fact, Level
+from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.wind import WindRow
 
-NOT_FLYING = "The vehicle is on the ground: learning begins after take-off."
-FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
-UNCONFIRMED = (
-    "The vehicle did not confirm that its message rates were restored (the link was lost?): reboot it, or set them "
-    "again."
-)
-NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
-ACCOUNT: dict[str, str] = tomllib.loads(Path(__file__).with_name("account.toml").read_text("utf-8"))
-"""What the seconds of a session are accounted for as."""
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
 # Of the lines; when there are more, every second one is dropped, and from then on not kept
@@ -42,26 +33,28 @@ def horizons(dt: float) -> tuple[int, ...]:
     return tuple(sorted({1, *(max(1, round(seconds / dt)) for seconds in HORIZONS)}))
 
 
-def sentence(text: str) -> str:
-    """Returns ``text`` with a capital letter and one full stop; empty if it is."""
-    text = text.rstrip(". ")
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
-
-
 class Event(NamedTuple):
-    """Something that happened, in one sentence.
+    """What happened.
 
     Attributes:
         seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
-        sentence: what happened.
-        level: "INFO", or "ERROR" for an alarm.
-        since: when what an alarm is about began, s of the vehicle's clock; else NaN.
+        fact: what it was; its time is that of its boot's clock.
+        since: when what a history's fact is about began, s of the same clock as ``seconds``; else NaN.
     """
 
     seconds: float
-    sentence: str
-    level: str = "INFO"
+    fact: Fact
     since: float = nan
+
+    @property
+    def sentence(self) -> str:
+        """What happened, and what to do about it."""
+        return f"{self.fact} {self.fact.remedy}".strip()
+
+    @property
+    def is_alarm(self) -> bool:
+        """Whether it is bad."""
+        return self.fact.level is Level.BAD
 
 
 @dataclass(frozen=True)
@@ -72,7 +65,7 @@ class SessionStatus:
 
     Attributes:
         vehicle: the followed one, "system:component".
-        obstacle: why there are no rows or no new model; empty while all is well.
+        obstacle: why there are no rows or no new model; None while all is well.
         rates: Hz of attitude and motors over the last 2 s, by message.
         flying: whether the vehicle is armed and airborne.
         learned, shown: rows that the learner used, and that were only shown.
@@ -87,11 +80,11 @@ class SessionStatus:
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings: what the flight says so far; None before the first model.
         wind, no_wind: the latest row in m/s, None before one; why there is none although the vehicle flies.
-        alarm: on the motors that are weak, or which recovered last, in this flight; it stays after the landing.
+        alarm: of the motors that are weak, or which recovered last, in this flight; it stays after the landing.
     """
 
     vehicle: str | None = None
-    obstacle: str = ""
+    obstacle: Fact | None = None
     rates: Mapping[str, float] = field(default_factory=dict)
     flying: bool = False
     learned: int = 0
@@ -106,18 +99,14 @@ class SessionStatus:
     unread: int = 0
     alarms: tuple[MotorAlarm, ...] = ()
     findings: Findings | None = None
-    alarm: str = ""
+    alarm: tuple[Fact, ...] = ()
     wind: WindRow | None = None
-    no_wind: str = ""
+    no_wind: Fact | None = None
 
     @property
-    def slow(self) -> str:
-        """A sentence where estimates come late; empty while this computer keeps up."""
-        return (
-            f"This computer is too slow: estimates come {self.behind:.1f} s late."
-            if self.behind
-            else ""
-        )
+    def slow(self) -> Fact | None:
+        """By how much estimates come late; None while this computer keeps up."""
+        return Fact(Session.ESTIMATES_LATE, Level.WATCH, delay=self.behind) if self.behind else None
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""

@@ -9,6 +9,7 @@ and send to every address that ever sent anything.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
 import select
@@ -16,22 +17,12 @@ import socket
 import struct
 import sys
 import time
-from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
-
 from mavdem.errors import Unreadable
-from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import (
-    HEADER_1,
-    LONGEST_FRAME,
-    MARKER_1,
-    MARKER_2,
-    find_in_pieces,
-)
-from mavdem.ingest.mcap.records import raw_channel, started, write_message
-from mavdem.ingest.tlog import write_stamped
+from mavdem.facts import Fact, Level
+from mavdem.facts.session import LinkError, LinkFact
+from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1, MARKER_2
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
@@ -59,7 +50,19 @@ _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^
 
 
 class LinkLost(Exception):
-    """The TCP connection or the serial port is lost; the message is one sentence."""
+    """The TCP connection or the serial port is lost, as its ``fact`` says."""
+
+    def __init__(self, link: str, cause: LinkError, error: OSError | None = None) -> None:
+        text = None if error is None else error.strerror or str(error)
+        self.fact = Fact(
+            LinkFact.CONNECTION_LOST,
+            Level.WATCH,
+            name=link,
+            cause=cause,
+            error=text,
+            reopening=False,
+        )
+        super().__init__(self.fact)
 
 
 class Link:
@@ -67,7 +70,7 @@ class Link:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._events: list[str] = []
+        self._events: list[Fact] = []
         # By MAVLink ids: address, when it was heard, and one that was refused, or the first again once that is said.
         self._first: dict[bytes, tuple[Any, float, Any]] = {}
         self._pause = FIRST_PAUSE_SECONDS
@@ -103,7 +106,7 @@ class Link:
         """
         waiting_on = self._waiting_on()
         if waiting_on is None:
-            raise LinkLost(f"The link {self.name} is not open.")
+            raise LinkLost(self.name, LinkError.NOT_OPEN)
         received: list[tuple[float, bytes]] = []
         try:
             # A silent client may be gone; while it sends, others wait.
@@ -126,12 +129,12 @@ class Link:
                 self._socket.setblocking(False)
                 self._came = time.monotonic()
             elif ready == [self._server]:
-                self._lose("was silent, and another client waits")
+                self._lose(LinkError.SILENT)
             while len(received) < MAX_PIECES and (piece := self._take()) is not None:
                 if not piece and not self.datagrams:
                     if received:
                         break  # return what came; the next call raises
-                    self._lose("was closed by the other side")
+                    self._lose(LinkError.CLOSED)
                 if piece:
                     self._came = time.monotonic()
                     if self._admits(piece):
@@ -143,11 +146,11 @@ class Link:
                 self._emptied = time.time()
         except OSError as error:
             if not received:
-                self._lose(f"was lost: {error.strerror or error}")
+                self._lose(LinkError.FAILED, error)
         return received
 
-    def events(self) -> list[str]:
-        """Sentences to report since the last call."""
+    def events(self) -> list[Fact]:
+        """Facts to report since the last call."""
         return [self._events.pop(0) for _ in range(len(self._events))]
 
     def send(self, frame: bytes) -> None:
@@ -168,7 +171,7 @@ class Link:
         except OSError as error:
             if self.datagrams:
                 return  # no listener there now: the link itself is fine
-            self._lose(f"was lost: {error.strerror or error}")
+            self._lose(LinkError.FAILED, error)
 
     def reopen(self) -> bool:
         """Opens a lost link, once its pause is over; returns whether it is open.
@@ -266,14 +269,14 @@ class Link:
             return False
         if rival not in (None, first, self._from):
             # Both send; one that restarts from another port would not send from the first again.
-            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (first, rival))
-            said = f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read"
-            self._events.append(f"{said}; if they are two vehicles, give one another system id.")
+            addresses = [f"{host}:{port}" for host, port, *_ in (first, rival)]
+            subject = f"{ids[0]}:{ids[1]}"
+            self._events.append(Fact(LinkFact.TWO_ADDRESSES, subject=subject, names=addresses))
             rival = first
         self._first[ids] = self._from, now, rival if first == self._from else None
         return True
 
-    def _lose(self, how: str) -> NoReturn:
+    def _lose(self, cause: LinkError, error: OSError | None = None) -> NoReturn:
         if self._server is not None and self._socket is not None:
             self._socket.close()
             self._socket = None  # the next client may connect at once
@@ -281,7 +284,7 @@ class Link:
             if time.monotonic() - self._opened >= STABLE_SECONDS:
                 self._pause = FIRST_PAUSE_SECONDS
             self._shut()
-        raise LinkLost(f"The link {self.name} {how}.")
+        raise LinkLost(self.name, cause, error)
 
     def _shut(self) -> None:
         """Closes it until a pause is over, which doubles each time."""
@@ -290,24 +293,15 @@ class Link:
         self._pause = min(2 * self._pause, MAX_PAUSE_SECONDS)
 
     def _refuse(self, error: OSError) -> NoReturn:
-        (host, port) = self._address
-        bound = self._kind in ("udpin", "tcpin")
-        group = (
-            ": join the group that owns the port (often dialout)" if self._kind == "serial" else ""
-        )
-        remedy = "; ports below 1024 need privileges" if 0 < port < 1024 else group
-        used = "the port is in use by another program: close it, or let it forward to another port"
-        reasons = (
-            (isinstance(error, socket.gaierror), f"there is no host {host}"),
-            (isinstance(error, PermissionError), f"it is not permitted{remedy}"),
-            (isinstance(error, FileNotFoundError), "there is no such serial port"),
-            (isinstance(error, ConnectionRefusedError), "nothing listens there"),
-            (isinstance(error, TimeoutError), f"no connection within {CONNECT_SECONDS:.0f} s"),
-            (bound and "in use" in str(error), used),
-            (bound and "assign" in str(error), f"{host} is not an address of this machine"),
-        )
-        reason = next((text for holds, text in reasons if holds), error.strerror or str(error))
-        raise Unreadable(f"Cannot open {self.name}: {reason}.") from error
+        host, port = self._address
+        if isinstance(error, socket.gaierror):
+            cause = LinkError.NO_HOST
+        elif isinstance(error, TimeoutError):
+            cause = LinkError.NO_REPLY
+        else:
+            cause = REFUSALS.get(error.errno or 0, LinkError.FAILED)
+        text = error.strerror or str(error)
+        raise _cannot_open(self.name, cause, host, port, text) from error
 
 
 def _parsed(name: str) -> tuple[str, str, int]:
@@ -317,7 +311,7 @@ def _parsed(name: str) -> tuple[str, str, int]:
     if network is not None and (network[1] or re.search(r"[.\]]|localhost", network[2] or "")):
         kind, host, port = network.groups()
         if int(port) > 65535:
-            raise Unreadable(f"{name} is not a link: ports go up to 65535.")
+            raise Unreadable(Fact(LinkFact.LINK_PORT_TOO_HIGH, name=name))
         # Without a direction as in pymavlink.
         return (
             ("udpin" if kind in (None, "udp") else kind),
@@ -325,13 +319,36 @@ def _parsed(name: str) -> tuple[str, str, int]:
             int(port),
         )
     if os.path.isfile(name):
-        raise Unreadable(f"{name} is a file, not a link: use `mavdem learn {name}`.")
+        raise Unreadable(Fact(LinkFact.FILE_IS_NO_LINK, name=name))
     if not os.path.isabs(name):
-        raise Unreadable(
-            f"{name!r} is not a link: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a "
-            "serial port as /dev/ttyACM0,115200."
-        )
+        raise Unreadable(Fact(LinkFact.NOT_A_LINK, name=name))
     return "serial", "", 0
+
+
+REFUSALS = {
+    errno.EADDRINUSE: LinkError.IN_USE,
+    errno.EADDRNOTAVAIL: LinkError.NOT_LOCAL,
+    errno.ECONNREFUSED: LinkError.NOT_LISTENING,
+    errno.EACCES: LinkError.NOT_PERMITTED,
+    errno.EPERM: LinkError.NOT_PERMITTED,
+    errno.ENOENT: LinkError.NO_PORT,
+}
+
+
+def _cannot_open(
+    link: str, cause: LinkError, host: str = "", port: int = 0, error: str = ""
+) -> Unreadable:
+    return Unreadable(
+        Fact(
+            LinkFact.CANNOT_OPEN_LINK,
+            name=link,
+            cause=cause,
+            host=host,
+            port=port,
+            error=error,
+            duration=CONNECT_SECONDS,
+        )
+    )
 
 
 def _probe(connection: socket.socket) -> None:
@@ -349,16 +366,14 @@ def _probe(connection: socket.socket) -> None:
 def _serial(name: str) -> int:
     """Opens a serial port: raw, at its speed, without waiting for a carrier or hanging up at the end."""
     if sys.platform == "win32":
-        raise Unreadable(
-            f"Cannot open {name}: serial ports need a POSIX system; forward it to UDP."
-        )
+        raise _cannot_open(name, LinkError.NO_POSIX)
     import termios
     import tty
 
     device, _, speed = name.partition(",")
     baud = getattr(termios, f"B{speed or 115200}", None)
     if baud is None or not (speed or "1").isdigit():
-        raise Unreadable(f"Cannot open {name}: {speed!r} is not a speed of a serial port.")
+        raise _cannot_open(name, LinkError.NO_SPEED, repr(speed))
     port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         tty.setraw(port, termios.TCSANOW)
@@ -370,77 +385,5 @@ def _serial(name: str) -> int:
         termios.tcsetattr(port, termios.TCSANOW, settings)
     except termios.error as error:
         os.close(port)
-        raise Unreadable(f"Cannot open {name}: it is not a serial port.") from error
+        raise _cannot_open(name, LinkError.NOT_SERIAL) from error
     return port
-
-
-BATCH_SECONDS = 0.5  # Of received bytes written together: each search for frames costs time
-
-
-class RawRecording:
-    """A growing file, new, of the raw stream, a tlog or as .mcap; a crash loses at most a second.
-
-    Raises Unreadable: the file exists, or cannot be created.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        try:
-            self._file = open(path, "xb")  # noqa: SIM115 - open until close()
-        except FileExistsError:
-            raise Unreadable(
-                f"{path} is there already and is not overwritten: name another file."
-            ) from None
-        except OSError as error:
-            raise Unreadable(
-                f"{path} cannot be written ({error.strerror or error}): name another file."
-            ) from None
-        self.frames = 0  # in it; bytes that belong to no frame are not
-        self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
-        self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
-        self._pieces: list[tuple[float, bytes]] = []
-        self._first = 0.0
-
-    def take(self, stamp: float, data: bytes) -> None:
-        """Adds any bytes that a link received, also parts of frames, at ``stamp``, UNIX s.
-
-        Raises OSError: it cannot be written.
-        """
-        if not self._pieces:
-            self._first = stamp
-        self._pieces.append((stamp, data))
-        if not 0 <= stamp - self._first < BATCH_SECONDS:
-            self._write(last=False)
-
-    def close(self) -> None:
-        """Writes the rest and closes the file. Raises OSError: it cannot be written."""
-        if self._file.closed:
-            return
-        with self._file:
-            self._write(last=True)
-            if self._mcap is not None:
-                self._mcap.finish()  # type: ignore[no-untyped-call]
-
-    def _write(self, last: bool) -> None:
-        content = b"".join(data for _, data in self._pieces)
-        ends = np.cumsum([len(data) for _, data in self._pieces])
-        frames, pieces = find_in_pieces(np.frombuffer(content, dtype=np.uint8), ends, seeds())
-        searched = len(content)
-        if not last:
-            # The last frame may not be complete.
-            searched = max(int(frames.end.max(initial=0)), len(content) - LONGEST_FRAME)
-        stamps = (round(self._pieces[piece][0] * 1e6) for piece in pieces.tolist())
-        contents = [
-            content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)
-        ]
-        stamped = zip(stamps, contents, strict=True)
-        if self._mcap is None:
-            write_stamped(self._file, stamped)
-        else:
-            for stamp, frame in stamped:
-                write_message(self._mcap, self._channel, stamp * 1000, frame)
-        self._file.flush()
-        self.frames += len(contents)
-        self._pieces = (
-            [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
-        )
-        self._first = self._pieces[0][0] if self._pieces else 0.0

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from mavdem.facts import Fact
+from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     composed_frames,
@@ -121,7 +123,7 @@ class RateRequest:
     queried, then set, one at a time since a confirmation does not name the message. What comes much slower later, after
     a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the
     interval, the one measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most,
-    until they come. ``events``: sentences to report; the caller removes them.
+    until they come. ``events``: facts to report; the caller removes them.
     """
 
     def __init__(
@@ -132,7 +134,7 @@ class RateRequest:
         evidence: Sequence[int] = EVIDENCE,
         parameters: Sequence[str] = (),
     ) -> None:
-        self.events: list[str] = []
+        self.events: list[Fact] = []
         self._target = {"target_system": vehicle.system, "target_component": vehicle.component}
         self._parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
         self._next = -np.inf
@@ -192,9 +194,7 @@ class RateRequest:
             else:
                 interval.done = True
                 if not interval.least:
-                    self.events.append(
-                        f"The vehicle has not confirmed a faster rate of {interval.name}."
-                    )
+                    self.events.append(Fact(RateFact.RATE_NOT_CONFIRMED, subject=interval.name))
             interval.last = now
         return frames
 
@@ -229,9 +229,7 @@ class RateRequest:
             latest.refused = second != ACCEPTED
             latest.unrefused -= latest.refused
             if latest.refused and not latest.least:
-                self.events.append(
-                    f"The vehicle refuses a faster rate of {latest.name} (MAV_RESULT {second})."
-                )
+                self.events.append(Fact(RateFact.RATE_REFUSED, subject=latest.name, result=second))
 
     def restart(self) -> None:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
@@ -246,7 +244,7 @@ class RateRequest:
                 came=False,
             )
         if any(each.unrefused for each in self._intervals):
-            self.events.append("The vehicle is back: asking for its message rates again.")
+            self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
 
     def restore(self) -> list[bytes]:
         """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""
@@ -270,7 +268,12 @@ class RateRequest:
                 interval.came = True
                 if rate < 0.9 * interval.rate and not (interval.least or interval.again):
                     self.events.append(
-                        f"{interval.name} comes at {rate:.3g} of {interval.rate:.3g} Hz asked for."
+                        Fact(
+                            RateFact.RATE_BELOW_ASKED,
+                            subject=interval.name,
+                            rate=rate,
+                            needed_rate=interval.rate,
+                        )
                     )
             if now - interval.last >= MAX_PAUSE_SECONDS:
                 interval.again = 0
@@ -280,16 +283,12 @@ class RateRequest:
         ):
             return
         if not interval.least and not unconfirmed and not self._contested:
-            self.events.append(
-                f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again."
-            )
+            reached = interval.reached
+            self.events.append(Fact(RateFact.RATE_FELL, subject=interval.name, former_rate=reached))
         # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
         if rate and interval.came and interval.again >= 2 and not self._contested:
             self._contested = True
-            self.events.append(
-                "Message rates are set back again and again, perhaps by another ground station (in MAVProxy, "
-                "`set streamrate -1` ends that): each time they are asked for again."
-            )
+            self.events.append(Fact(RateFact.RATES_CONTESTED))
         interval.settings = 0
         interval.done = False
         interval.again = interval.again + 1

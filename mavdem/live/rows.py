@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import align
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE
+from mavdem.facts import Fact
+from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (
     MAX_OFFSET,
     MIN_RESET_STAMPS,
@@ -74,14 +76,14 @@ class PlacedMessage(NamedTuple):
 
 
 class BootClock:
-    """Places the messages of one vehicle on its boot clock; ``report`` is called with each sentence about it.
+    """Places the messages of one vehicle on its boot clock; ``report`` is called with each fact about it.
 
     A stamp that does not continue the clock is held back. If the next attitude stamps continue from there, the clock
     has changed, and the held messages are placed on it; if one continues the old clock, they were outliers, which are
     dropped.
     """
 
-    def __init__(self, report: Callable[[str], None]) -> None:
+    def __init__(self, report: Callable[[Fact], None]) -> None:
         # the latest reference stamp, s, and the number of the boot
         self.now = nan
         self.boot = 0
@@ -149,17 +151,14 @@ class BootClock:
             and first - self._back > JUST_BOOTED
             and self.breaks == self._breaks
         ):
-            self._report(
-                f"The vehicle's clock was set back by {before - first:.1f} s when it read {before:.1f} s."
-            )
+            self._report(Fact(VehicleFact.CLOCK_SET_BACK, offset=before - first, clock=before))
             later = before - first + self._run[1] - first
         elif first < before:
             self.boot = self.boot + 1
             later = -self._back
-            self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
+            self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=before))
         elif not isnan(before) and not self.left_out:
-            length = f"{first - before:.1f} s of the vehicle's clock"
-            self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
+            self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=first - before, clock=before))
         held = [m._replace(stamp=m.stamp + later) for m in held]
         first = first + later
         self._back = self._back + later
@@ -203,8 +202,7 @@ class BootClock:
         if len(far) > MIN_RESET_STAMPS:
             away = median(offset for _, offset in self._far.pop(message.name))
             self._shifts[message.name] = -away if abs(away) > OTHER_EPOCH else 0.0
-            other = f"The time stamps of {message.name} are of another clock, {away:.6g} s away"
-            self._report(f"{other}; they are moved to the boot clock.")
+            self._report(Fact(VehicleFact.OTHER_CLOCK, subject=message.name, offset=away))
         return None
 
     def _hold(self, message: Message) -> list[PlacedMessage]:

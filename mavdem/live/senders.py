@@ -13,6 +13,8 @@ from math import inf
 import numpy as np
 
 from mavdem.alignment.signals import ATTITUDE_MESSAGES
+from mavdem.facts import Fact, Level
+from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import OTHER_EPOCH
 from mavdem.ingest.mavlink.definitions import definitions
 from mavdem.ingest.mavlink.framing import GOOD
@@ -226,12 +228,10 @@ class Sender:
 class Senders:
     """All senders of a link and the one followed: ``wanted``, "system" or "system:component", or the only one."""
 
-    def __init__(self, wanted: str | None, report: Callable[[str], None]) -> None:
+    def __init__(self, wanted: str | None, report: Callable[[Fact], None]) -> None:
         self.followed: Sender | None = None
-        # why none is followed, one sentence; empty when one is
-        self.obstacle = (
-            "No vehicle found yet." if wanted is None else f"Vehicle {wanted} not found yet."
-        )
+        # why none is followed; None when one is
+        self.obstacle: Fact | None = Fact(VehicleFact.NO_VEHICLE_YET, subject=wanted or "")
         self._wanted = wanted
         self.by_ids: dict[tuple[int, int], Sender] = {}  # those that are kept
         self._rivals: set[str] = set()
@@ -268,25 +268,29 @@ class Senders:
                 self._follow(sender)
             elif len(flying) > 1 and self._rivals != (rivals := {other.name for other in flying}):
                 self._rivals = rivals
-                choose = f"choose one, for example with `--vehicle {flying[0].name}`."
-                self.obstacle = f"Several vehicles found: {choose}"
-                listed = ", ".join(other.identity for other in flying[:MAX_LISTED])
-                listed += " and more" * (len(flying) > MAX_LISTED)
-                self._report(f"Several vehicles found: {listed}. {choose.capitalize()}")
+                name = flying[0].name
+                self.obstacle = Fact(VehicleFact.SEVERAL_VEHICLES, name=name)
+                self._report(
+                    Fact(
+                        VehicleFact.SEVERAL_VEHICLES_LISTED,
+                        name=name,
+                        names=[other.identity for other in flying[:MAX_LISTED]],
+                        others=max(len(flying) - MAX_LISTED, 0),
+                    )
+                )
 
     def _follow(self, sender: Sender) -> None:
         self.followed = sender
         sender.held = True
-        self.obstacle = ""
-        self._report(f"Following vehicle {sender.identity}.")
+        self.obstacle = None
+        self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, Level.GOOD, subject=sender.identity))
 
     def _notice(self, sender: Sender) -> None:
         """Reports another vehicle, once."""
         assert self.followed is not None
         if sender is self.followed and sender.shared and sender.name not in self._rivals:
             self._rivals.add(sender.name)
-            who = f"Two vehicles, by their clocks, have the ids {sender.name}: only one of them is followed"
-            self._report(f"{who}; give the other another system id.")
+            self._report(Fact(VehicleFact.VEHICLES_SHARE_IDS, Level.WATCH, subject=sender.name))
         if (
             sender is self.followed
             or sender.name in self._rivals
@@ -295,6 +299,5 @@ class Senders:
             return
         if len(self._rivals) < MAX_SENDERS:
             self._rivals.add(sender.name)
-            self._report(
-                f"Vehicle {sender.identity} found too; still following {self.followed.name}."
-            )
+            subject = sender.identity
+            self._report(Fact(VehicleFact.OTHER_VEHICLE, subject=subject, name=self.followed.name))

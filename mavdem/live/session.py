@@ -6,7 +6,6 @@ in the view's own queue. What is received is recorded, and waits for its analysi
 
 from __future__ import annotations
 
-import re
 import time
 from collections import deque
 from collections.abc import Callable
@@ -21,12 +20,13 @@ import numpy as np
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
-from mavdem.facts.prose import prose
+from mavdem.errors import NotLearnable, Refusal
+from mavdem.facts import Code, Fact, Level
+from mavdem.facts.session import LinkFact, RateFact, Rows, Session, Spent
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
-from mavdem.live import history
 from mavdem.live.decisions import Setup, judged
-from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons, sentence
+from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import (
     MAX_TRIES,
@@ -42,7 +42,7 @@ from mavdem.live.stream import LiveStream
 # From one status to the next, and from one judgement to the next
 STATUS_SECONDS = 1.0
 JUDGING_SECONDS = 10.0
-# In which a sentence is reported once, whatever its numbers: a link may be at a limit
+# In which a fact about a subject is reported once, whatever its figures: a link may be at a limit
 REPEAT_SECONDS = 30.0
 MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 # Kept, so that one from before a landing is among them: several times the seconds that are taken back
@@ -55,8 +55,6 @@ TOGETHER_SECONDS = 0.01
 # What waits, from so many s behind on
 SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}
 MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
-
-_NUMBERS = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
 
 
 class _Piece(NamedTuple):
@@ -80,7 +78,7 @@ class LiveSession:
     # its ``hold`` whether rows are to wait. All return at once.
     show: Callable[[Setup], Any]
     report: Callable[[SessionStatus], None]  # called once a second with the status
-    say: Callable[[str], None]  # called with each sentence
+    say: Callable[[Fact], None]  # called with each fact
     executor: Executor | None = None  # for batch learning
     # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
     recording: Any = None
@@ -108,7 +106,7 @@ class LiveSession:
         self._learned = 0
         self._shown = 0
         self._next_judging = 0.0
-        self._obstacle = ""
+        self._obstacle: Fact | None = None
         self._estimate: Estimate | None = None
         self.findings: Findings | None = None
         self._judging: Future[Findings] | None = None
@@ -124,10 +122,10 @@ class LiveSession:
         self._reported = 0.0
         self._sampled = -np.inf
         self._samples = 0
-        self._account = dict.fromkeys(history.ACCOUNT, 0.0)
+        self._account = dict.fromkeys(Spent, 0.0)
         # until when, samples learned, and s of them that are still to be counted
         self._accounted = now, 0, 0.0
-        self._last_said: dict[str, float] = {}
+        self._last_said: dict[object, float] = {}
 
     def step(self, timeout: float = 0.1) -> None:
         """Receives what has come, and analyses it for ``STEP_SECONDS``; waits at most ``timeout`` s for something."""
@@ -137,9 +135,9 @@ class LiveSession:
         while self._waiting and time.monotonic() < until:
             self._analyse()
         for event in self.stream.events():
-            self._log(event.sentence, event.level, event.since + self.history.shift)
-        for text in self.link.events():
-            self._log(text)
+            self._log(event.fact)
+        for fact in self.link.events():
+            self._log(fact)
         now = time.monotonic()
         self._request_rates()
         if now - self._reported >= STATUS_SECONDS:
@@ -151,7 +149,7 @@ class LiveSession:
             self._settled &= status.flying
             if status.obstacle != self._obstacle:
                 self._obstacle = status.obstacle
-                self._log(sentence(status.obstacle) or "The model is being learned.")
+                self._log(status.obstacle or Fact(Session.BEING_LEARNED, Level.GOOD))
             if not self._waiting:
                 self.account(now)
 
@@ -160,27 +158,29 @@ class LiveSession:
         """Until when all that arrived is analysed, s of the monotonic clock."""
         return self._waiting[0].arrival if self._waiting else time.monotonic()
 
-    def account(self, now: float | None = None) -> dict[str, float]:
-        """Seconds by the keys of ``ACCOUNT``, second by second of arrival; their sum is the age of the session."""
+    def account(self, now: float | None = None) -> dict[Spent, float]:
+        """What the seconds were, second by second of arrival; their sum is the age of the session."""
         now = now or self.now
         stream = self.stream.status()
         (before, learned, owed) = self._accounted
+        on_ground = Session.NOT_FLYING, Session.FLIGHT_UNKNOWN
+        waits = stream.obstacle is not None and stream.obstacle.code not in on_ground
         kinds = {
-            "link_lost": self._lost,
-            "silent": now - self._heard >= STATUS_SECONDS,
-            "no_vehicle": stream.vehicle is None,
-            "waiting": stream.obstacle not in ("", history.NOT_FLYING, history.FLIGHT_UNKNOWN)
-            or now - self._sampled >= STATUS_SECONDS,
-            "unsettled": stream.flying,
-            "on_ground": True,
+            Spent.LINK_LOST: self._lost,
+            Spent.SILENT: now - self._heard >= STATUS_SECONDS,
+            Spent.NO_VEHICLE: stream.vehicle is None,
+            Spent.WAITING: waits or now - self._sampled >= STATUS_SECONDS,
+            Spent.UNSETTLED: stream.flying,
+            Spent.ON_GROUND: True,
         }
         # Samples count for the time that they span, not for that in which they were analysed.
         owed += (self._learned - learned) * (self._setup.dt if self._setup else 0.0)
         spent = min(owed, now - before)
         self._accounted = now, self._learned, min(owed - spent, STATUS_SECONDS)
-        self._account["learned"] += spent
+        self._account[Spent.LEARNED] += spent
         self._account[next(kind for kind, holds in kinds.items() if holds)] += now - before - spent
-        return {**self._account, "left_out": self._account["left_out"] + time.monotonic() - now}
+        left_out = self._account[Spent.LEFT_OUT] + time.monotonic() - now
+        return {**self._account, Spent.LEFT_OUT: left_out}
 
     def _keep_up(self) -> None:
         """Does less, the farther the analysis is behind the link; says so when that begins and when it is over."""
@@ -199,25 +199,34 @@ class LiveSession:
             self._leave_out(now - behind)
         if behind >= SHED["plots"]:
             if self._late is None:
-                put_off = " and ".join(what for what in SHED if what in self._shed)
-                left = f"what is older than {MAX_BEHIND_SECONDS:.0f} s is not analysed"
-                left += "." if self.recording is None else ", but recorded."
                 self._log(
-                    f"This computer is {behind:.1f} s behind the link: {put_off} wait, and {left}"
+                    Fact(
+                        Session.COMPUTER_BEHIND,
+                        Level.WATCH,
+                        delay=behind,
+                        names=[what for what in SHED if what in self._shed],
+                        longest_delay=MAX_BEHIND_SECONDS,
+                        recorded=self.recording is not None,
+                    )
                 )
             self._late = now
         elif self._late is not None and now - self._late >= REPEAT_SECONDS:
             self._late = None
-            left = f"{self._account['left_out']:.1f} s were not analysed, {self._dropped} datagrams not received"
             self._log(
-                f"This computer keeps up again; it was up to {self.most_behind:.1f} s behind the link: {left}."
+                Fact(
+                    Session.COMPUTER_KEEPS_UP,
+                    Level.GOOD,
+                    delay=self.most_behind,
+                    left_out=self._account[Spent.LEFT_OUT],
+                    datagrams=self._dropped,
+                )
             )
 
     def _leave_out(self, since: float) -> None:
         """Nothing of the time from ``since`` until now is analysed: no silence, and no message that the link lost."""
         now = self.now
         self.account(min(max(since, self._accounted[0]), now))
-        self._account["left_out"] += now - self._accounted[0]
+        self._account[Spent.LEFT_OUT] += now - self._accounted[0]
         self._accounted = now, *self._accounted[1:]
         self._heard = self._heard + now - since
         self._sampled = self._sampled + now - since
@@ -233,7 +242,7 @@ class LiveSession:
         together = []
         while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
             together.append(self._waiting.popleft())
-        resumed = {"Messages": first.arrival - self._heard}
+        resumed = {"messages": first.arrival - self._heard}
         self._arrival = first.arrival
         self._heard = together[-1].arrival
         for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
@@ -243,47 +252,47 @@ class LiveSession:
         if landing is not None and self.learner is not None:
             self._take_back(self.learner, landing)
         if self.stream.samples != self._samples:
-            resumed["Attitude and motor outputs"] = self._heard - self._sampled
+            resumed["attitude and motor outputs"] = self._heard - self._sampled
             self._samples = self.stream.samples
             self._sampled = self._heard
         for what, after in resumed.items():
             if SILENCE_SECONDS < after < np.inf:
-                self._log(f"{what} resumed after {after:.0f} s without any.")
+                self._log(Fact(Rows.MESSAGES_RESUMED, Level.GOOD, subject=what, duration=after))
 
     def final_model(self) -> Learned:
-        """Returns the last model before the last landing; in flight, that of the last samples; ValueError if none."""
+        """Returns the last model before the last landing; in flight, that of the last samples.
+
+        Raises NotLearnable: there is none.
+        """
         if self.learner is None:
-            raise ValueError("there was no settled flight")
+            raise NotLearnable(Fact(Session.NO_LIVE_FLIGHT))
         if not (self._landed and self._models):
+            seconds = FIT_SECONDS * (1 if self._models else 2)
+            because: Fact | None = None
             try:
-                return self._named(
-                    self.learner.learn_now(seconds := FIT_SECONDS * (1 if self._models else 2))
-                )
-            except (ValueError, RuntimeError, TimeoutError) as error:
-                late = isinstance(error, TimeoutError)
+                return self._named(self.learner.learn_now(seconds))
+            except TimeoutError:
                 if not self._models:
-                    raise ValueError(
-                        f"not learned within {seconds:.0f} s" if late else str(error)
+                    raise NotLearnable(
+                        Fact(Session.NOT_LEARNED_IN_TIME, duration=seconds)
                     ) from None
-                reason = (
-                    f"was not finished within {seconds:.0f} s"
-                    if late
-                    else f"cannot be learned ({error})"
-                )
-                self._log(f"The newest model {reason}: the former one is kept.")
+            except (ValueError, RuntimeError) as error:
+                because = _fact_of(error)
+                if not self._models:
+                    raise NotLearnable(because) from None
+            kept = Fact(Session.FORMER_MODEL_KEPT, because=because, duration=seconds)
+            self._log(kept)
         _, model = self._models[-1]
         return self._named(model)
 
     def judge(self, learned: Learned | None) -> None:
         """Judges the model at the end, if there is one: from then on it has the physical parameters shown last."""
-        obstacle = self.status.obstacle
-        none = partial(
-            findings_of,
-            alarms=self.stream.status().alarms,
-            refusal=prose(sentence(obstacle)) if obstacle else None,
-        )
         with suppress(ValueError):
-            self.findings = (none if learned is None else self._judgement(learned))()
+            if learned is not None:
+                self.findings = self._judgement(learned)()
+            else:
+                status = self.status
+                self.findings = findings_of(alarms=status.alarms, refusal=status.obstacle)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -294,17 +303,18 @@ class LiveSession:
                 self.recording.close()
             except OSError as error:
                 self.recording = None
-                self._log(f"The recording could not be finished ({_reason(error)}).")
+                self._log(_failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=True))
 
     @property
     def status(self) -> SessionStatus:
         """The status as of now."""
         status = self.stream.status()
         silence = self._silence()
-        obstacle = None if self.learner is None else self.learner.obstacle
-        learning = "" if obstacle is None else str(obstacle)
+        learning = None
         if not (self._settled and status.flying):
-            learning = history.NOT_SETTLED if status.flying else history.NOT_FLYING
+            learning = Fact(Session.NOT_SETTLED if status.flying else Session.NOT_FLYING)
+        elif self.learner is not None:
+            learning = self.learner.obstacle
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         known = self._latencies[: self._learned + self._shown]
         latency = (
@@ -324,18 +334,17 @@ class LiveSession:
         rows = replace(rows, behind=behind if behind >= SHED["plots"] else 0.0)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
-    def _silence(self) -> str:
-        """The sentence about a silent link; empty if it is not silent."""
+    def _silence(self) -> Fact | None:
+        """What a silent link lacks; None if it is not silent."""
         since = self.now - SILENCE_SECONDS
         if self._lost:
-            return "the link is lost"
-        missing = (
-            "no attitude and no motor outputs were"
-            if self._samples and self._sampled < since
-            else ""
-        )
-        missing = "nothing was" if self._heard < since else missing
-        return missing and f"{missing} received for {SILENCE_SECONDS:.0f} s and more"
+            return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
+        if self._heard < since:
+            return Fact(Rows.NOTHING_RECEIVED, duration=SILENCE_SECONDS)
+        if self._samples and self._sampled < since:
+            missing = "attitude and no motor outputs"
+            return Fact(Rows.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+        return None
 
     def _receive(self, timeout: float) -> list[_Piece]:
         """Receives and records; opens a lost link again."""
@@ -346,11 +355,11 @@ class LiveSession:
                     time.sleep(min(timeout, 0.1))
                     return []
                 self._lost = False
-                self._log("The link is open again.")
+                self._log(Fact(LinkFact.LINK_OPEN_AGAIN, Level.GOOD))
             received = self.link.receive(timeout)
         except LinkLost as error:
             self._lost = True
-            self._log(f"{error} Trying to open it again.")
+            self._log(error.fact.but(reopening=True))
             return []
         try:
             for stamp, data in received:
@@ -358,7 +367,7 @@ class LiveSession:
                     self.recording.take(stamp, data)
         except OSError as error:
             self.recording = None
-            self._log(f"The recording ends here ({_reason(error)}); everything else continues.")
+            self._log(_failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=False))
         now = time.monotonic()
         wall = time.time()
         first = self._emptied
@@ -386,7 +395,7 @@ class LiveSession:
                     row.time, row.outputs, row.inputs, self.stream.alarms.weak_since
                 )
             except ValueError as error:
-                self._log(f"A sample was skipped: {_reason(error)}.")
+                self._log(_failure(Session.SAMPLE_SKIPPED, error))
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest = learner.learned
                 self._landed = False
@@ -429,7 +438,7 @@ class LiveSession:
         key = setup.dt, layout.names
         if key not in self._learners:
             if self.prior is not None and not alike:
-                self._log("The earlier model has other inputs: it is not used.")
+                self._log(Fact(Session.PRIOR_NOT_USED, Level.WATCH))
             self._learners[key] = OnlineLearner(
                 self.settings, *sizes, executor=self.executor, **options
             )
@@ -442,7 +451,7 @@ class LiveSession:
         except Exception as error:
             self._display = None
             self.show = lambda setup: None
-            self._log(f"The display failed ({_reason(error)}); everything else continues.")
+            self._log(_failure(Session.DISPLAY_FAILED, error))
         if before is None and self._display is not None:
             for event in self.history.events:
                 self._display.log(event)
@@ -516,8 +525,8 @@ class LiveSession:
             self._boot = self.stream.boot
             self.request.restart()
         self._send(self.request.due(now, rates, vehicle.parameters))
-        for event in self.request.events:
-            self._log(event)
+        for fact in self.request.events:
+            self._log(fact)
         self.request.events.clear()
 
     def _restore_rates(self, request: RateRequest) -> None:
@@ -534,31 +543,39 @@ class LiveSession:
                 for message in self.stream.replies():
                     request.take(message)
         if request.restore():
-            self._log(history.UNCONFIRMED)
+            self._log(Fact(RateFact.RATES_NOT_RESTORED, Level.WATCH))
 
     def _send(self, frames: list[bytes]) -> None:
         try:
             for frame in frames:
                 self.link.send(frame)
         except LinkLost as error:
-            self._log(str(error))
+            self._log(error.fact)
 
-    def _log(self, text: str, level: str = "INFO", since: float = np.nan) -> None:
+    def _log(self, fact: Fact) -> None:
         now = time.monotonic()
-        said = sentence(text)
-        kind = _NUMBERS.sub("", said)
+        kind = fact.code, fact.subject, fact.figures.get("text")
         self._last_said = {
             before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS
         }
-        if kind in self._last_said and level != "ERROR" and not np.isfinite(since):
+        if kind in self._last_said and fact.time is None:
             return  # but each alarm and each recovery is reported
         self._last_said[kind] = now
-        self.say(said)
-        self.history.events.append(Event(self.history.now, said, level, since))
+        self.say(fact)
+        since = np.nan if fact.time is None else fact.time + self.history.shift
+        self.history.events.append(Event(self.history.now, fact, since))
         if self._display is not None:
             self._display.log(self.history.events[-1])
 
 
-def _reason(error: Exception) -> str:
+def _failure(code: Code, error: Exception, finishing: bool = False) -> Fact:
     text = error.strerror if isinstance(error, OSError) else None
-    return (text or str(error)).rstrip(".")
+    text = (text or str(error)).rstrip(".")
+    return Fact(code, Level.WATCH, error=text, finishing=finishing)
+
+
+def _fact_of(error: Exception) -> Fact:
+    """Why nothing is learned; what is no refusal is of a library or of a process that ended."""
+    if isinstance(error, Refusal):
+        return error.fact
+    return Fact(Session.PROCESS_FAILED, error=str(error).rstrip("."))

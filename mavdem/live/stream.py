@@ -1,4 +1,4 @@
-"""LiveStream: from the bytes of a link to aligned rows of one vehicle, and sentences on what happens to them."""
+"""LiveStream: from the bytes of a link to aligned rows of one vehicle, and facts on what happens to them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
-from mavdem.facts import Fact
-from mavdem.facts.learnability import Reason
+from mavdem.facts import Code, Fact, Level
+from mavdem.facts.session import Rows, Session, VehicleFact
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
@@ -53,15 +53,9 @@ MAX_REPLIES = 64
 # Of the boot clock, between two reviews of the phase, and two of the inputs
 REVIEW_SECONDS = 0.1
 CHOICE_SECONDS = 0.5
-NO_ATTITUDE = Fact(Reason.NO_ATTITUDE, recorder="", remedy=None)
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
-ONLY_DEMAND = (
-    "The inputs are the demand and not the motors, so that a weak motor would not be seen."
-)
-NO_EVIDENCE = "There is no EXTENDED_SYS_STATE and no vertical speed: motors and flight mode alone show a landing."
-ADVICE = " Ask for more with `--request-rate 100`."
 
 
 class LiveStream:
@@ -69,7 +63,7 @@ class LiveStream:
 
     The rows depend on the bytes alone, not on how they are cut into pieces nor on when they come. The arguments are as
     for :func:`mavdem.read_flight`; without a ``vehicle`` it is the only multirotor that sends attitude. If the vehicle
-    is ``asked`` for rates already, no sentence advises it.
+    is ``asked`` for rates already, no fact advises it.
 
     Raises ValueError: unknown axis or inputs.
     """
@@ -90,7 +84,7 @@ class LiveStream:
         self.samples = self.boot = 0
         self.axis = axis
         self._wanted = inputs
-        self._advice = "" if asked else ADVICE
+        self._can_ask = not asked
         self._frames, self._senders = FrameReader(), Senders(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
@@ -110,7 +104,7 @@ class LiveStream:
         self._connected_from = inf
         self._received = 0.0
         self._left_out = self._said_evidence = False
-        self._obstacle = "The message rates are being measured."
+        self._obstacle: Fact | None = Fact(Rows.RATES_BEING_MEASURED)
         self._enough = True
 
     @property
@@ -162,7 +156,7 @@ class LiveStream:
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle
-            or (f"{NO_ATTITUDE}{self._advice}" if isnan(now) else self._obstacle),
+            or (self._fact(Rows.NO_LIVE_ATTITUDE) if isnan(now) else self._obstacle),
             rates=self._rates(now),
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
@@ -170,9 +164,9 @@ class LiveStream:
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
             alarms=tuple(self.alarms.latest),
-            alarm=self.alarms.sentence,
+            alarm=self.alarms.standing,
             wind=self.air.row,
-            no_wind=self.air.reason,
+            no_wind=self.air.obstacle,
         )
 
     def _rates(self, now: float) -> dict[str, float]:
@@ -222,8 +216,8 @@ class LiveStream:
         elif name in FLAGS:
             self.air.flags = message.values[0]
         elif name == "EXTENDED_SYS_STATE" or name in CLIMB_FIELDS:
-            if name in VELOCITIES and (said := self.air.velocity(name, time, message.values)):
-                self._report(said)
+            if name in VELOCITIES and (wind := self.air.velocity(name, time, message.values)):
+                self._report(wind)
             self._phase.take(
                 "landed_state" if name == "EXTENDED_SYS_STATE" else name, time, message.values[0]
             )
@@ -259,13 +253,13 @@ class LiveStream:
         if self._grid.running:
             if stream.gap:
                 if not self._left_out:
-                    self._report(f"No {name} for {stream.gap:.2f} s: a new segment starts.")
+                    self._report(Fact(Rows.MESSAGE_GAP, subject=name, duration=stream.gap))
                 self._grid.end()
             elif (
                 stream.added % RATE_CHECK_SAMPLES == 0
                 and (before := self._grid.former_rate(stream)) is not None
             ):
-                self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
+                self._report(Fact(Rows.RATE_CHANGED, subject=name, former_rate=before))
                 self._grid.end(forget_step=True)
                 for changed in streams:
                     changed.break_off()
@@ -309,10 +303,10 @@ class LiveStream:
         ):
             return
         self._report(
-            f"Using {now.attitude} and {now.motors}: one row every {1e3 * now.dt:.4g} ms, {len(plan.names)} inputs."
+            Fact(Rows.ROWS_BEGIN, Level.GOOD, names=names, step=now.dt, inputs=len(plan.names))
         )
         if plan.channels_assumed or plan.positions_assumed:
-            self._report(f"Which motor is which is assumed: {plan.basis}.")
+            self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, Level.WATCH, basis=plan.basis))
 
     def _review(self, sender: Sender, now: float) -> None:
         """Decides again whether the vehicle flies and, less often, what its rows are made of."""
@@ -336,7 +330,7 @@ class LiveStream:
         if self._phase.settled(now) and not self._phase.evident(now) and not self._said_evidence:
             self._said_evidence = now - self._connected_from >= DECISION_SECONDS
             if self._said_evidence:
-                self._report(NO_EVIDENCE + self._advice)
+                self._report(self._fact(Rows.ONLY_MOTORS_SHOW_LANDING))
 
     def _choose_inputs(self, sender: Sender) -> None:
         """Chooses the inputs again, by the rates of messages and by what moves."""
@@ -360,13 +354,11 @@ class LiveStream:
             self._phase.restart_collective(inputs.collective)
         self._inputs = inputs
         if before is not None and running and inputs.key != before.key:
-            self._report(
-                f"The inputs change to {', '.join(inputs.layout.names)}: a new segment starts."
-            )
+            self._report(Fact(Rows.INPUTS_CHANGED, names=inputs.layout.names))
             self._grid.end(forget_step=True)
         elif running and self.setup is not None and inputs.layout != self.setup.layout:
             self.setup = replace(self.setup, layout=inputs.layout)
-            self._report(f"Which motor is which is known from {inputs.layout.basis}.")
+            self._report(Fact(Rows.MOTOR_ORDER_KNOWN, Level.GOOD, basis=inputs.layout.basis))
 
     def _judge(self, sender: Sender, now: float) -> None:
         """Reports when messages are missing or too slow, and when they no longer are."""
@@ -377,25 +369,25 @@ class LiveStream:
             if self._inputs
             else max(outputs, key=outputs.__getitem__, default=None)
         )
-        obstacle: str | None
+        obstacle: Fact | None
         if sender.kind not in (*MULTIROTORS, UNNAMED):
-            obstacle = (
-                f"The vehicle is a {sender.kind}; the {self.axis} model is for multirotors only."
-            )
+            obstacle = Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=sender.kind, axis=self.axis)
         elif self._attitude is None:
-            obstacle = str(NO_ATTITUDE)
+            obstacle = Fact(Rows.NO_LIVE_ATTITUDE, can_ask=False)
         elif drives is None:
-            obstacle = "There is no message with motor outputs."
+            obstacle = Fact(Rows.NO_MOTOR_MESSAGE)
         else:
             rates = {name: heard[name] for name in (self._attitude, drives)}
             # With hysteresis: a rate at the limit must not be reported twice a second.
             least = MINIMUM_RATE / STEP_TOLERANCE if self._enough else MINIMUM_RATE
             slow = too_slow(rates, self.axis) if min(rates.values()) < least else None
-            obstacle = f"{slow}{self._advice}" if slow else None
+            obstacle = None
+            if slow is not None:
+                obstacle = self._fact(Rows.LIVE_RATES_TOO_LOW).but(because=slow)
         if obstacle is not None and self._enough:
             self._report(obstacle)
         elif obstacle is None and not self._enough:
-            self._report("Attitude and motor outputs come fast enough now.")
+            self._report(Fact(Rows.LIVE_RATES_ENOUGH, Level.GOOD))
         self._enough = obstacle is None
         self._obstacle = obstacle or self._phase.obstacle
 
@@ -406,10 +398,10 @@ class LiveStream:
             self.alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
-            for event in self.alarms.take(
+            for fact in self.alarms.take(
                 time, self.boot, inputs, inputs.scale.fraction(sent).tolist()
             ):
-                self._report(*event)
+                self._report(fact)
 
     def _reboot(self, boot: int) -> None:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
@@ -418,36 +410,41 @@ class LiveStream:
         self._choice.restart()
         self.air.restart()
         self._attitude, self._inputs, self._phase = None, None, Phase()
-        self.alarms.sentence = ""
+        self.alarms.standing = ()
         self.alarms.weak_since = nan
         self._grid.restart()
         self._reviewed = -inf
         self._connected_from = inf
 
-    def _report(self, sentence: str, level: str = "INFO", since: float = nan) -> None:
-        self._events.append(Event(self._received, sentence, level, since))
+    def _fact(self, code: Code) -> Fact:
+        """A fact that says, unless rates are asked for already, that they can be."""
+        return Fact(code, can_ask=self._can_ask)
+
+    def _report(self, fact: Fact) -> None:
+        self._events.append(Event(self._received, fact))
 
 
 class MotorAlarms:
-    """Changes of the motors' balance, as in ``SessionStatus``. ``landed``: on the ground since; ``weak_since``: s."""
+    """Changes of the motors' balance: the ``latest``, those ``standing`` as ``alarm`` of a ``SessionStatus``.
+
+    ``landed``: on the ground since; ``weak_since``: s, since when a motor is weak.
+    """
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.sentence = ""
+        self.standing: tuple[Fact, ...] = ()
         self.landed = False
         self.weak_since = nan
         self._watch: MotorWatch | None = None
         self._watched: object = None
-        self._reported = {""}  # Reasons why none would be seen
+        self._reported = set[Code]()  # Reasons why none would be seen
 
-    def take(
-        self, time: float, boot: int, inputs: Inputs, commands: list[float]
-    ) -> Iterator[tuple[str, str, float]]:
-        """Sentence, level and beginning of what to report of a sample in settled flight; ``commands`` as shares."""
+    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[Fact]:
+        """What to report of a sample in settled flight; ``commands`` as shares."""
         if self.landed:
-            self.sentence = ""
+            self.standing = ()
             self.landed = False
-        obstacle = ONLY_DEMAND
+        obstacle: Fact | None = Fact(Rows.ONLY_DEMAND)
         layout = inputs.layout
         self.weak_since = nan
         if inputs.message != DEMAND_MESSAGE:
@@ -457,16 +454,22 @@ class MotorAlarms:
                 self._watch = MotorWatch(layout, boot)
                 self._watched = watched
             changes = self._watch.take(time, commands)
-            obstacle = str(self._watch.obstacle or "")
+            obstacle = self._watch.obstacle
             self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
             for change in changes:
                 self.latest.append(change)
                 if change.motor is not None:
-                    self.sentence = (
-                        " ".join(alarm.sentence for alarm in self._watch.weak.values())
-                        or change.sentence
-                    )
-                yield change.sentence, "ERROR" if change.weak else "INFO", change.since
-        if obstacle not in self._reported:
-            self._reported.add(obstacle)
-            yield obstacle, "INFO", nan
+                    weak = [*self._watch.weak.values()] or [change]
+                    self.standing = tuple(map(announced, weak))
+                yield announced(change)
+        if obstacle is not None and obstacle.code not in self._reported:
+            self._reported.add(obstacle.code)
+            yield obstacle
+
+
+def announced(change: MotorAlarm) -> Fact:
+    """Returns the fact of a ``change``, as an alarm where a motor lost thrust."""
+    fact = change.fact
+    if fact.level is not Level.BAD:
+        return fact
+    return Fact(Session.ALARM, Level.BAD, time=fact.time, subject=fact.subject, because=fact)

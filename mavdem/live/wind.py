@@ -28,6 +28,8 @@ from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in
 from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.session import Session
 
 # s from row to row, and between samples that are kept, at least
 ROW = 0.1
@@ -58,17 +60,31 @@ class WindRow(NamedTuple):
         turned = min(float(np.hypot(turned, quantile() * HEADING_SD)), 180.0)
         return speed, max(speed - half, 0.0), speed + half, origin, turned
 
-    def words(self) -> tuple[str, str]:
-        """Returns the speed with its interval, and where it comes from as far as that is known."""
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """The speed, which is None where it may be calm, and where the wind comes from as far as that is known."""
         speed, low, high, origin, turned = self.by_compass
-        if low < min(CALM, high / 3):
-            return f"below {high:.1f} m/s", ""
-        said = f" from {from_point(origin)}, ± {turned:.0f}°" if turned <= DIRECTION_LIMIT else ""
-        return f"{speed:.1f} m/s ({low:.1f} to {high:.1f})", said
+        calm = low < min(CALM, high / 3)
+        strength = Fact(
+            Session.WIND_SPEED,
+            Level.GOOD,
+            speed=None if calm else speed,
+            speed_interval=(low, high),
+        )
+        if calm or turned > DIRECTION_LIMIT:
+            return (strength,)
+        course = Fact(
+            Session.WIND_FROM,
+            Level.GOOD,
+            direction=origin,
+            point=from_point(origin),
+            half_width=turned,
+        )
+        return strength, course
 
 
 class LiveWind:
-    """Makes rows of attitude and velocity in settled flight: the latest ``row``, or the ``reason`` why there is none.
+    """Makes rows of attitude and velocity in settled flight: the latest ``row``, or the ``obstacle`` to them.
 
     The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.
     """
@@ -82,7 +98,7 @@ class LiveWind:
     def restart(self) -> None:
         """Forgets the flight, whose clock is over."""
         self.row: WindRow | None = None
-        self.reason = ""
+        self.obstacle: Fact | None = None
         self.flags = VELOCITY_FLAGS[0]
         self._said = False
         self._last: tuple[float, Sequence[float], Sequence[float]] = -inf, (), ()
@@ -101,13 +117,13 @@ class LiveWind:
         if not self._attitudes or time - self._attitudes[-1][0] >= SAMPLE - 1e-3:
             self._attitudes.append((time, *angles))
 
-    def velocity(self, name: str, time: float, values: Sequence[float]) -> str:
-        """Takes down, north and east of a message, and where that is; returns a sentence on the first row."""
+    def velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
+        """Takes down, north and east of a message, and where that is; returns the wind with the first row."""
         (last, moved, place) = self._last
         self._local = time if name == "LOCAL_POSITION_NED" else self._local
         dt = time - last
         if dt < SAMPLE - 1e-3 or (name != "LOCAL_POSITION_NED" and time - self._local < LOST):
-            return ""
+            return None
         down, *level = (VELOCITIES[name] * value for value in values[:3])
         self._last = time, level, values[3:]
         # A reset of the position is no motion.
@@ -118,7 +134,7 @@ class LiveWind:
             self._ignored = time + AROUND
         sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0] and time >= self._ignored
         if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
-            return ""
+            return None
         if self._velocities and time - self._velocities[-1][0] > LOST:
             self._filters = []
             self.row = None
@@ -134,7 +150,9 @@ class LiveWind:
             self._tick += 1
         news = self.row is not None and not self._said
         self._said = self._said or self.row is not None
-        return f"The wind is {''.join(self.row.words())}." if news and self.row else ""
+        if not news or self.row is None:
+            return None
+        return Fact(Session.WIND_KNOWN, Level.GOOD, because=self.row.facts)
 
     def _table(self, since: float, until: float) -> tuple[Array, Array, Array]:
         """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""
@@ -155,14 +173,14 @@ class LiveWind:
             return
         try:
             if 0 in np.ptp(np.column_stack([angles[:, 2], speeds[:, :2]]), axis=0):
-                raise NotLearnable("Yaw or velocity never changes by a digit: it is not measured.")
+                raise NotLearnable(Fact(Session.WIND_NOT_MEASURED))
             checked(stamps, angles, speeds)
         except NotLearnable as error:
-            self.reason = str(error)
+            self.obstacle = error.fact
             self.row = None
             self._filters = []
             return
-        self.reason = ""
+        self.obstacle = None
         start = motion(stamps, angles, speeds, max(STEP, float(np.median(np.diff(stamps)))))
         if not self._filters and start.known.any():
             self._step = start.step

@@ -15,9 +15,10 @@ from pathlib import PurePath
 import numpy as np
 
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
+from mavdem.facts.session import Spent
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import (
@@ -30,7 +31,7 @@ from mavdem.fleet.difference import (
 )
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
 from mavdem.health.in_flight import FALSE_ALARMS
-from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
+from mavdem.live.history import AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Rated, Sentence, Table, caution
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import (
@@ -43,6 +44,7 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
+from mavdem.report.words import advised, begin
 
 TROUBLE = HEALTHS[:2]
 LEVELS = {
@@ -423,7 +425,7 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [caution(named)] if found.shared else []
 
 
-def whole_seconds(account: Mapping[str, float]) -> dict[str, int]:
+def whole_seconds(account: Mapping[Spent, float]) -> dict[Spent, int]:
     """Returns an account in whole seconds, whose sum is that of the account."""
     ends = np.rint(np.cumsum(list(account.values()))).astype(int)
     return dict(zip(account, np.diff(ends, prepend=0).tolist(), strict=True))
@@ -432,14 +434,14 @@ def whole_seconds(account: Mapping[str, float]) -> dict[str, int]:
 def live_report(
     history: LiveHistory,
     status: SessionStatus,
-    account: Mapping[str, float],
+    account: Mapping[Spent, float],
     axis: str,
     seconds: float = 0.0,
 ) -> list[Block]:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
-    ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
-    ``ACCOUNT``; ``seconds`` of the last ones are in the model.
+    ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by what they
+    were; ``seconds`` of the last ones are in the model.
     """
     errors = history.errors()
     angle = readable("rad")
@@ -459,13 +461,13 @@ def live_report(
         blocks.append(Sentence(str(FALSE_ALARMS), "False alarms:"))
     if status.wind is not None or status.no_wind:
         said = (
-            f"{''.join(status.wind.words())}, at {status.wind.time:.0f} s."
+            f"{' '.join(map(str, status.wind.facts))}, at {status.wind.time:.0f} s."
             if status.wind
-            else status.no_wind
+            else str(status.no_wind)
         )
         blocks.append(Sentence(said, "Wind:"))
     if status.obstacle:
-        blocks.append(Sentence(status.obstacle, "At the end:"))
+        blocks.append(Sentence(advised(status.obstacle), "At the end:"))
     if errors:
         made = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         blocks += [_errors(errors, axis), Sentence(made, "How they were made:")]
@@ -477,11 +479,7 @@ def live_report(
         text = f"{parts}, {total:.0f} s together; the last {seconds:.0f} s are in the model at the end."
         blocks.append(Sentence(text, "Learned from:"))
     whole = whole_seconds(account)
-    spent = [
-        [what[0].upper() + what[1:], f"{whole[kind]} s"]
-        for kind, what in ACCOUNT.items()
-        if whole[kind]
-    ]
+    spent = [[begin(Fact(kind)), f"{whole[kind]} s"] for kind in Spent if whole[kind]]
     blocks.append(Table([f"of {sum(whole.values())} s", "time"], spent))
     if status.vehicle is not None:
         rates = ", ".join(

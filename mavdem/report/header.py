@@ -104,8 +104,8 @@ def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:
     """Yields those of a live flight."""
     yield from _lost(status.alarms)
     if status.wind is not None:
-        speed, origin = status.wind.words()
-        yield KeyFigure("Wind", speed, f"{origin.strip()} at {status.wind.time:.0f} s")
+        speed, *origin = map(str, status.wind.facts)
+        yield KeyFigure("Wind", speed, f"{' '.join(origin)} at {status.wind.time:.0f} s")
     seconds, half = status.ahead
     if isfinite(half):
         yield KeyFigure(

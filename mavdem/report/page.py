@@ -29,6 +29,7 @@ from mavdem.errors import NotLearnable, downstream
 from mavdem.evaluate.comparison import Comparison
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Grade, Purpose
+from mavdem.facts.session import Spent
 from mavdem.flight import Flight
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
@@ -54,7 +55,7 @@ from mavdem.report.screen import (
     vehicle_blocks,
 )
 from mavdem.report.timeline import Timeline, live_timeline, timeline_of
-from mavdem.report.words import section
+from mavdem.report.words import advised, section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -408,12 +409,12 @@ def live_page(
     axis: str,
     history: LiveHistory,
     status: SessionStatus,
-    account: Mapping[str, float],
+    account: Mapping[Spent, float],
     learned: Learned | None,
 ) -> str:
     """Returns the HTML of a live flight: ``history`` was collected in flight, the others are those at its end.
 
-    ``account`` has seconds by the keys of ``ACCOUNT``.
+    ``account`` has seconds by what they were.
     """
     found = status.findings or findings_of(learned, alarms=status.alarms)
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
@@ -424,7 +425,10 @@ def live_page(
     *blocks, following = (
         conclusion(found)
         if found.headline is not None
-        else [report[0], Sentence(status.obstacle, "At the end:")]
+        else [
+            report[0],
+            Sentence(advised(status.obstacle) if status.obstacle else "", "At the end:"),
+        ]
     )
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
     if learned is not None:

@@ -18,7 +18,9 @@ from mavdem.analysis.findings import known_wind
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.dem.engine.linalg import Array
+from mavdem.facts.prose import prose
 from mavdem.live.history import AHEAD, Event, LiveHistory
+from mavdem.live.stream import announced
 from mavdem.report import palette
 from mavdem.report.numbers import TORQUE, named, readable
 
@@ -111,9 +113,7 @@ class Timeline(NamedTuple):
             for row, grid, found in self.thinned(points)
         ]
         events = [
-            (event.seconds, event.level == "ERROR")
-            for event in self.events
-            if np.isfinite(event.seconds)
+            (event.seconds, event.is_alarm) for event in self.events if np.isfinite(event.seconds)
         ]
         return {
             "span": self.span,
@@ -160,15 +160,13 @@ def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> 
     alarms = [alarm for alarm in analysis.alarms if alarm.boot == boot]
     ends_of_modes = zip(changes, [*changes[1:], (span[1], "")], strict=False)
     modes = [(max(at, span[0]), min(end, span[1]), name) for (at, name), (end, _) in ends_of_modes]
-    said = [Event(at, f"{name} mode.") for at, name in changes]
+    said = [Event(at, prose(f"{name} mode.")) for at, name in changes]
     said += [
-        Event(edge, word)
+        Event(edge, prose(word))
         for part in armed
         for edge, word in zip(part, ("Armed.", "Disarmed."), strict=True)
     ]
-    said += [
-        Event(alarm.since, alarm.sentence, "ERROR" if alarm.weak else "INFO") for alarm in alarms
-    ]
+    said += [Event(alarm.since, announced(alarm)) for alarm in alarms]
     events = sorted(
         (one for one in said if span[0] <= one.seconds <= span[1]), key=lambda one: one.seconds
     )

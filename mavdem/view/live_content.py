@@ -11,7 +11,6 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.condition.wind_velocity import from_point
 from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel, Physical
 from mavdem.dem.engine.linalg import Array
@@ -20,7 +19,7 @@ from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.record import Record
 from mavdem.live import SessionStatus
-from mavdem.live.history import AHEAD, sentence
+from mavdem.live.history import AHEAD
 from mavdem.live.wind import WindRow
 from mavdem.report.blocks import markdown
 from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, with_unit
@@ -35,6 +34,7 @@ from mavdem.report.palette import (
     distinct,
 )
 from mavdem.report.screen import verdict_blocks
+from mavdem.report.words import advised
 from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
 
 # in view
@@ -354,9 +354,9 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
         if status.obstacle or until is None
         else "learning"
     )
-    reason = sentence(status.obstacle or (str(TOO_FEW) if until is None else ""))
+    reason = _reason(status, until)
     said = (
-        status.alarm
+        " ".join(map(str, status.alarm))
         or (str(status.findings.headline) if status.findings and doubts else reason)
         or "The model follows the flight."
     )
@@ -387,17 +387,22 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
             for pair, name in pairs
         ]
         effect = words[0], f"rate damping {words[1]}"
-    wind = "–", status.no_wind or "needs attitude and velocity over ground"
+    wind = "–", str(status.no_wind or "needs attitude and velocity over ground")
     if (latest := status.wind) is not None:
-        speed, origin = latest.words()
-        arrow = f" {from_point(latest.by_compass[3])[-1]}" if origin else ""
-        wind = (
-            speed + arrow,
-            f"{origin} (90 %), {row.time - row.shift - latest.time:.1f} s ago".strip(),
-        )
+        speed, *origin = latest.facts
+        arrow = f" {origin[0].figures['point'][-1]}" if origin else ""
+        ago = f"(90 %), {row.time - row.shift - latest.time:.1f} s ago"
+        wind = f"{speed}{arrow}", " ".join([*map(str, origin), ago])
     shown |= {f"Error of the predicted {output}": error, "Wind": wind}
     shown |= {"Wind torque": torque, "Control effectiveness": effect}
     return tuple(f"{name}\n### {value}\n{remark}" for name, (value, remark) in shown.items())
+
+
+def _reason(status: SessionStatus, until: float | None) -> str:
+    """Why there is no model, or no newer one."""
+    if status.obstacle is not None:
+        return advised(status.obstacle)
+    return advised(TOO_FEW) if until is None else ""
 
 
 def status_document(status: SessionStatus, row: ViewRow, until: float | None) -> str:
@@ -412,12 +417,10 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
     model = "No model yet."
-    reason = status.obstacle or str(TOO_FEW)
     if until is not None:
         ago = max(0.0, row.time - row.shift - until)
         model = f"The model was learned up to {ago:.1f} s ago."
-        reason = status.obstacle
-    learning = f"{model} {sentence(reason)}"
+    learning = f"{model} {_reason(status, until)}"
     cautions = (
         [f"**Cautions:** {' '.join(row.learned.cautions)}"]
         if row.learned and row.learned.cautions

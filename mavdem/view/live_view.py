@@ -20,6 +20,8 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
+from mavdem.facts import Level
+from mavdem.facts.prose import prose
 from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
 from mavdem.live.wind import WindRow
@@ -105,7 +107,8 @@ class SinkThread(threading.Thread):
         except (
             Exception
         ) as error:  # a row that cannot be drawn ends neither the view nor the flight
-            self.put(Event(self._last.time if self._last else 0.0, f"not drawn: {error}", "ERROR"))
+            fact = prose(f"not drawn: {error}").but(Level.BAD)
+            self.put(Event(self._last.time if self._last else 0.0, fact))
 
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
@@ -141,7 +144,8 @@ class SinkThread(threading.Thread):
             self._until = next(models, self._until)
             self._writer.rows(same)
         for line in lines:
-            log(recording, *line[:3])
+            level = "ERROR" if line.is_alarm else "INFO"
+            log(recording, line.seconds, as_text(line.sentence), level)
             if self._writer is not None:
                 self._writer.mark(line.since)
         if self._last is not None and wall.monotonic() >= self._next_status:
@@ -212,7 +216,7 @@ class LiveView:
         """Shows an event in the log, at its time of the timeline."""
         time = event.seconds if isfinite(event.seconds) else 0.0
         for thread in () if self._closed else self._threads:
-            thread.put(event._replace(seconds=time, sentence=as_text(event.sentence)))
+            thread.put(event._replace(seconds=time))
 
     def hold(self, held: bool) -> None:
         """Makes rows wait while this computer has no time to draw them."""

@@ -19,13 +19,14 @@ from mavdem.cli.commands import main
 from mavdem.cli.learn import RESULT_FILES, named_after
 from mavdem.cli.output import json_text, print_blocks
 from mavdem.facts.assessment import Purpose
+from mavdem.facts.session import Spent
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_learned
 from mavdem.heading import heading
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
-from mavdem.live.history import ACCOUNT, LiveHistory
+from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.page import flight_page, live_page
 
@@ -316,7 +317,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     # A session's page is made of the same record.
     status = SessionStatus("1:1", alarms=(alarm,))
     live = live_page(
-        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(ACCOUNT, 0.0), analysis.learned
+        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(Spent, 0.0), analysis.learned
     )
     assert (
         headline in live.replace("\N{NO-BREAK SPACE}", " ")

@@ -99,7 +99,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     def fly(session, asked, duration):
         folder.rmdir()
         # What takes its time at the end is no silence of the link's.
-        session.learner = Mock(obstacle="", **{"learn_now.side_effect": lambda _: late(session)})
+        session.learner = Mock(obstacle=None, **{"learn_now.side_effect": lambda _: late(session)})
 
     def late(session):
         session._heard -= 60

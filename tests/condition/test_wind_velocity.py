@@ -247,7 +247,7 @@ def test_live_rows_are_of_free_flight_only(scale, why):
     ):
         live.attitude(at, angles)
         live.velocity("LOCAL_POSITION_NED", at, (down, north, east, *xy))
-    assert why in live.reason and (live.row is None) == bool(why)
+    assert why in str(live.obstacle or "") and (live.row is None) == bool(why)
     assert why or np.all(
         np.abs(live.row.velocity - air[time > live.row.time][0]) < 2 * live.row.band
     )

@@ -14,6 +14,7 @@ from whole_logs import read
 from mavdem.alignment import signals
 from mavdem.alignment.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_SECONDS, Segment, align
 from mavdem.alignment.signals import Signals
+from mavdem.facts import Code, Fact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live import AlignedRow, Event, LiveStream, Setup
 
@@ -118,8 +119,12 @@ class Replay:
     """Segment, and the time since which its settled rows were of a landing."""
 
     @property
-    def sentences(self) -> list[str]:
-        return [event.sentence for event in self.events]
+    def facts(self) -> list[Fact]:
+        return [event.fact for event in self.events]
+
+    @property
+    def codes(self) -> list[Code]:
+        return [fact.code for fact in self.facts]
 
     def segments(self) -> dict[int, list[AlignedRow]]:
         found: dict[int, list[AlignedRow]] = {}

@@ -10,6 +10,7 @@ from mavlink_streams import message
 
 from mavdem.alignment import drive, signals
 from mavdem.alignment.align import sample
+from mavdem.facts.session import Rows, VehicleFact
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
@@ -46,10 +47,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
     assert all(row.settled for row in made.segments()[1])
-    assert any(
-        ("Nothing was received" if silence > 5 else "a new segment") in said
-        for said in made.sentences
-    )
+    assert (VehicleFact.CLOCK_JUMPED if silence > 5 else Rows.MESSAGE_GAP) in made.codes
     assert silence < 1.0 or made.stream.status().missing == pytest.approx(silence, abs=0.1)
     settled_uniform(made)
     same_as_offline(made, frames + rest)
@@ -98,10 +96,8 @@ def test_after_a_reboot_everything_begins_anew():
     first = FLIGHT.frames(end=18.0)
     made = replay(first + shifted(FLIGHT.frames(end=18.0), 20.0))
     assert [setup.boot for setup in made.setups.values()] == [0, 1]
-    assert any(
-        sentence.startswith("The vehicle rebooted when its clock read 18.0 s")
-        for sentence in made.sentences
-    )
+    (fact,) = (fact for fact in made.facts if fact.code is VehicleFact.VEHICLE_REBOOTED)
+    assert fact.figures["clock"] == pytest.approx(18.0, abs=0.05)
     one, two = made.segments().values()
     for rows in (one, two):
         assert rows[0].time < 7.0  # the motors move from 6 s on
@@ -116,8 +112,9 @@ def test_a_clock_that_is_set_back_in_flight_goes_on_without_a_reboot():
     first = Flight(hover=FLIGHT.hover, clock=50.0).frames(end=18.0)
     rest = Flight(hover=FLIGHT.hover, clock=45.0, number=len(first)).frames(start=18.0, end=22.0)
     made = replay(first + rest)
-    (said,) = (sentence for sentence in made.sentences if "clock" in sentence)
-    assert said == "The vehicle's clock was set back by 5.0 s when it read 68.0 s."
+    (fact,) = (fact for fact in made.facts if "clock" in fact.figures)
+    assert fact.code is VehicleFact.CLOCK_SET_BACK
+    assert dict(fact.figures) == pytest.approx({"offset": 5.0, "clock": 68.0}, abs=0.05)
     assert (
         made.segments().keys() == {0} and made.stream.boot == 0 and made.stream.status().lost == 0
     )
@@ -141,10 +138,9 @@ def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
             data = message("HIL_ACTUATOR_CONTROLS", sequence=data[4], **fields)
         frames.append((time, data))
     made = replay(frames)
-    assert any(
-        "HIL_ACTUATOR_CONTROLS are of another clock, 1.6e+09 s away" in sentence
-        for sentence in made.sentences
-    )
+    (fact,) = (fact for fact in made.facts if fact.code is VehicleFact.OTHER_CLOCK)
+    assert fact.subject == "HIL_ACTUATOR_CONTROLS"
+    assert fact.figures["offset"] == pytest.approx(1.6e9)
     assert made.segments().keys() == {0} and made.rows[-1].time == pytest.approx(17.99, abs=0.02)
 
 
@@ -172,10 +168,8 @@ def test_another_rate_in_flight_decides_the_step_anew(before, after):
         pytest.approx(1 / before),
         pytest.approx(1 / after),
     ]
-    assert any(
-        f"no longer comes at {before:.3g} Hz: a new segment starts." in sentence
-        for sentence in made.sentences
-    )
+    changed = [fact for fact in made.facts if fact.code is Rows.RATE_CHANGED]
+    assert changed and changed[0].figures["former_rate"] == pytest.approx(before)
     assert made.segments()[1][0].time < 21.0 and all(row.settled for row in made.segments()[1])
     settled_uniform(made)
 
@@ -197,19 +191,17 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
     made = replay(slow)
     assert not made.rows
-    (sentence,) = (each for each in made.sentences if "Hz" in each)
-    assert (
-        sentence.startswith("SERVO_OUTPUT_RAW comes at 4.0 Hz")
-        and "`--request-rate 100`" in sentence
-    )
+    (fact,) = (fact for fact in made.facts if fact.code is Rows.LIVE_RATES_TOO_LOW)
+    assert fact.figures["can_ask"] and "SERVO_OUTPUT_RAW" in str(fact)
     assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == pytest.approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
-    assert "Attitude and motor outputs come fast enough now." in cured.sentences
+    assert Rows.LIVE_RATES_ENOUGH in cured.codes
     assert cured.rows[0].time < 20.6 and all(row.settled for row in cured.rows)
     obstacle = replay(slow[: len(slow) // 2], asked=True).stream.status().obstacle
-    assert obstacle.endswith("better 100."), "who asks for rates is not advised to"
+    assert obstacle.code is Rows.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
+    assert not obstacle.remedy, "who asks for rates is not advised to"
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
-    assert "There is no message with motor outputs." in replay(bare).sentences
+    assert Rows.NO_MOTOR_MESSAGE in replay(bare).codes
 
 
 @pytest.mark.slow

@@ -13,11 +13,12 @@ from mavlink_streams import SHARED, message
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
 from mavdem.cli.live import _status_line
+from mavdem.facts.session import Session, Spent
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.tlog import write_tlog
 from mavdem.live import LiveStream, SessionStatus
-from mavdem.live.history import ACCOUNT, LiveHistory
+from mavdem.live.history import LiveHistory
 from mavdem.report.flights import live_report
 from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.mavlink.transmitter import recorded
@@ -29,13 +30,13 @@ FAULTS = SHARED / "sitl_live" / "ap_F1.tlog.xz"
 
 
 def streamed(path):
-    """A live stream that was fed a log's bytes, and what it said."""
+    """A live stream that was fed a log's bytes, and what it reported."""
     stream = LiveStream()
     data = bytes(read_stream(path).data)
     said = []
     for begin in range(0, len(data), 4096):
         stream.feed(1.7e9, data[begin : begin + 4096])
-        said += [event.sentence for event in stream.events()]
+        said += [event.fact for event in stream.events()]
     return stream, said
 
 
@@ -65,12 +66,12 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
     assert 27.0 < alarm.time < 32.0 and alarm.since == pytest.approx(27.0, abs=1.5)
-    assert [sentence for sentence in said if sentence.startswith("Alarm")] == [alarm.sentence]
+    assert [fact.figures["because"] for fact in said if fact.code is Session.ALARM] == [alarm.fact]
     assert [alarm[:4]] == [one[:4] for one in offline]
     np.testing.assert_allclose([alarm[4:6]], [one[4:6] for one in offline], atol=0.01)
     status = stream.status()
-    assert status.alarm and _status_line(status, "roll").endswith(status.alarm)
-    blocks = live_report(LiveHistory(), status, dict.fromkeys(ACCOUNT, 0.0), "roll")
+    assert status.alarm and _status_line(status, "roll").endswith(str(status.alarm[0]))
+    blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
     assert not SessionStatus().alarm and "motor 3" not in _status_line(
         SessionStatus(vehicle="1:1"), "roll"
@@ -113,19 +114,16 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     weak = hovering(rise=150.0)
     made = replay(weak)
     alarm = made.stream.status().alarm
-    assert alarm.startswith("Alarm: motor 1")
+    assert [fact.subject for fact in alarm] == ["motor 1 (front right)"]
     # Of the flight before, from the next one on.
     made = replay(hovering(clock=80.0), made.stream)
-    assert made.stream.status().alarm == ""
+    assert made.stream.status().alarm == ()
     # The clock begins again.
     replay(weak[:200], made.stream)
-    assert made.stream.status().alarm == ""
+    assert made.stream.status().alarm == ()
     status = replay(weak[200:], made.stream).stream.status()
-    assert (
-        [one.boot for one in status.alarms] == [0, 1]
-        and status.alarm != alarm
-        and "of boot 2" in status.alarm
-    )
+    assert [one.boot for one in status.alarms] == [0, 1] and status.alarm != alarm
+    assert status.alarm[0].figures["because"].figures["boot"] == 1
 
 
 @pytest.mark.slow

@@ -7,6 +7,8 @@ import pytest
 from made_up_motion import made_up_motion
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.facts import Fact
+from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_geometry, motor_parameters
 from mavdem.live.messages import FrameReader, Message, message_of, parameters_of
@@ -85,15 +87,14 @@ def test_intervals_are_noted_then_set_and_given_back():
 def test_no_answer_and_a_refusal_are_reported():
     silent = request_of(50.0, 30)
     sent = [silent.due(float(second), {}) for second in range(9)]
-    assert (
-        sum(map(len, sent)) == 6
-        and "has not confirmed" in silent.events[0]
-        and len(silent.events) == 1
-    )
+    assert sum(map(len, sent)) == 6 and silent.events == [
+        Fact(RateFact.RATE_NOT_CONFIRMED, subject="ATTITUDE")
+    ]
     refused = known(50.0, 375, STOPPED)
     refused.take(told("COMMAND_ACK", SET_INTERVAL, 4))
     assert refused.due(9.0, {}) == [] and refused.restore() == []
-    assert "refuses" in refused.events[0] and "ACTUATOR_OUTPUT_STATUS" in refused.events[0]
+    refusal = Fact(RateFact.RATE_REFUSED, subject="ACTUATOR_OUTPUT_STATUS", result=4)
+    assert refused.events == [refusal]
 
 
 @pytest.mark.parametrize("slow", [{30: 4.0}, {}])
@@ -101,7 +102,7 @@ def test_what_was_set_back_is_asked_for_again_and_what_it_was_before_stays_known
     request = settled()
     assert said(request.due(30.0, slow)) == [(SET_INTERVAL, 30, 10_000)]
     (event,) = request.events
-    assert "asking for it again" in event
+    assert event == Fact(RateFact.RATE_FELL, subject="ATTITUDE", former_rate=100.0)
     # Whoever sets it back over and over is not answered each second.
     sent = 0
     for second in range(31, 61):
@@ -117,7 +118,8 @@ def test_what_merely_falters_or_was_never_reached_is_not_asked_for_again():
     slow = known(400.0)
     slow.take(told("COMMAND_ACK", SET_INTERVAL, 0))
     assert [slow.due(float(second), {30: 50.0}) for second in range(1, 60)] == [[]] * 59
-    assert slow.events == ["ATTITUDE comes at 50 of 400 Hz asked for."]
+    below = Fact(RateFact.RATE_BELOW_ASKED, subject="ATTITUDE", rate=50.0, needed_rate=400.0)
+    assert slow.events == [below]
 
 
 @pytest.mark.parametrize("interval", [0, 5, -5, -(2**31)])
@@ -222,7 +224,7 @@ def test_what_is_not_sent_for_a_while_after_a_reboot_is_set_back_by_nobody():
     vehicle.run(40.0)
     vehicle.late = 0
     vehicle.run(20.0)
-    assert not any("set back" in event for event in vehicle.request.events)
+    assert RateFact.RATES_CONTESTED not in [fact.code for fact in vehicle.request.events]
 
 
 def test_what_distinguishes_flight_from_landing_is_asked_for_where_it_does_not_come_already():
@@ -246,7 +248,7 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     asked = [at for at, command, kind in vehicle.sent if (command, kind) == (SET_INTERVAL, 30)]
     assert 19 <= len(asked) <= 21 and min(np.diff(asked)) >= PAUSE_SECONDS
     assert len(vehicle.request.events) < 10, "nobody hears of each time"
-    assert sum("set back again and again" in sentence for sentence in vehicle.request.events) == 1
+    assert vehicle.request.events.count(Fact(RateFact.RATES_CONTESTED)) == 1
     vehicle.rates = {}
     vehicle.run(15.0)
     assert vehicle.rates[30] == 100.0, "what stops was forgotten in a reboot"

@@ -5,6 +5,9 @@ from hover import Hover
 from live_hover import Flight, Timed, replay
 from mavlink_streams import heartbeat, message
 
+from mavdem.facts import Fact
+from mavdem.facts.session import Rows, VehicleFact
+
 TWO = sorted(
     Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0),
     key=lambda entry: entry[0],
@@ -22,8 +25,8 @@ def test_of_two_with_the_same_ids_one_is_followed_and_nothing_is_lost(number, bu
     made = replay(
         [entry for at in bursts for entry in first[at : at + burst] + second[at : at + burst]]
     )
-    (said,) = (sentence for sentence in made.sentences if "have the ids 1:1" in sentence)
-    assert said.startswith("Two vehicles") and "only one of them is followed" in said
+    (fact,) = (fact for fact in made.facts if fact.code is VehicleFact.VEHICLES_SHARE_IDS)
+    assert fact.subject == "1:1"
     assert made.stream.status().lost == made.stream.status().late == 0
     rolls = {(row.time, row.outputs[0]) for row in made.rows if row.time > 11.0}
     errors = [
@@ -59,7 +62,8 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
         (number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)
     ]
     made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
-    assert made.sentences[0] == "Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)." and made.rows
+    assert made.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and made.rows
+    assert made.facts[0].subject == "1:1 (QUADROTOR, ARDUPILOTMEGA)"
     flying = [(sender.system, sender.component) for sender in made.stream._senders if sender.flies]
     assert flying == [(1, 1)]
 
@@ -67,17 +71,15 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
 def test_of_several_none_is_guessed_and_all_are_listed():
     mute = sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0])
     assert replay(mute).stream.status().obstacle == replay(TWO).stream.status().obstacle
-    assert (
-        replay(only_heartbeats(), vehicle="7").stream.status().obstacle
-        == "Vehicle 7 not found yet."
-    )
+    missing = replay(only_heartbeats(), vehicle="7").stream.status().obstacle
+    assert missing == Fact(VehicleFact.NO_VEHICLE_YET, subject="7")
     made = replay(TWO)
     assert not made.rows and made.stream.status().vehicle is None
-    (said,) = made.sentences
-    assert (
-        "1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA)" in said
-        and "`--vehicle 1:1`" in said
-    )
+    (fact,) = made.facts
+    assert fact.code is VehicleFact.SEVERAL_VEHICLES_LISTED and fact.figures["name"] == "1:1"
+    both = "1:1 (QUADROTOR, ARDUPILOTMEGA)", "4:1 (QUADROTOR, ARDUPILOTMEGA)"
+    assert fact.figures["names"] == both and not fact.figures["others"]
+    assert made.stream.status().obstacle.code is VehicleFact.SEVERAL_VEHICLES
 
 
 def test_the_one_that_is_named_is_followed():
@@ -92,10 +94,10 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
         (time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()
     ]
     made = replay(sorted(only_heartbeats() + others, key=lambda entry: entry[0]))
-    assert made.sentences == ["Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."]
+    assert made.codes == [VehicleFact.FOLLOWING_VEHICLE]
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
-    assert "`--request-rate 100`" in made.stream.status().obstacle
+    assert made.stream.status().obstacle == Fact(Rows.NO_LIVE_ATTITUDE, can_ask=True)
 
 
 def test_a_plane_that_is_named_is_reported_to_be_none():
@@ -104,10 +106,8 @@ def test_a_plane_that_is_named_is_reported_to_be_none():
         for time, data in Flight().frames(end=10.0)
     ]
     made = replay(frames, vehicle="1:1")
-    assert (
-        not made.rows
-        and "The vehicle is a FIXED_WING; the roll model is for multirotors only." in made.sentences
-    )
+    refusal = Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type="FIXED_WING", axis="roll")
+    assert not made.rows and refusal in made.facts
 
 
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
@@ -116,14 +116,9 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     }
     made = replay(with_parameters(Flight().frames(end=14.0), values))
     assert made.segments().keys() == {0}
-    assert (
-        "Which motor is which is assumed: the channels that move; motor positions of an X quad."
-        in made.sentences
-    )
-    assert (
-        made.sentences[-1]
-        == "Which motor is which is known from the SERVOn_FUNCTION and FRAME parameters."
-    )
+    assert Rows.MOTOR_ORDER_ASSUMED in made.codes
+    assert made.facts[-1].code is Rows.MOTOR_ORDER_KNOWN
+    assert "FRAME" in made.facts[-1].figures["basis"]
     assert made.stream.setup.layout.names[0] == "motor 1 (right)"
 
 

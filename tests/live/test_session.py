@@ -17,10 +17,15 @@ from recorded_flights import shared
 
 import mavdem
 from mavdem.dem import Estimate, Settings
+from mavdem.dem.online.learner import TOO_FEW
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import InFlight
+from mavdem.facts.session import LinkError, LinkFact, RateFact, Rows, Session, VehicleFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
-from mavdem.live.history import UNCONFIRMED
-from mavdem.live.link import LinkLost, RawRecording
+from mavdem.live.link import LinkLost
+from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.numbers import plus_minus
 from mavdem.report.page import live_page
@@ -101,7 +106,7 @@ def together(
     ]
 
 
-def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, list[str]]:
+def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, list[Fact]]:
     screen = Screen()
     said = []
     link = ScriptedLink(script)
@@ -187,7 +192,8 @@ def test_rates_are_asked_for_and_given_back(now):
     asked = [(each.command, int(each.param1), each.param2) for each in sent]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
     # Nobody confirms it: it is sent again, and said.
-    assert asked[-3:] == 3 * [(511, 30, 250_000)] and one.history.events[-1].sentence == UNCONFIRMED
+    assert asked[-3:] == 3 * [(511, 30, 250_000)]
+    assert one.history.events[-1].fact.code is RateFact.RATES_NOT_RESTORED
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
 
@@ -220,7 +226,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     )
     learner = Mock(
         until=50.0,
-        **{"update.return_value": None, "learn_now.side_effect": ValueError("too few samples")},
+        **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW)},
     )
     one.learner = one._learners[key] = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, 0.0, True)
@@ -236,14 +242,18 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     )
     learner.learned = next_flight
     one._take(row._replace(time=80.0))
-    assert (
-        one.final_model().settings.seed == 2 and "cannot be learned (too few samples)" in said[-1]
-    )
+    assert one.final_model().settings.seed == 2 and said[-1].code is Session.FORMER_MODEL_KEPT
+    assert said[-1].figures["because"] == TOO_FEW
     learner.learn_now.side_effect = TimeoutError
-    assert one.final_model().settings.seed == 2 and "not finished within 3 s" in said[-1]
-    for alarm in 2 * [("ERROR", 118.0), ("INFO", 142.0)]:  # of a fault that comes and goes
-        one._log("Motor 1 changes", *alarm)
-    assert said[-4:] == 4 * ["Motor 1 changes."] and len(said) == len(one.history.events)
+    assert one.final_model().settings.seed == 2
+    assert said[-1].figures["because"] == TOO_FEW, "it is reported once"
+    alarms = [
+        Fact(InFlight.MOTOR_RECOVERED, level, time=at, subject="motor 1")
+        for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # a fault comes and goes
+    ]
+    for alarm in alarms:
+        one._log(alarm)
+    assert said[-4:] == alarms and len(said) == len(one.history.events)
 
 
 @pytest.mark.slow
@@ -290,10 +300,12 @@ def test_after_a_landing_and_a_reboot_nothing_false_is_said(now, tmp_path):
     for one.link.script in ([batch] for batch in script if batch[0][0] < script[0][0][0] + 72.0):
         now[0] = one.link.script[0][-1][0]
         one.step(0.0)
-    assert any("The vehicle rebooted when its clock read 104.2 s" in sentence for sentence in said)
-    assert not any("set back" in sentence for sentence in said)
-    *_, waits, climbs = (sentence for sentence in said if "learn" in sentence)
-    assert "after take-off" in waits and "climb" in climbs, (
+    (reboot,) = (fact for fact in said if fact.code is VehicleFact.VEHICLE_REBOOTED)
+    assert reboot.figures["clock"] == pytest.approx(104.2, abs=0.05)
+    codes = [fact.code for fact in said]
+    assert VehicleFact.CLOCK_SET_BACK not in codes
+    states = Session.NOT_FLYING, Session.NOT_SETTLED, Session.BEING_LEARNED
+    assert [code for code in codes if code in states][-2:] == [*states[:2]], (
         "nothing is said to be learned on the ground"
     )
 
@@ -307,16 +319,21 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         now[0] += 0.25
         one.step(0.0)
     assert set(screen.statuses[-1].rates.values()) == {0.0}
-    assert screen.statuses[-1].obstacle.startswith("nothing was received")
-    assert sum("Nothing was received for 3 s" in sentence for sentence in said) == 1
+    assert screen.statuses[-1].obstacle == Fact(Rows.NOTHING_RECEIVED, duration=3.0)
+    assert said.count(screen.statuses[-1].obstacle) == 1
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for batch in [batches(0.05, start=9.0)[0], *40 * [[(FIRST + 10.0, heartbeat)]]]:
         one.link.script = [batch]
         now[0] += 0.25
         one.step(0.0)
-    assert set(one.status.rates.values()) == {0.0} and "no attitude" in one.status.obstacle
-    assert "Messages resumed after 600 s without any." in said
+    assert set(one.status.rates.values()) == {0.0} and one.status.obstacle.subject.startswith(
+        "attitude"
+    )
+    (resumed,) = (
+        fact for fact in said if fact.code is Rows.MESSAGES_RESUMED and fact.subject == "messages"
+    )
+    assert resumed.figures["duration"] == pytest.approx(600.0, abs=1.0)
     one.link.script = batches(2.0, start=11.0)
     run(one)
     assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle
@@ -337,7 +354,7 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
     take = one._take
     put_off = False
-    late = ""
+    late = 0.0
 
     def slow(row: AlignedRow) -> None:
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
@@ -351,26 +368,23 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
         one.step(0.0)
         assert not behind or len(one.link.sent) == sent, "no rates are asked for meanwhile"
         put_off |= one.learner is not None and not one.learner.fits_physical
-        late = max(late, one.status.slow)
+        if one.status.slow is not None:
+            late = max(late, one.status.slow.figures["delay"])
         now[0] += 0.01
-    begin, end = (text for text in said if "This computer" in text)
-    assert late == "This computer is too slow: estimates come 5.0 s late." and not one.status.slow
-    assert (
-        begin.startswith("This computer is 1.0 s behind")
-        and "again; it was up to 5.0 s behind" in end
-    )
-    assert not [
-        text
-        for text in said
-        if "resumed after" in text or "Nothing was" in text or "a new segment" in text
-    ]
+    begin, end = (fact for fact in said if "delay" in fact.figures)
+    assert late == pytest.approx(5.0, abs=0.05) and not one.status.slow
+    assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
+    delays = [fact.figures["delay"] for fact in (begin, end)]
+    assert delays == pytest.approx([1.0, 5.0], abs=0.05) and begin.figures["recorded"]
+    gaps = Rows.MESSAGES_RESUMED, Rows.NOTHING_RECEIVED, Rows.MESSAGE_GAP, VehicleFact.CLOCK_JUMPED
+    assert not [fact for fact in said if fact.code in gaps]
     assert (
         put_off
         and len(screen.rows) == one.status.learned + one.status.shown
         and not one.status.missing
     )
     assert recording.take.call_count == received and 5.0 < one.status.latency[2] < 5.2
-    one.link.script = [LinkLost("The link x was lost.")]
+    one.link.script = [LinkLost("x", LinkError.FAILED)]
     one.link.reopened = -100
     for _ in range(100):
         now[0] += 0.1
@@ -386,7 +400,7 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
     recording = RawRecording(tmp_path / "flight.tlog")
     one, _, said = session_of(
-        [*batches(7.0), LinkLost("The link x was lost."), [], []], recording=recording
+        [*batches(7.0), LinkLost("x", LinkError.FAILED), [], []], recording=recording
     )
     one.show = Mock(side_effect=RuntimeError("a mistake of the view's"))
     monkeypatch.setattr(
@@ -395,9 +409,10 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
     run(one)
     kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
     assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 7.0]
-    assert "A sample was skipped: It overflows." in said
-    assert sum("display failed" in sentence and "continues" in sentence for sentence in said) == 1
-    assert "The link is open again." in said
+    codes = [fact.code for fact in said]
+    assert codes.count(Session.SAMPLE_SKIPPED) == codes.count(Session.DISPLAY_FAILED) == 1
+    assert codes[-2:] == [LinkFact.CONNECTION_LOST, LinkFact.LINK_OPEN_AGAIN]
+    assert said[-2].figures["reopening"]
 
 
 def test_a_recording_that_fails_ends_alone(tmp_path, monkeypatch):
@@ -405,7 +420,8 @@ def test_a_recording_that_fails_ends_alone(tmp_path, monkeypatch):
     one, screen, said = session_of(batches(9.0), recording=recording)
     monkeypatch.setattr(recording, "take", Mock(side_effect=OSError(28, "No space left on device")))
     run(one)
-    assert sum("recording ends here (No space left" in sentence for sentence in said) == 1
+    (ended,) = (fact for fact in said if fact.code is LinkFact.STREAM_RECORDING_ENDED)
+    assert ended.figures["error"] == "No space left on device" and not ended.figures["finishing"]
     assert screen.rows[-1][2].model is not None
 
 
@@ -429,16 +445,16 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     weak = {**long["vehicle"], "weak_from": 43.0}  # all of the second flight
     scenario = scenario_of({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
-    said = " ".join(event.sentence for event in session.history.events)
-    for each in (
-        "rebooted",
-        "resumed after",
-        "is on the ground",
-        "of the vehicle's clock",
-        "set back again and again",
-    ):
-        assert each in said
-    assert "assumed" not in said, (
+    said = {event.fact.code for event in session.history.events}
+    happened = {
+        VehicleFact.VEHICLE_REBOOTED,
+        VehicleFact.CLOCK_JUMPED,
+        Rows.MESSAGES_RESUMED,
+        Session.NOT_FLYING,
+        RateFact.RATES_CONTESTED,
+    }
+    assert happened <= said
+    assert Rows.MOTOR_ORDER_ASSUMED not in said, (
         "parameters say where the motors are, and come when they are asked for"
     )
     assert sum(account.values()) == pytest.approx(86.0, abs=0.5)

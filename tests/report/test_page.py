@@ -19,9 +19,11 @@ from mavdem.analysis.figures import VehicleFigures
 from mavdem.condition import Condition, Identity
 from mavdem.condition.inventory import Tier, inventory
 from mavdem.evaluate import held_out_test
+from mavdem.facts import Fact
+from mavdem.facts.session import Rows, Spent, VehicleFact
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
-from mavdem.live.history import ACCOUNT, Event, LiveHistory
+from mavdem.live.history import Event, LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.figures.series import still
 from mavdem.report.figures.style import band, picture
@@ -34,7 +36,7 @@ from mavdem.report.timeline import Line, live_timeline
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 NAME = f"{HOSTILE}.tlog"
 VOID = {"meta", "path", "use", "rect", "br", "image"}
-NOTHING = dict.fromkeys(ACCOUNT, 0.0)
+NOTHING = dict.fromkeys(Spent, 0.0)
 FLIGHT = simulated(samples=900, wind=0.2, lag=0.05)
 KNOWN = (
     Condition(90.0, 70.0, 60.0, None, (), {}, {}, None, None, None, None, None),
@@ -250,8 +252,8 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     flown(history, 2.0)
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
     history.events += [
-        Event(np.nan, "Listening."),
-        Event(12.25, "Messages resumed after 3 s without any."),
+        Event(np.nan, Fact(VehicleFact.NO_VEHICLE_YET)),
+        Event(12.25, Fact(Rows.MESSAGES_RESUMED, subject="messages", duration=3.0)),
     ]
     timeline = live_timeline(history, "roll")
     above, below = still(timeline).axes
@@ -282,7 +284,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
         "udpin:0",
         "roll",
         LiveHistory(),
-        SessionStatus(obstacle="No vehicle found yet."),
+        SessionStatus(obstacle=Fact(VehicleFact.NO_VEHICLE_YET)),
         NOTHING,
         None,
     )

@@ -26,6 +26,8 @@ from rerun_file import chunks, views
 
 import mavdem
 from mavdem.dem import Estimate, LinearModel
+from mavdem.facts import Level
+from mavdem.facts.prose import prose
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.wind import WindRow
@@ -145,15 +147,19 @@ def recording(tmp_path_factory: pytest.TempPathFactory):
     path = tmp_path_factory.mktemp("live") / "flight.rrd"
     rates = {"ATTITUDE": 99.4}
     with showing(RecordingFile(path)) as view:
-        view.log(Occurrence(50.0, "attached"))
+        view.log(Occurrence(50.0, prose("attached")))
         view.status(
             SessionStatus(
-                rates=rates, lost=7, latency=(0.012, 0.02), learned=300, obstacle="no motion"
+                rates=rates,
+                lost=7,
+                latency=(0.012, 0.02),
+                learned=300,
+                obstacle=prose("No motion."),
             )
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             view.put(t, 0.0, 0, y, u, known, None, WIND._replace(time=round(t, 1)))
-        view.log(Occurrence(TIME[-1], "link lost"))
+        view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.troubles == []
     return path
 
@@ -241,7 +247,8 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     with showing(RecordingFile(path)) as view:
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             view.put(t, 0.0, 0, y, u, known)
-        view.log(Occurrence(52.9, "Alarm: motor 1 lost some thrust.", "ERROR", 51.25))
+        alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
+        view.log(Occurrence(52.9, alarm, 51.25))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("changes")}
     assert {name.rsplit("/", 1)[0] for name in marks} == {
         *(
@@ -287,7 +294,7 @@ def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_
             view.put(now.time, 0.0, 0, OUTPUTS[0], INPUTS[0], now)
             if changed and i == 100:
                 until(lambda: not view._threads[0]._rows)
-                view.log(Occurrence(now.time, "Alarm", "ERROR", 50.0 + DT * 3200))
+                view.log(Occurrence(now.time, prose("Alarm").but(Level.BAD), 50.0 + DT * 3200))
                 until(lambda: not view._threads[0]._lines)
     *gusts, unusual = [text for text in texts(path) if text != "Alarm"]
     if changed:
@@ -430,7 +437,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
 
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
     row = ViewRow(60.0, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS)
-    status = SessionStatus(obstacle="The vehicle is on the ground.")
+    status = SessionStatus(obstacle=prose("The vehicle is on the ground."))
     state, *others = figures(status, row, None)
     assert "waiting, 0 s learned\nThe vehicle is on the ground." in state
     assert all("### –" in figure for figure in others)

@@ -38,7 +38,8 @@ from mavdem.fleet.row import best_tier
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
 from mavdem.live import LiveStream
-from mavdem.live.link import Link, RawRecording
+from mavdem.live.link import Link
+from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.page import flight_page
 

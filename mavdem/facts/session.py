@@ -1,0 +1,126 @@
+"""What is found of a live session: its link, the vehicles on it, their messages and rates, and what waits."""
+
+from __future__ import annotations
+
+from enum import StrEnum, auto
+
+from mavdem.facts.fact import Code
+
+
+class LinkError(StrEnum):
+    """Why a link cannot be opened, or is lost."""
+
+    CLOSED = auto()  # by the other side
+    FAILED = auto()  # as the system says
+    NOT_OPEN = auto()
+    SILENT = auto()  # and another client waits
+    IN_USE = auto()  # the port, by another program
+    NOT_LOCAL = auto()  # the address is of another machine
+    NO_HOST = auto()
+    NO_PORT = auto()  # of a serial line
+    NO_REPLY = auto()  # in time
+    NOT_LISTENING = auto()
+    NOT_PERMITTED = auto()
+    NOT_SERIAL = auto()
+    NO_POSIX = auto()
+    NO_SPEED = auto()  # of a serial line
+
+
+class LinkFact(Code):
+    """What happens to a link, and to the recording of what it receives."""
+
+    CANNOT_OPEN_LINK = auto()
+    NOT_A_LINK = auto()
+    LINK_PORT_TOO_HIGH = auto()
+    FILE_IS_NO_LINK = auto()
+    CONNECTION_LOST = auto()
+    LINK_OPEN_AGAIN = auto()
+    TWO_ADDRESSES = auto()
+    STREAM_FILE_EXISTS = auto()
+    STREAM_FILE_FAILED = auto()
+    STREAM_RECORDING_ENDED = auto()
+
+
+class VehicleFact(Code):
+    """Which vehicles are on a link, and which of them is followed."""
+
+    NO_VEHICLE_YET = auto()
+    SEVERAL_VEHICLES = auto()
+    SEVERAL_VEHICLES_LISTED = auto()
+    FOLLOWING_VEHICLE = auto()
+    OTHER_VEHICLE = auto()
+    VEHICLES_SHARE_IDS = auto()
+    NOT_A_MULTIROTOR = auto()
+    VEHICLE_REBOOTED = auto()
+    CLOCK_SET_BACK = auto()
+    CLOCK_JUMPED = auto()
+    OTHER_CLOCK = auto()
+
+
+class Rows(Code):
+    """What the rows of a live flight are made of, and why there are none."""
+
+    RATES_BEING_MEASURED = auto()
+    NO_LIVE_ATTITUDE = auto()
+    NO_MOTOR_MESSAGE = auto()
+    LIVE_RATES_TOO_LOW = auto()
+    LIVE_RATES_ENOUGH = auto()
+    MESSAGE_GAP = auto()
+    RATE_CHANGED = auto()
+    ROWS_BEGIN = auto()
+    MOTOR_ORDER_ASSUMED = auto()
+    MOTOR_ORDER_KNOWN = auto()
+    INPUTS_CHANGED = auto()
+    ONLY_MOTORS_SHOW_LANDING = auto()
+    ONLY_DEMAND = auto()
+    MESSAGES_RESUMED = auto()
+    NOTHING_RECEIVED = auto()
+
+
+class RateFact(Code):
+    """What becomes of the message rates that a vehicle is asked for."""
+
+    RATE_NOT_CONFIRMED = auto()
+    RATE_REFUSED = auto()
+    RATES_ASKED_AGAIN = auto()
+    RATE_BELOW_ASKED = auto()
+    RATE_FELL = auto()
+    RATES_CONTESTED = auto()
+    RATES_NOT_RESTORED = auto()
+
+
+class Session(Code):
+    """What a live session learns, and what keeps it from learning."""
+
+    ALARM = auto()
+    NOT_FLYING = auto()
+    FLIGHT_UNKNOWN = auto()
+    NOT_SETTLED = auto()
+    BEING_LEARNED = auto()
+    SAMPLE_SKIPPED = auto()
+    PRIOR_NOT_USED = auto()
+    FORMER_MODEL_KEPT = auto()
+    NO_LIVE_FLIGHT = auto()
+    PROCESS_FAILED = auto()
+    NOT_LEARNED_IN_TIME = auto()
+    DISPLAY_FAILED = auto()
+    COMPUTER_BEHIND = auto()
+    COMPUTER_KEEPS_UP = auto()
+    ESTIMATES_LATE = auto()
+    WIND_KNOWN = auto()
+    WIND_SPEED = auto()
+    WIND_FROM = auto()
+    WIND_NOT_MEASURED = auto()
+
+
+class Spent(Code):
+    """What the seconds of a session were, the first that holds but for those learned from."""
+
+    LEARNED = auto()
+    UNSETTLED = auto()
+    ON_GROUND = auto()
+    WAITING = auto()
+    SILENT = auto()
+    LINK_LOST = auto()
+    LEFT_OUT = auto()
+    NO_VEHICLE = auto()
