@@ -34,7 +34,6 @@ from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.facts import Fact
 from mavdem.fleet.rows_of_log import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
@@ -42,7 +41,7 @@ from mavdem.live.history import horizons
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
-from mavdem.report.flights import whole_seconds
+from mavdem.report.flights import spent_on, whole_seconds
 from mavdem.report.page import live_page
 from mavdem.report.words import advised, go_on
 
@@ -242,7 +241,9 @@ def live_command(
         account = session.account()
         ends_at = monotonic() + ENDING_SECONDS
         whole = whole_seconds(account)
-        spent = ", ".join(f"{seconds} s {Fact(kind)}" for kind, seconds in whole.items() if seconds)
+        spent = ", ".join(
+            f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds
+        )
         say_aside(f"Of {sum(whole.values())} s: {spent or 'nothing'}.")
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
         status = session.status

@@ -107,13 +107,14 @@ class Session(Code):
     COMPUTER_BEHIND = auto()
     COMPUTER_KEEPS_UP = auto()
     ESTIMATES_LATE = auto()
+    SECONDS_SPENT = auto()
     WIND_KNOWN = auto()
     WIND_SPEED = auto()
     WIND_FROM = auto()
     WIND_NOT_MEASURED = auto()
 
 
-class Spent(Code):
+class Spent(StrEnum):
     """What the seconds of a session were, the first that holds but for those learned from."""
 
     LEARNED = auto()

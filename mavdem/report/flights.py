@@ -18,7 +18,7 @@ from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
-from mavdem.facts.session import Spent
+from mavdem.facts.session import Session, Spent
 from mavdem.fleet import difference
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import (
@@ -425,6 +425,11 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
     return [caution(named)] if found.shared else []
 
 
+def spent_on(kind: Spent) -> Fact:
+    """Returns the fact of what seconds of this ``kind`` were."""
+    return Fact(Session.SECONDS_SPENT, kind=kind)
+
+
 def whole_seconds(account: Mapping[Spent, float]) -> dict[Spent, int]:
     """Returns an account in whole seconds, whose sum is that of the account."""
     ends = np.rint(np.cumsum(list(account.values()))).astype(int)
@@ -479,7 +484,7 @@ def live_report(
         text = f"{parts}, {total:.0f} s together; the last {seconds:.0f} s are in the model at the end."
         blocks.append(Sentence(text, "Learned from:"))
     whole = whole_seconds(account)
-    spent = [[begin(Fact(kind)), f"{whole[kind]} s"] for kind in Spent if whole[kind]]
+    spent = [[begin(spent_on(kind)), f"{whole[kind]} s"] for kind in Spent if whole[kind]]
     blocks.append(Table([f"of {sum(whole.values())} s", "time"], spent))
     if status.vehicle is not None:
         rates = ", ".join(

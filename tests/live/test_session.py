@@ -284,9 +284,12 @@ def test_dashboard_and_page_of_a_session_say_the_same():
     of_all = known.mean_effect()
     of_one = (known.effect[0], known.interval().effect[0])
     for place, (value, half) in ((shown, of_all), (page, of_one)):
-        assert plus_minus(*np.degrees([value, half])) in place and status.findings.headline in place
-        assert all(purpose.reason in place for purpose in status.findings.purposes)
-    assert status.findings.as_dict()["findings"][0]["grade"] == status.findings.purposes[0].grade
+        assert (
+            plus_minus(*np.degrees([value, half])) in place
+            and str(status.findings.headline) in place
+        )
+        assert all(str(purpose.reason) in place for purpose in status.findings.purposes)
+    assert status.findings.purposes[0].grade == status.findings.as_dict()["findings"][0]["grade"]
 
 
 @pytest.mark.slow

@@ -198,7 +198,7 @@ def over_udp(rate: float, folder: Path) -> str:
         closing(Dashboard("a hover", "roll", path, False, None)) as dashboard,
         LearningProcess() as executor,
     ):
-        shown = dashboard.open, dashboard.report, list[str]().append
+        shown = dashboard.open, dashboard.report, list[object]().append
         session = LiveSession(
             link,
             LiveStream(),
