@@ -45,8 +45,8 @@ class VehicleFact(Code):
     """Which vehicles are on a link, and which of them is followed."""
 
     NO_VEHICLE_YET = auto()
-    SEVERAL_VEHICLES = auto()
-    SEVERAL_VEHICLES_LISTED = auto()
+    CHOOSE_VEHICLE = auto()
+    VEHICLES_FOUND = auto()
     FOLLOWING_VEHICLE = auto()
     OTHER_VEHICLE = auto()
     VEHICLES_SHARE_IDS = auto()
@@ -62,7 +62,7 @@ class Rows(Code):
 
     RATES_BEING_MEASURED = auto()
     NO_LIVE_ATTITUDE = auto()
-    NO_MOTOR_MESSAGE = auto()
+    NO_LIVE_MOTORS = auto()
     LIVE_RATES_TOO_LOW = auto()
     LIVE_RATES_ENOUGH = auto()
     MESSAGE_GAP = auto()

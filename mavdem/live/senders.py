@@ -269,10 +269,10 @@ class Senders:
             elif len(flying) > 1 and self._rivals != (rivals := {other.name for other in flying}):
                 self._rivals = rivals
                 name = flying[0].name
-                self.obstacle = Fact(VehicleFact.SEVERAL_VEHICLES, name=name)
+                self.obstacle = Fact(VehicleFact.CHOOSE_VEHICLE, name=name)
                 self._report(
                     Fact(
-                        VehicleFact.SEVERAL_VEHICLES_LISTED,
+                        VehicleFact.VEHICLES_FOUND,
                         name=name,
                         names=[other.identity for other in flying[:MAX_LISTED]],
                         others=max(len(flying) - MAX_LISTED, 0),

@@ -375,7 +375,7 @@ class LiveStream:
         elif self._attitude is None:
             obstacle = Fact(Rows.NO_LIVE_ATTITUDE, can_ask=False)
         elif drives is None:
-            obstacle = Fact(Rows.NO_MOTOR_MESSAGE)
+            obstacle = Fact(Rows.NO_LIVE_MOTORS)
         else:
             rates = {name: heard[name] for name in (self._attitude, drives)}
             # With hysteresis: a rate at the limit must not be reported twice a second.

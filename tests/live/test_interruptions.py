@@ -201,7 +201,7 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert obstacle.code is Rows.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
     assert not obstacle.remedy, "who asks for rates is not advised to"
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
-    assert Rows.NO_MOTOR_MESSAGE in replay(bare).codes
+    assert Rows.NO_LIVE_MOTORS in replay(bare).codes
 
 
 @pytest.mark.slow

@@ -76,10 +76,10 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     made = replay(TWO)
     assert not made.rows and made.stream.status().vehicle is None
     (fact,) = made.facts
-    assert fact.code is VehicleFact.SEVERAL_VEHICLES_LISTED and fact.figures["name"] == "1:1"
+    assert fact.code is VehicleFact.VEHICLES_FOUND and fact.figures["name"] == "1:1"
     both = "1:1 (QUADROTOR, ARDUPILOTMEGA)", "4:1 (QUADROTOR, ARDUPILOTMEGA)"
     assert fact.figures["names"] == both and not fact.figures["others"]
-    assert made.stream.status().obstacle.code is VehicleFact.SEVERAL_VEHICLES
+    assert made.stream.status().obstacle.code is VehicleFact.CHOOSE_VEHICLE
 
 
 def test_the_one_that_is_named_is_followed():
