@@ -94,7 +94,7 @@ class FreeParameters(NamedTuple):
             for c in unseen.T
         ]
         complement = np.stack([change.vector() for change in turned + moved], axis=1)
-        return np.asarray(np.linalg.qr(complement, mode="complete").Q[:, complement.shape[1] :])
+        return np.linalg.qr(complement, mode="complete").Q[:, complement.shape[1] :]
 
 
 def prediction_errors(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
@@ -185,7 +185,7 @@ def _determinant(errors: Array) -> float:
 
 
 def _covariance(errors: Array) -> Array:
-    return np.asarray(errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1]))
+    return errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1])
 
 
 def _minimised(segments: Segments, order: int) -> Fitted:
@@ -347,11 +347,11 @@ def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array,
     zz = total[:-targets, :-targets]
     yz = total[-targets:, :-targets]
     yy = total[-targets:, -targets:]
-    coefficients = np.asarray(yz @ np.linalg.pinv(zz, rcond=RANK_TOLERANCE, hermitian=True))
+    coefficients = yz @ np.linalg.pinv(zz, rcond=RANK_TOLERANCE, hermitian=True)
     explained = coefficients @ yz.T
     left = (yy - explained - explained.T + coefficients @ zz @ coefficients.T) / number
     variances, axes = np.linalg.eigh((left + left.T) / 2)
-    return coefficients, np.asarray(axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
+    return coefficients, (axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
 
 
 def _fitted(segments: Segments, order: int) -> Fitted:

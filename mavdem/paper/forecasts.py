@@ -355,10 +355,7 @@ def benchmark(runner: Runner) -> Result:
     sample = {name: _trial(runner, name, runner.extent.sample, DATA).forecasts for name in SHOWN}
     ahead = {name: forecasts[KNOWN] for name, forecasts in sample.items() if forecasts}
     outputs = runner.sample.test.outputs
-    squares = {
-        name: np.asarray(((forecast - outputs) ** 2).sum(axis=1))
-        for name, forecast in ahead.items()
-    }
+    squares = {name: (((forecast - outputs) ** 2).sum(axis=1)) for name, forecast in ahead.items()}
     relative = {
         flight: {
             name: float(np.median([ratio(trial.of(KNOWN))[-1] for trial in by_method[name]]))

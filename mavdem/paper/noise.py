@@ -273,7 +273,7 @@ def whiteness(series: ArrayLike) -> Significance:
 
 def autocovariance(deviation: Array) -> Array:
     """Returns (N,) Σ x_t x_{t+k} / N at lags k = 0 … N − 1, of a series (N,) of mean zero."""
-    return np.asarray(correlate(deviation, deviation)[len(deviation) - 1 :] / len(deviation))
+    return correlate(deviation, deviation)[len(deviation) - 1 :] / len(deviation)
 
 
 def _kernel_width(correlation: Array, bound: float) -> float:

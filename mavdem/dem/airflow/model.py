@@ -351,7 +351,7 @@ class Filter:
 
 def _diagonal(wind: Array, mean: Array) -> Array:
     """(G, 4, 4) covariances with variances (G,) of the gusts' two components and of the mean wind's."""
-    return np.asarray(np.repeat(np.stack([wind, mean], axis=1), 2, axis=1)[:, :, None] * np.eye(4))
+    return np.repeat(np.stack([wind, mean], axis=1), 2, axis=1)[:, :, None] * np.eye(4)
 
 
 class Filtered(NamedTuple):
@@ -401,7 +401,7 @@ def filtered(parameters: Array, motion: Motion) -> Filtered:
 
 def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
     """Returns the air speed, m/s, at which ``linear`` and ``quadratic`` drag makes a ``force``, m/s²."""
-    return np.asarray(2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force)))
+    return 2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force))
 
 
 def drawn(mean: Array, covariance: Array, number: int) -> Array:

@@ -77,7 +77,7 @@ def temporal_precision(order: int, smoothness: float) -> Array:
     It is inverted in units of s, where its condition does not depend on the unit of time.
     """
     units = smoothness ** np.arange(order + 1)
-    return np.asarray(inv(temporal_covariance(order, 1.0)) * np.outer(units, units))
+    return inv(temporal_covariance(order, 1.0)) * np.outer(units, units)
 
 
 def sampled_output_precision(order: int, smoothness: float, dt: float, window: int) -> Array:
@@ -121,7 +121,7 @@ def _precision_in_steps(covariance: Array, dt: float) -> Array:
             '"continuous": as estimated from samples, those of so smooth a noise are lost in rounding'
         )
     inverse = inv(covariance * np.outer(units, units)) * np.outer(units, units)
-    return np.asarray((inverse + inverse.T) / 2)
+    return (inverse + inverse.T) / 2
 
 
 class Prior(NamedTuple):

@@ -87,7 +87,7 @@ def _following(A: Array, C: Array, P: Array, Q: Array, R: Array, S: Array, gain:
     turned = np.swapaxes(gain, -1, -2)
     added = Q + (gain @ R - 2 * S) @ turned
     after = kept @ P @ np.swapaxes(kept, -1, -2) + added
-    return np.asarray((after + np.swapaxes(after, -1, -2)) / 2)
+    return (after + np.swapaxes(after, -1, -2)) / 2
 
 
 class SteadySmoothed(NamedTuple):
@@ -116,7 +116,7 @@ class SteadyFilter(NamedTuple):
 
     def step(self, state: Array, push: Array, error: float) -> Array:
         """Returns (n,) the next sample's state, from a sample's and the ``error`` of its prediction."""
-        return np.asarray(self.transition @ state + push + self.gain * error)
+        return self.transition @ state + push + self.gain * error
 
     def predicted(self, pushes: Array, measured: Array, first: Array) -> Array:
         """Returns (T, n) the states, each given the samples before it, from the ``first`` (n,) on."""
@@ -221,9 +221,7 @@ class KalmanFilter(NamedTuple):
 
     def covariances_of(self, samples: int) -> Array:
         """Returns (T + 1, n, n) those before each sample and after the last."""
-        return np.asarray(
-            self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)]
-        )
+        return self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)]
 
     def states(self, start: Array, pushes: Array, measured: Array) -> tuple[Array, Array]:
         """Returns states (…, T + 1, n) before each sample and after the last, and errors (…, T, m) of predicting it.

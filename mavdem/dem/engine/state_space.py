@@ -63,7 +63,7 @@ class StateSpace(NamedTuple):
     def second(self, inputs: Array, outputs: Array) -> Array:
         """(n,) the state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
         assert self.second_of_outputs is not None and self.second_of_inputs is not None
-        return np.asarray(outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T)
+        return outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T
 
     def filtered(self, start: Array, inputs: Array, outputs: Array) -> Array:
         """States (T + 1, n): of each sample predicted from those before it, and of the one after the last.
@@ -126,14 +126,14 @@ class StateSpace(NamedTuple):
 
     def outputs(self, states: Array, inputs: Array) -> Array:
         """(T, m) of states (T, n) and inputs (T, r), without noise."""
-        return np.asarray(states @ self.C.T + self.direct(inputs))
+        return states @ self.C.T + self.direct(inputs)
 
     def direct(self, inputs: Array) -> Array:
         """(T, m): the part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
-        return np.asarray((inputs - self.input_trim) @ self.D.T + self.output_trim)
+        return (inputs - self.input_trim) @ self.D.T + self.output_trim
 
     def _pushes(self, inputs: Array) -> Array:
-        return np.asarray((inputs - self.input_trim) @ self.B.T + self.offset)
+        return (inputs - self.input_trim) @ self.B.T + self.offset
 
 
 def filter_gain(
