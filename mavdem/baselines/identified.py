@@ -36,10 +36,9 @@ class Baseline:
 
     def __repr__(self) -> str:
         (r, m) = (table.shape[1] for table in (self.record.inputs, self.record.outputs))
-        length = len(self.record)
         return (
-            f"<{type(self).__name__}: {self.method}, {r} inputs, {m} outputs from {length} samples at "
-            f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
+            f"<{type(self).__name__}: {self.method}, {r} inputs, {m} outputs, {len(self.record)} samples, "
+            f"{1 / self.record.dt:.6g} Hz, radius {self.spectral_radius:.4g}>"
         )
 
     @cached_property
@@ -223,17 +222,17 @@ class Units(NamedTuple):
         ]
 
     def physical(self, model: StateSpace) -> StateSpace:
-        """A model in the method's units, whose own trims are added to these, brought to physical ones."""
+        """A model in the method's units, without feedthrough and trim of inputs, brought to physical ones."""
         scale = self.output_scale
         return StateSpace(
             A=model.A,
             B=model.B @ self.input_map.T,
             C=scale[:, None] * model.C,
-            D=scale[:, None] * model.D @ self.input_map.T,
+            D=np.zeros((len(scale), len(self.input_map))),
             K=model.K / scale,
-            offset=model.offset - model.B @ model.input_trim,
+            offset=model.offset,
             input_trim=self.input_trim,
-            output_trim=self.output_trim + scale * (model.output_trim - model.D @ model.input_trim),
+            output_trim=self.output_trim + scale * model.output_trim,
         )
 
 

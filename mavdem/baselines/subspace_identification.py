@@ -107,7 +107,7 @@ def _horizon(segments: Segments, order: int) -> int:
         raise NotLearnable(
             Fact(
                 Forecasts.TOO_FEW_FOR_ORDER,
-                subject=f"A model of {order} states",
+                subject=f"subspace({order})",
                 samples=sum(lengths),
                 parameters=WINDOWS_PER_COLUMN * (1 + 2 * fewest * (k + m)),
             )

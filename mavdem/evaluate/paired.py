@@ -12,7 +12,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import nan
+from math import ceil, log2, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from mavdem.evaluate.windows import Window, disjoint
 from mavdem.facts.forecasts import TestResult
 
 SIGNIFICANCE = 0.05
-FEWEST_PAIRS = 6
+FEWEST_PAIRS = ceil(1 - log2(SIGNIFICANCE))
 """The level of the test, and the pairs that it takes: of k the p-value is 2¹⁻ᵏ at least."""
 
 

@@ -35,7 +35,6 @@ from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.truth import axis
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
-ROLL_RATE = 1  # the output's number
 # samples that a second-order derivative is estimated from; values farther apart share none
 SHARED = 3
 # keys of ``numbers.json``
@@ -107,16 +106,14 @@ def noise_of_model(window: Window) -> Noise:
     runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
     overlap = learned.settings.window
     assert overlap is not None
-    return analyse_noise(
-        noise[max(runs, key=len)] @ learned.model.C[ROLL_RATE], learned.dt, overlap
-    )
+    return analyse_noise(noise[max(runs, key=len)] @ learned.model.C[-1], learned.dt, overlap)
 
 
 def noise_of_known_model(window: Window) -> Noise:
     """Returns φ̈ − B(u − ū), rad/s², with the B of System 2, which is known for the simulated vehicle."""
     train = window.train
-    B = axis(VehicleSpec(model="ardrone2"), lag=False).B[ROLL_RATE]
-    rate = train.outputs[:, ROLL_RATE]
+    B = axis(VehicleSpec(model="ardrone2"), lag=False).B[-1]
+    rate = train.outputs[:, -1]
     acceleration = (rate[2:] - rate[:-2]) / (2 * train.dt)
     driven = (train.inputs - train.inputs.mean(axis=0))[1:-1] @ B
     return analyse_noise(acceleration - driven, train.dt, overlap=SHARED)
@@ -171,9 +168,7 @@ def _table(learned: dict[str, Noise], known: dict[str, Noise]) -> tuple[Block, .
     return title, Table([*header, "p white", "s, ms"], rows)
 
 
-# the Ljung-Box test uses at most so many lags, and one lag for so many values
-LAGS = 10
-SHARE_OF_LAGS = 5
+LAGS = 10  # of the Ljung-Box test
 MAX_LAGS = 100  # lags of the reported autocorrelation; at most a quarter of the values
 # half width of the 95 % bounds of white noise's autocorrelation, times √N
 WHITE_BOUND = float(norm.ppf(0.975))
@@ -265,7 +260,7 @@ def whiteness(series: ArrayLike) -> Significance:
     """Tests whether a series is white: Ljung and Box's Q of the first ten lags, χ² of as many degrees."""
     x = np.asarray(series, np.float64)
     n = len(x)
-    lags = np.arange(1, min(LAGS, n // SHARE_OF_LAGS) + 1)
+    lags = np.arange(1, LAGS + 1)
     covariance = autocovariance(x - x.mean())
     statistic = n * (n + 2) * float(((covariance[lags] / covariance[0]) ** 2 / (n - lags)).sum())
     return Significance(statistic, float(chi2.sf(statistic, len(lags))))

@@ -52,7 +52,6 @@ SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
 # samples of a window, as in the paper, at every rate
 TRAIN = 700
 TEST = 150
-HOP = (TRAIN + TEST) // 2  # samples from one window to the next
 # the name of TU Delft's recorded flight: the paper's vehicle in the paper's laboratory
 REAL = "ardrone_tudelft"
 # left out at the start of the hover, while the motion of the take-off decays
@@ -288,8 +287,7 @@ class Runner:
         flown = self.each(partial(simulated_experiment, duration=self.extent.duration), numbers)
         cut = zip(numbers, flown, strict=True)
         return {
-            number: windows(f"experiment {number}", flight, TRAIN, TEST, HOP)
-            for number, flight in cut
+            number: windows(f"experiment {number}", flight, TRAIN, TEST) for number, flight in cut
         }
 
     @property
@@ -309,7 +307,7 @@ class Runner:
             return {}
         found = {}
         for name, flight in recorded_flights():
-            cut = windows(name, flight, TRAIN, TEST, HOP)
+            cut = windows(name, flight, TRAIN, TEST)
             # At most so many, with the first and the last.
             count = len(cut) if name == REAL else min(self.extent.windows, len(cut))
             if cut:

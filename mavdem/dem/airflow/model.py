@@ -177,7 +177,7 @@ class Drag:
             raise ValueError(f"a drag has a mean of 6 and a source of {', '.join(SOURCES)}")
         if not (np.abs(self.mean - np.append(POPULATION, np.zeros(2))) <= FARTHEST).all():
             raise ValueError("no vehicle has such a drag")
-        require_positive_definite(self.covariance, "the drag's covariance", 6)
+        require_positive_definite(self.covariance, "covariance", 6)
         return self
 
     @classmethod

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import auto
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, Indices, logdet
+from mavdem.facts.fact import InWords
 
 
 class Belief(NamedTuple):
@@ -203,6 +205,20 @@ def lambda_curvature(
     )
 
 
+class Term(InWords):
+    """The named terms of F̄ᵒ, Eq. ``F_action_opt``."""
+
+    NOISE_ENTROPY = auto()
+    STATE_AND_INPUT_ENTROPY = auto()
+    PARAMETER_ENTROPY = auto()
+    HYPERPARAMETER_ENTROPY = auto()
+    PREDICTION_ERROR_OF_OUTPUTS = auto()
+    PREDICTION_ERROR_OF_INPUTS = auto()
+    PREDICTION_ERROR_OF_STATES = auto()
+    PREDICTION_ERROR_OF_PARAMETERS = auto()
+    PREDICTION_ERROR_OF_HYPERPARAMETERS = auto()
+
+
 def optimal_terms(
     model: GenerativeModel, samples: SufficientStatistics, belief: Belief
 ) -> Mapping[str, float]:
@@ -220,16 +236,15 @@ def optimal_terms(
     theta_error = belief.theta - prior.theta_mean
     lambda_error = belief.lambda_ - prior.lambda_mean
     log_precision = model.log_precision_at_zero + float(model.log_precision_slope @ belief.lambda_)
-    return {
-        "noise entropy": 0.5 * T * log_precision,
-        "state and input entropy": 0.5 * T * logdet(belief.state_covariance),
-        "parameter entropy": 0.5 * (logdet(belief.theta_covariance) + of_theta),
-        "hyperparameter entropy": 0.5 * (logdet(belief.lambda_covariance) + of_lambda),
-        "prediction error of outputs": -0.5 * float(squares[of_y, of_y].sum()),
-        "prediction error of inputs": -0.5 * float(squares[of_v, of_v].sum()),
-        "prediction error of states": -0.5 * float(squares[of_x, of_x].sum()),
-        "prediction error of parameters": -0.5
-        * float(theta_error @ prior.theta_precision @ theta_error),
-        "prediction error of hyperparameters": -0.5
-        * float(lambda_error @ prior.lambda_precision @ lambda_error),
-    }
+    values = (
+        0.5 * T * log_precision,
+        0.5 * T * logdet(belief.state_covariance),
+        0.5 * (logdet(belief.theta_covariance) + of_theta),
+        0.5 * (logdet(belief.lambda_covariance) + of_lambda),
+        -0.5 * float(squares[of_y, of_y].sum()),
+        -0.5 * float(squares[of_v, of_v].sum()),
+        -0.5 * float(squares[of_x, of_x].sum()),
+        -0.5 * float(theta_error @ prior.theta_precision @ theta_error),
+        -0.5 * float(lambda_error @ prior.lambda_precision @ lambda_error),
+    )
+    return dict(zip(Term, values, strict=True))

@@ -27,7 +27,6 @@ from mavdem.dem.online.memory import Memory
 BAND_SECONDS = 6.0
 """Of errors: fewer give no steady quantile, and a change of the vehicle widens bands for this long."""
 MIN_ERRORS = 20  # before a half width is reported
-MIN_KEPT = 100  # errors, at however long steps
 MAX_MEDIANS = 12.0
 """Of a half width, in median errors. Of normal errors it is 2.4, where manoeuvres alternate with hover up to 12; a
 failure gives hundreds, by errors that say nothing of the model that follows it."""
@@ -38,7 +37,7 @@ MAX_QUARTILES = 3.0
 """Of the unit, in distances of the lower quartile from the median. Of normal values it is 2.4; larger ones come of a
 failure that lasts, which must not hide the next."""
 MIN_UNIT = 1e-6  # nats; values of F(t) that differ by less are the same but for rounding
-MIN_PAST = 100  # values before a surprise is reported
+MIN_PAST = 100  # values of F(t) before a surprise is reported; errors kept, at however long steps
 
 FALSE_MARK_SECONDS = 300.0
 """Mean time between marks in a flight that goes on as before, manoeuvres included."""
@@ -117,13 +116,13 @@ class Estimate(NamedTuple):
 
     def __repr__(self) -> str:
         if self.model is None:
-            return f"<Estimate: at {self.time:.6g} s, no model yet>"
+            return f"<Estimate: {self.time:.6g} s>"
         expected, band = (
             np.array2string(values, precision=3) for values in (self.expected, self.expected_band)
         )
         return (
-            f"<Estimate: at {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, by a model "
-            f"learnt until {self.until:.6g} s>"
+            f"<Estimate: {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, "
+            f"model {self.until:.6g} s>"
         )
 
 
@@ -205,7 +204,7 @@ class ErrorBands:
     def __init__(self, horizons: tuple[int, ...], outputs: int, dt: float) -> None:
         """Takes the ``horizons`` in steps, increasing, the number m of ``outputs`` and the sampling step ``dt``, s."""
         self._horizons = horizons
-        kept = max(round(BAND_SECONDS / dt), MIN_KEPT)
+        kept = max(round(BAND_SECONDS / dt), MIN_PAST)
         self._errors = np.full((1 + len(horizons), outputs, kept), np.nan)
         self._next = 0
         self._waiting: deque[Array] = deque(maxlen=horizons[-1])
