@@ -13,6 +13,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
+from operator import itemgetter
 from time import thread_time
 from typing import Any, NamedTuple
 
@@ -292,13 +293,9 @@ class Comparison:
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of one ``flight``, by its name."""
-        own = [
-            pair
-            for pair in zip(self.windows, self.outcomes, strict=True)
-            if pair[0].flight == flight
-        ]
-        windows, outcomes = zip(*own, strict=True)
-        return Comparison(windows, self.methods, outcomes)
+        own = [number for number, window in enumerate(self.windows) if window.flight == flight]
+        windows = tuple(self.windows[number] for number in own)
+        return Comparison(windows, self.methods, tuple(self.outcomes[number] for number in own))
 
     def summaries(self, flight: str, question: Question = KNOWN) -> tuple[dict[str, Any], ...]:
         """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
@@ -309,22 +306,22 @@ class Comparison:
         (``per_output`` over the training variance), ``inside``, the mean share in the 90 % band or None, and
         ``reference``, the first method beside this one (:class:`mavdem.evaluate.Paired`).
         """
-        return self._summaries[question][flight]
+        return self._summaries[flight, question]
 
     @cached_property
-    def _summaries(self) -> dict[str, dict[str, tuple[dict[str, Any], ...]]]:
-        found: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {}
-        for question, flight in product((KNOWN, FROM_ZERO, UNKNOWN), self.flights):
-            part = self.of_flight(flight)
-            methods = part.methods_of(question)
-            rows = [part._summary(method, question, methods[0]) for method in methods]
-            found.setdefault(question, {})[flight] = tuple(
-                sorted(rows, key=lambda row: row["relative"])
-            )
-        return found
+    def _summaries(self) -> dict[tuple[str, Question], tuple[dict[str, Any], ...]]:
+        return {
+            (flight, question): self.of_flight(flight)._standings(question)
+            for flight, question in product(self.flights, Question)
+        }
+
+    def _standings(self, question: Question) -> tuple[dict[str, Any], ...]:
+        """Of one flight."""
+        methods = self.methods_of(question)
+        rows = [self._summary(method, question, methods[0]) for method in methods]
+        return tuple(sorted(rows, key=itemgetter("relative")))
 
     def _summary(self, method: str, question: Question, reference: str) -> dict[str, Any]:
-        """Of one flight."""
         asked = self.scores[self.scores["question"] == question]
         own, ours = (by_horizon(asked[asked["method"] == name]) for name in (method, reference))
         mine = [one for row in self.outcomes for one in row if one.method == method]
@@ -349,15 +346,8 @@ class Comparison:
                 {
                     "steps": int(rows["steps"][0]),
                     "relative": float(np.median(ratio(rows))),
-                    **{
-                        key: np.median(
-                            error_over(rows["squared_error"], rows[unit]), axis=0
-                        ).tolist()
-                        for key, unit in (
-                            ("relative_per_output", "baseline"),
-                            ("per_output", "variance"),
-                        )
-                    },
+                    "relative_per_output": _medians(rows, "baseline"),
+                    "per_output": _medians(rows, "variance"),
                     "reference": paired(ratio(first), ratio(rows), self.windows),
                     "inside": _mean(rows["inside"]),
                 }
@@ -372,16 +362,21 @@ class Comparison:
         The largest ``ratio`` of the medians comes first; that of ``paired``, window by window, may differ.
         """
         lost = []
-        for flight, rows in self._summaries[question].items():
-            ours = next(row for row in rows if row["method"] == self.methods_of(question)[0])
-            for row, place in product(rows, range(len(ours["horizons"]))):
-                at = row["horizons"][place]
-                if (
-                    over := float(error_over(ours["horizons"][place]["relative"], at["relative"]))
-                ) > 1:
-                    names = {"flight": flight, "method": row["method"], "steps": at["steps"]}
-                    lost.append({**names, "ratio": over, "paired": at["reference"]})
-        return sorted(lost, key=lambda loss: -loss["ratio"])
+        reference = self.methods_of(question)[0]
+        for flight in self.flights:
+            rows = {row["method"]: row["horizons"] for row in self.summaries(flight, question)}
+            for method, horizons_of in rows.items():
+                for ours, theirs in zip(rows[reference], horizons_of, strict=True):
+                    loss = {
+                        "flight": flight,
+                        "method": method,
+                        "steps": theirs["steps"],
+                        "ratio": float(error_over(ours["relative"], theirs["relative"])),
+                        "paired": theirs["reference"],
+                    }
+                    if loss["ratio"] > 1:
+                        lost.append(loss)
+        return sorted(lost, key=itemgetter("ratio"), reverse=True)
 
     def verdicts(self, question: Question = KNOWN) -> dict[str, Paired]:
         """Returns the first method beside each other one over the whole test part, by name, for a ``question``.
@@ -390,16 +385,12 @@ class Comparison:
         """
         first, *others = self.methods_of(question)
         if len(self.flights) >= FEWEST_PAIRS:
-            return {
-                row["method"]: row["reference"]
-                for row in self.over_flights(question)
-                if row["method"] != first
-            }
-        columns = zip(self.methods, zip(*self.outcomes, strict=True), strict=True)
+            tests = {row["method"]: row["reference"] for row in self.over_flights(question)}
+            return {name: tests[name] for name in tests if name != first}
+        columns = dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
         whole = {
-            name: [float(ratio(one.of(question))[-1]) for one in column]
-            for name, column in columns
-            if name in (first, *others)
+            name: [ratio(outcome.of(question))[-1] for outcome in columns[name]]
+            for name in (first, *others)
         }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}
 
@@ -409,7 +400,7 @@ class Comparison:
         ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
         mean, ``COUNTS`` and ``mspe_total`` are sums; of ``reference`` each flight is one pair.
         """
-        summaries = [row for rows in self._summaries[question].values() for row in rows]
+        summaries = [row for flight in self.flights for row in self.summaries(flight, question)]
         overall = []
         for method in self.methods_of(question):
             rows = [row for row in summaries if row["method"] == method]
@@ -431,7 +422,7 @@ class Comparison:
                     "reference": paired(ratios, np.ones(len(ratios))),
                 }
             )
-        return tuple(sorted(overall, key=lambda row: row["relative"]))
+        return tuple(sorted(overall, key=itemgetter("relative")))
 
     def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
         """Returns values of a ``question`` for its document, by flight and by window, infinite errors as infinity.
@@ -500,7 +491,13 @@ class Comparison:
             for one in outcomes
             for row, values in ((row, score_values(row)) for row in one.scores)
         ]
-        return sorted(found, key=lambda row: row["inputs"])
+        return sorted(found, key=itemgetter("inputs"))
+
+
+def _medians(rows: ScoreTable, unit: str) -> list[float]:
+    """Of each output's error over the column ``unit``."""
+    medians: list[float] = np.median(error_over(rows["squared_error"], rows[unit]), axis=0).tolist()
+    return medians
 
 
 def _mean(shares: Iterable[float | None]) -> float | None:

@@ -12,7 +12,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Any
@@ -282,21 +282,18 @@ def _forecast(
 def _together(parts: Sequence[HeldOut]) -> HeldOut:
     """All windows of several parts in the order of time; the variance is the mean of the parts'."""
     order = np.argsort(np.concatenate([part.time[:, 0] for part in parts]), kind="stable")
-    columns = [
-        (part.time, part.measured, part.band, part.expected, *part.forecasts.values())
-        for part in parts
-    ]
-    time, measured, band, expected, *forecasts = (
-        np.concatenate(one)[order] for one in zip(*columns, strict=True)
-    )
-    named = dict(zip(parts[0].forecasts, forecasts, strict=True))
-    failures = tuple(dict.fromkeys(failure for part in parts for failure in part.failures))
+
+    def joined(tables: Iterable[Array]) -> Array:
+        return np.concatenate([*tables])[order]
+
     return HeldOut(
-        time,
-        measured,
-        named,
-        band,
-        expected,
-        np.mean([part.variance for part in parts], axis=0),
-        failures,
+        time=joined(part.time for part in parts),
+        measured=joined(part.measured for part in parts),
+        forecasts={
+            name: joined(part.forecasts[name] for part in parts) for name in HeldOutForecast
+        },
+        band=joined(part.band for part in parts),
+        expected=joined(part.expected for part in parts),
+        variance=np.mean([part.variance for part in parts], axis=0),
+        failures=tuple(dict.fromkeys(failure for part in parts for failure in part.failures)),
     )
