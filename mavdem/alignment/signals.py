@@ -151,35 +151,10 @@ class Attitude:
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
-    """The signals of one vehicle for a model of one axis, each worked out when first asked for, and once.
+class VehicleSignals:
+    """The signals of one vehicle, each worked out when first asked for, and once."""
 
-    Raises ValueError: an axis or inputs that are neither.
-    """
-
-    telemetry: Telemetry  # of the vehicle
-    axis: str = "roll"  # "roll", "pitch" or "yaw"
-    # "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not
-    inputs: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.axis not in AXES:
-            raise ValueError(f"axis must be one of {', '.join(AXES)}, not {self.axis!r}")
-        if self.inputs not in (None, *INPUTS):
-            raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {self.inputs!r}")
-
-    def about(self, axis: str, inputs: str | None = None) -> Signals:
-        """Returns the signals for another ``axis`` or other ``inputs``; what depends on neither is not read again."""
-        other = replace(self, axis=axis, inputs=inputs)
-        known = vars(self) | {"settled": self.settled}
-        own = {
-            "axis",
-            "inputs",
-            "drive",
-            *(("attitude", "demand", "setpoints") if axis != self.axis else ()),
-        }
-        vars(other).update({name: value for name, value in known.items() if name not in own})
-        return other
+    telemetry: Telemetry
 
     @cached_property
     def settled(self) -> dict[int, list[tuple[float, float]]]:
@@ -187,45 +162,16 @@ class Signals:
         return {}
 
     @cached_property
-    def attitude(self) -> Attitude | None:
-        """Angle and rate of the axis."""
-        return attitude(self.telemetry, self.axis)
-
-    @cached_property
     def tilts(self) -> tuple[Attitude, ...]:
         """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
-        found = [
-            self.attitude if axis == self.axis else attitude(self.telemetry, axis)
-            for axis in TILT_AXES
-        ]
-        return tuple(tilt for tilt in found if tilt is not None)
+        tilts = (attitude(self.telemetry, axis) for axis in TILT_AXES)
+        return tuple(tilt for tilt in tilts if tilt is not None)
 
     @cached_property
     def motors(self) -> Motors | None:
         """Motor outputs."""
         motors = motors_or_obstacle(self.telemetry)
         return motors if isinstance(motors, Motors) else None
-
-    @cached_property
-    def demand(self) -> Motors | None:
-        """The controller's command for the axis."""
-        return demand(self.telemetry, self.axis)
-
-    @cached_property
-    def drive(self) -> Motors | None:
-        """The model's inputs: the motors, or the demand where that was chosen or only it comes fast enough."""
-        if self.inputs is not None:
-            return self.demand if self.inputs == "demand" else self.motors
-        rates = (
-            0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand)
-        )
-        driven: Motors | None = motors_or_demand(self.motors, self.demand, *rates)
-        return driven
-
-    @cached_property
-    def setpoints(self) -> tuple[Setpoint, ...]:
-        """What was asked of the axis; empty where that was not recorded."""
-        return setpoints(self.telemetry, self.axis)
 
     @cached_property
     def voltage(self) -> Signal | None:
@@ -333,12 +279,8 @@ class Signals:
         if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(
             columns["time"]
         ):
-            angles = np.radians(
-                1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")])
-            )
-            fixed = np.asarray(
-                angles.any(axis=1) & (np.abs(angles) <= [np.pi / 2, np.pi]).all(axis=1)
-            )
+            places, fixed = fixes(columns)
+            angles = np.radians(places)
             if fixed.any():
                 first = angles[np.argmax(fixed)]
                 moved = (angles - first + np.pi) % (2 * np.pi) - np.pi  # across the date line too
@@ -390,6 +332,66 @@ class Signals:
             )
         thrust = control(self.telemetry, THRUST_COLUMN)
         return thrust if thrust is not None and len(thrust.time) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Signals(VehicleSignals):
+    """The signals of one vehicle for a model of one axis.
+
+    Raises ValueError: an axis or inputs that are neither.
+    """
+
+    axis: str = "roll"  # "roll", "pitch" or "yaw"
+    # "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not
+    inputs: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.axis not in AXES:
+            raise ValueError(f"axis must be one of {', '.join(AXES)}, not {self.axis!r}")
+        if self.inputs not in (None, *INPUTS):
+            raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {self.inputs!r}")
+
+    def about(self, axis: str, inputs: str | None = None) -> Signals:
+        """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
+        other = replace(self, axis=axis, inputs=inputs)
+        known = {"settled": self.settled, **vars(self)}
+        vars(other).update({name: known[name] for name in known if name in vars(VehicleSignals)})
+        return other
+
+    @cached_property
+    def attitude(self) -> Attitude | None:
+        """Angle and rate of the axis."""
+        if self.axis in TILT_AXES and self.tilts:
+            return self.tilts[TILT_AXES.index(self.axis)]
+        return attitude(self.telemetry, self.axis)
+
+    @cached_property
+    def demand(self) -> Motors | None:
+        """The controller's command for the axis."""
+        return demand(self.telemetry, self.axis)
+
+    @cached_property
+    def drive(self) -> Motors | None:
+        """The model's inputs: the motors, or the demand where that was chosen or only it comes fast enough."""
+        if self.inputs is not None:
+            return self.demand if self.inputs == "demand" else self.motors
+        rates = (
+            0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand)
+        )
+        driven: Motors | None = motors_or_demand(self.motors, self.demand, *rates)
+        return driven
+
+    @cached_property
+    def setpoints(self) -> tuple[Setpoint, ...]:
+        """What was asked of the axis; empty where that was not recorded."""
+        return setpoints(self.telemetry, self.axis)
+
+
+def fixes(columns: Columns) -> tuple[Array, NDArray[np.bool_]]:
+    """Returns latitude and longitude (N, 2), degrees, of messages with a position, and which of them (N,) are fixes."""
+    places = 1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")])
+    known = places.any(axis=1) & (np.abs(places) <= [90.0, 180.0]).all(axis=1)
+    return places, np.asarray(known)
 
 
 def motors_or_demand(motors: Any, demand: Any, motor_rate: float, demand_rate: float) -> Any:

@@ -288,8 +288,9 @@ def _torque_blocks(analysis: LogAnalysis, air: Air, report: dict[str, Any]) -> l
     if torque is None or (wind := same_clock(air, flights)) is None:
         return []
     time = np.concatenate([flight.time for flight in flights])
-    report["wind"]["explained_by_mean_wind"], said = torque_explained(wind, time, torque.torque)
-    return [Sentence(said, "Wind torque:")]
+    explained = torque_explained(wind, time, torque.torque)
+    report["wind"]["explained_by_mean_wind"] = explained.figures["share"]
+    return [Sentence(str(explained), "Wind torque:")]
 
 
 def same_clock(air: Air, flights: Sequence[Flight]) -> WindVelocity | None:

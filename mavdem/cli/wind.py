@@ -37,7 +37,7 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     if prior is not None:
         wind = wind_of(signals, earlier_drag(prior, identity_of(signals).name, wind.speed))
     drag = wind.drag
-    blocks = wind_blocks((wind, signals.autopilot_wind, ""))
+    blocks = wind_blocks((wind, signals.autopilot_wind, None))
     for header, name, rows in (
         ("Time (s)", "start", wind.minutes),
         ("Height (m)", "height", wind.profile),

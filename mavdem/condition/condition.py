@@ -33,6 +33,8 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.oscillation import Oscillation, oscillation_of
 from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.learnability import MotorObstacle
 from mavdem.flight import Flight
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
@@ -175,9 +177,7 @@ def _figures(
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)
     if not trims.mean() > 0:
-        raise NotLearnable(
-            "The motors are off in all of the settled flight.", "Check what wrote the log."
-        )
+        raise NotLearnable(Fact(MotorObstacle.MOTORS_OFF))
 
     upper, lower = at_limits(shares, scale)
     each = {

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -17,9 +15,10 @@ import numpy as np
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.learnability import Learnability, learnability_of, slower_rate
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
+from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.condition.condition import Condition, condition_of
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.vehicle import Allowed, Basis
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 from mavdem.ingest.vocabulary import (
@@ -30,8 +29,8 @@ from mavdem.ingest.vocabulary import (
 )
 
 CALIBRATIONS = {
-    "accelerometer": ("INS_ACCOFFS_{} INS_ACCSCAL_{}", "CAL_ACC0_{}OFF CAL_ACC0_{}SCALE"),
-    "compass": ("COMPASS_OFS_{}", "CAL_MAG0_{}OFF"),
+    Basis.ACCELEROMETER: ("INS_ACCOFFS_{} INS_ACCSCAL_{}", "CAL_ACC0_{}OFF CAL_ACC0_{}SCALE"),
+    Basis.COMPASS: ("COMPASS_OFS_{}", "CAL_MAG0_{}OFF"),
 }
 """Parameters, X, Y and Z of each, that a vehicle's own sensors have, ArduPilot's and PX4's, the more lasting first: a
 compass is calibrated anew in the field, the gyroscopes at each start."""
@@ -45,14 +44,14 @@ FIRST_SECOND = datetime(2001, 1, 1, tzinfo=UTC).timestamp()
 class Identity:
     """Which vehicle a log is of: a ``name`` by which its logs are known, made of the ``basis``.
 
-    That is "board", "accelerometer", "compass" or "system id", the last shared by many; of another kind, or another
-    autopilot, the name differs. ``system`` is the MAVLink id; ``autopilot``, ``frame`` and ``firmware`` are as the log
-    has them, empty where it does not; ``date`` is when its settled flight began, or the log, UTC, or None. ``hardware``
-    is the kind of board, as its firmware calls it; ``place`` the first fix, degrees north and east.
+    Of another kind, or another autopilot, the name differs. ``system`` is the MAVLink id; ``autopilot``, ``frame`` and
+    ``firmware`` are as the log has them, empty where it does not; ``date`` is when its settled flight began, or the
+    log, UTC, or None. ``hardware`` is the kind of board, as its firmware calls it; ``place`` the first fix, degrees
+    north and east.
     """
 
     name: str
-    basis: str
+    basis: Basis
     system: int
     autopilot: str
     frame: str
@@ -79,13 +78,13 @@ def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
     return Identity(name, basis, vehicle.system, *kind, date, hardware, _place(vehicle))
 
 
-def _name(telemetry: Telemetry) -> tuple[str, str]:
+def _name(telemetry: Telemetry) -> tuple[str, Basis]:
     if (
         number := telemetry.board
         or board_number_in_texts(_texts(telemetry))
         or _sent_number(telemetry)
     ):
-        return number, "board"
+        return number, Basis.BOARD
     for sensor, families in CALIBRATIONS.items():
         for family in families:
             names = [name.format(axis) for name in family.split() for axis in "XYZ"]
@@ -95,7 +94,7 @@ def _name(telemetry: Telemetry) -> tuple[str, str]:
                 # the digits that text and float32 keep
                 text = " ".join(f"{value:.4g}" for value in values)
                 return f"{sensor}-{hashlib.sha256(text.encode()).hexdigest()[:12]}", sensor
-    return f"{telemetry.autopilot}-{telemetry.system}".lower(), "system id"
+    return f"{telemetry.autopilot}-{telemetry.system}".lower(), Basis.SYSTEM_ID
 
 
 def _sent_number(telemetry: Telemetry) -> str:
@@ -172,12 +171,10 @@ def _place(telemetry: Telemetry) -> tuple[float, float] | None:
     """Latitude and longitude of the first fix, degrees, to a metre; None without one."""
     for name in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
         if "lat" in (columns := telemetry.messages.get(name, {})):
-            fixes = np.column_stack(
-                [1e-7 * np.asarray(columns[field], dtype=np.float64) for field in ("lat", "lon")]
-            )
-            fixes = fixes[(np.abs(fixes) <= [90.0, 180.0]).all(axis=1) & fixes.any(axis=1)]
-            if len(fixes):
-                return round(float(fixes[0, 0]), 5), round(float(fixes[0, 1]), 5)
+            places, fixed = fixes(columns)
+            if fixed.any():
+                north, east = places[fixed][0]
+                return round(float(north), 5), round(float(east), 5)
     return None
 
 
@@ -206,7 +203,11 @@ def _utc(seconds: float) -> datetime | None:
 
 # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
 SLOWEST_RATE = 1.0
-TIERS = tomllib.loads((files("mavdem.condition") / "tiers.toml").read_text())
+TIERS = {
+    "a": Fact(Allowed.TIER_A, Level.GOOD, rate=MINIMUM_RATE),
+    "b": Fact(Allowed.TIER_B, Level.WATCH, rate=SLOW_MOTION_RATE),
+    "c": Fact(Allowed.TIER_C, Level.WATCH),
+}
 
 
 class Tier(NamedTuple):
@@ -224,16 +225,14 @@ class Tier(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
-        needs = TIERS[self.next_tier or "a"]["needs"].format(
-            fast=MINIMUM_RATE, slow=SLOW_MOTION_RATE
-        )
-        needs = needs if self.is_slow or not self.remedy else self.remedy.rstrip(".")
-        better = self.next_tier and {"tier": self.next_tier, "needs": needs, "remedy": self.remedy}
-        allows = TIERS[self.name]["allows"] if self.name else ""
+        better = None
+        if self.next_tier:
+            needs = TIERS[self.next_tier].remedy if self.is_slow else self.remedy.rstrip(".")
+            better = {"tier": self.next_tier, "needs": needs, "remedy": self.remedy}
         return {
             "tier": self.name,
-            "tier_reason": str(self.reason),
-            "allows": allows,
+            "tier_reason": self.reason,
+            "allows": str(TIERS[self.name]) if self.name else "",
             "next_tier": better,
         }
 

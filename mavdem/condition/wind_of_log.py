@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import reduce
 from os import PathLike
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
 from mavdem.dem.airflow.identification import LONGEST_SECONDS
 from mavdem.dem.airflow.model import Drag
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Array, Columns, rows_by
 
@@ -35,7 +38,7 @@ AROUND = 1.5
 LOWEST_FLIGHT = 1.5
 LONGEST_STEP = 1.5
 # the wind, the autopilot's own estimate, and why there is no wind
-Air = tuple[WindVelocity | None, Signal | None, str]
+Air = tuple[WindVelocity | None, Signal | None, Fact | None]
 
 
 def wind(
@@ -63,9 +66,8 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         (name for name in VELOCITIES if len(telemetry.messages.get(name, {}).get("vx", ())) > 1), ""
     )
     if len(angles) < len(AXES) or not name:
-        ask = "Ask for ATTITUDE and LOCAL_POSITION_NED at 5 Hz or more; log XKF1, or vehicle_local_position in ULog."
         missing = "velocity over ground" if len(angles) == len(AXES) else "attitude"
-        raise NotLearnable(f"The {missing} was not recorded, and without it there is no wind.", ask)
+        raise NotLearnable(Fact(NoWind.NO_VELOCITY, name=missing))
     columns = telemetry.messages[name]
     factor = VELOCITIES[name]
     moving = factor * np.column_stack([floats(columns, field) for field in ("vx", "vy", "vz")])
@@ -105,17 +107,11 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         found = np.column_stack([at, *turned, *moved])[kept]
         best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
     if len(best) < 10:
-        raise NotLearnable(
-            "There is no settled flight with a velocity: on the ground, in climbs, or without position."
-        )
+        raise NotLearnable(Fact(NoWind.NO_FLIGHT_WITH_VELOCITY))
     if np.ptp(best[:, 0]) > LONGEST_SECONDS:
-        raise NotLearnable(
-            "The boot clock jumps by more than a day in flight, and without time there is no wind."
-        )
+        raise NotLearnable(Fact(NoWind.CLOCK_JUMPS))
     if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
-        raise NotLearnable(
-            f"The {'velocity' if still[0] else 'yaw'} never changes by a digit: it is not measured."
-        )
+        raise NotLearnable(Fact(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw"))
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
     return replace(
         estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot
@@ -125,9 +121,9 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
 def air_of(signals: Signals) -> Air:
     """Returns what a vehicle's ``signals`` say of the wind."""
     try:
-        return wind_of(signals), signals.autopilot_wind, ""
+        return wind_of(signals), signals.autopilot_wind, None
     except NotLearnable as error:
-        return None, None, str(error)
+        return None, None, error.fact
 
 
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.Intervals:
@@ -149,8 +145,8 @@ def _known(
     sure &= columns["valid"][rows] if "valid" in columns else True
     if "x" in columns:
         steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
-        covered = (velocity[1:, :2] + velocity[:-1, :2]) / 2 * np.diff(time)[:, None]
-        jumps = np.abs(steps - covered).max(axis=1) > POSITION_JUMP + 2 * np.diff(time)
+        dt = np.diff(time)[:, None]
+        jumps = is_reset(steps, velocity[:-1, :2], velocity[1:, :2], dt).any(axis=1)
         sure &= ~phases.during(time, [(t - AROUND, t + AROUND) for t in time[1:][jumps]])
     for speed in velocity[:, :2].T:
         reset = time[1:][_jumps(time, speed, VELOCITY_JUMP)]
@@ -162,6 +158,11 @@ def _known(
             lost = flags["flags"][here].astype(np.int64) & sum(VELOCITY_FLAGS) != VELOCITY_FLAGS[0]
             sure &= np.interp(time, flags["time"][here], lost) == 0
     return np.asarray(sure)
+
+
+def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:
+    """Returns whether a change of position, m, in ``dt``, s, is more than speeds ``before`` and ``after`` it cover."""
+    return abs(moved - (before + after) * dt / 2) > POSITION_JUMP + 2 * dt
 
 
 def _jumps(

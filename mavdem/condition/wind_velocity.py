@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,9 +17,11 @@ from mavdem.dem.airflow.identification import (
     gridded,
     identified,
 )
-from mavdem.dem.airflow.model import SOURCES, TOTAL, Drag
+from mavdem.dem.airflow.model import TOTAL, Drag
 from mavdem.dem.engine.linalg import one_thread
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
+from mavdem.facts.wind import WindDoubt, WindShare
 from mavdem.ingest.telemetry import Array
 
 # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
@@ -43,8 +45,6 @@ CHANGED = 1.0
 # relative sd of the drag that is reported; share of the prior's that is biased
 DRAG_ERROR = 0.18
 DRAG_LEFT = 0.8
-MANOEUVRE = "fly legs of 3 m/s and more, there and back, in several directions, with turns of yaw"
-TURN = "A slow turn of yaw in hover separates them"
 POINTS = (
     "N",
     "NNE",
@@ -83,7 +83,7 @@ class WindVelocity:
         along: (T, 2) velocity through air that moves as the mean wind does, along body x and y, m/s.
         drag: of the vehicle, as the flight leaves it.
         status: by "speed", "direction" and "drag".
-        reasons: one sentence each, of what is not reported.
+        reasons: of what is not reported.
         boot: of the log, on whose clock ``time`` is; 0 where arrays were given.
     """
 
@@ -102,7 +102,7 @@ class WindVelocity:
     profile: tuple[dict[str, float], ...]
     drag: Drag
     status: Mapping[str, Status]
-    reasons: Mapping[str, str]
+    reasons: Mapping[str, Fact]
     boot: int = 0
 
     @property
@@ -213,6 +213,7 @@ def estimate_wind(
     sd = found.relative_sd(moved)
     known = found.relative_sd(moved) / prior.relative_sd(moved)
     found = replace(found, source=prior.source if known > DRAG_LEFT else "flight")
+    doubts = list(_doubts(speed, low, high, turned, sd, known, steered, prior.source))
     return WindVelocity(
         speed=speed,
         speed_interval=(low, high),
@@ -228,12 +229,14 @@ def estimate_wind(
         minutes=tuple(minutes),
         profile=tuple(layers if len(layers) > 1 else ()),
         drag=found,
-        **_answers(speed, low, high, turned, sd, known, steered, prior.source),
+        status=dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
+        | {name: status for name, status, _ in doubts},
+        reasons={name: doubt for name, _, doubt in doubts},
     )
 
 
-def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> tuple[float | None, str]:
-    """Returns the share of a ``torque`` (N,) at ``time`` (N,), s, that the mean ``wind`` explains, and a sentence.
+def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
+    """Returns the ``share`` of a ``torque`` (N,) at ``time`` (N,), s, that the mean ``wind`` explains.
 
     It is the share of the variance of means over 3 s, by what is linear in the velocity through that air along body x
     and y, fitted to every second quarter of a minute and tried on the others. None where that hardly changes.
@@ -247,17 +250,13 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> tuple[fl
     )
     number, slow = number[kept := np.isfinite(slow).all(axis=1)], slow[kept]
     if len(slow) < LEAST_MEANS or slow[:, 1:].std(axis=0).max() < CHANGED:
-        why = "the velocity through the air hardly changed along the body, so that a shifted load looks like wind"
-        return None, f"The mean wind's share of it is not identifiable: {why}. {TURN}."
+        return Fact(WindShare.SHARE_UNKNOWN, share=None)
     left = slow[:, 0].copy()
     flat = np.column_stack([np.ones(len(slow)), slow[:, 1:]])
     for tried in (number // 5 % 2 == 0, number // 5 % 2 == 1):
         left[tried] -= flat[tried] @ np.linalg.lstsq(flat[~tried], slow[~tried, 0])[0]
     share = max(1 - float(left.var() / slow[:, 0].var()), 0.0)
-    return (
-        share,
-        f"The mean wind explains {100 * share:.0f} % of its variance over {GUST_SECONDS:g} s and more.",
-    )
+    return Fact(WindShare.SHARE_KNOWN, Level.GOOD, share=share, span=GUST_SECONDS)
 
 
 def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, float, float]:
@@ -276,7 +275,7 @@ def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, floa
     return (speed := max(float(np.median(means @ centre)), 0.0)), min(low, speed), high, turned
 
 
-def _answers(
+def _doubts(
     speed: float,
     low: float,
     high: float,
@@ -285,35 +284,31 @@ def _answers(
     known: float,
     steered: float,
     source: str,
-) -> dict[str, Any]:
-    """Status and reasons of speed, direction and drag."""
-    status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
-    reasons = {}
+) -> Iterator[tuple[str, Status, Fact]]:
+    """Status and reason of drag, speed and direction where they are not reported."""
     if sd > DRAG_ERROR:
-        status["drag"] = Status.NOT_IDENTIFIABLE if known > DRAG_LEFT else Status.BIASED
-        cause = (
-            "gusts made most of the velocity"
-            if steered < 0.3
-            else "the velocity over ground hardly changed"
+        status = Status.NOT_IDENTIFIABLE if known > DRAG_LEFT else Status.BIASED
+        yield (
+            "drag",
+            status,
+            Fact(
+                WindDoubt.DRAG_UNSURE,
+                Level.WATCH,
+                status=status,
+                relative_sd=sd,
+                source=source,
+                steered=steered,
+            ),
         )
-        said = (
-            f"is known from {SOURCES[source]} only: {cause}"
-            if known > DRAG_LEFT
-            else f"is known to {sd:.0%} only"
-        )
-        reasons["drag"] = f"The drag {said}. To identify it, {MANOEUVRE}."
     if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):
-        status["speed"] = (
-            Status.BIASED if high <= SPEED_FACTOR * max(low, 0.3) else Status.NOT_IDENTIFIABLE
+        roughly = high <= SPEED_FACTOR * max(low, 0.3)
+        doubt = Fact(
+            WindDoubt.SPEED_UNSURE, Level.WATCH, low=low, high=high, by_drag=sd > DRAG_ERROR
         )
-        cause = (
-            "the drag is not identifiable" if sd > DRAG_ERROR else f"a lean looks like wind. {TURN}"
-        )
-        reasons["speed"] = f"The speed is known from {low:.1f} to {high:.1f} m/s only: {cause}."
+        yield "speed", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt
     if turned > DIRECTION_ERROR:
-        status["direction"] = (
-            Status.BIASED if turned <= DIRECTION_LIMIT else Status.NOT_IDENTIFIABLE
+        roughly = turned <= DIRECTION_LIMIT
+        doubt = Fact(
+            WindDoubt.DIRECTION_UNSURE, Level.WATCH, direction_interval=float(np.radians(turned))
         )
-        lean = "misaligned attitude or a shifted load leans the vehicle as wind does"
-        reasons["direction"] = f"The direction is known to ±{turned:.0f}° only: {lean}. {TURN}."
-    return {"status": status, "reasons": reasons}
+        yield "direction", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt

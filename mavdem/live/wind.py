@@ -18,9 +18,9 @@ import numpy as np
 from mavdem.condition.wind_of_log import (
     AROUND,
     LONGEST_STEP,
-    POSITION_JUMP,
     VELOCITIES,
     VELOCITY_FLAGS,
+    is_reset,
 )
 from mavdem.condition.wind_velocity import CALM, DIRECTION_LIMIT, HEADING_SD, by_compass, from_point
 from mavdem.confidence import quantile
@@ -128,9 +128,7 @@ class LiveWind:
         self._last = time, level, values[3:]
         # A reset of the position is no motion.
         both = zip(values[3:], place, level, moved, strict=False)
-        if any(
-            abs(now - then - (a + b) * dt / 2) > POSITION_JUMP + 2 * dt for now, then, a, b in both
-        ):
+        if any(is_reset(now - then, a, b, dt) for now, then, a, b in both):
             self._ignored = time + AROUND
         sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0] and time >= self._ignored
         if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):

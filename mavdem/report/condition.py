@@ -12,7 +12,7 @@ from mavdem.condition.wind_velocity import WindVelocity, coming_from, from_point
 from mavdem.facts.identifiability import Status
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table, caution
-from mavdem.report.words import says, section
+from mavdem.report.words import advised, says, section
 
 # what a tier is called where it is shown
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
@@ -128,7 +128,7 @@ def wind_blocks(air: Air) -> list[Block]:
     """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
     wind, own, reason = air
     if wind is None:
-        return [Sentence(str(reason), "Wind:")]
+        return [Sentence(advised(reason), "Wind:")] if reason else []
     first, last = wind.time[[0, -1]]
     estimate = None
     if own is not None:

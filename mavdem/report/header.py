@@ -21,6 +21,7 @@ from mavdem.report.condition import wind_words
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import TORQUE, readable, rounded, short, with_unit
 from mavdem.report.timeline import Timeline
+from mavdem.report.words import bare
 
 POINTS = 16_000
 FEW_POINTS = 2_000
@@ -70,10 +71,9 @@ def key_figures(
         remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"
         level = Level.BAD if left < LITTLE_HEADROOM else Level.GOOD
         yield KeyFigure("Least headroom", f"{100 * left:.0f} %", remark, level)
-    wind, _, reason = air or (None, None, "")
-    speed, origin, gusts = (
-        ("not known", reason.split(". ")[0].rstrip("."), "") if wind is None else wind_words(wind)
-    )
+    wind, _, reason = air or (None, None, None)
+    unknown = "not known", bare(reason) if reason else "", ""
+    speed, origin, gusts = unknown if wind is None else wind_words(wind)
     yield KeyFigure("Wind", speed, f"{origin}{gusts}".strip("; "))
     physical = None if learned is None else learned.physical
     if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
