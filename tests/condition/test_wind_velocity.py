@@ -17,7 +17,7 @@ from mavdem.dem.airflow import identification
 from mavdem.dem.airflow.model import Drag, motion
 from mavdem.errors import NotLearnable
 from mavdem.facts.identifiability import Status
-from mavdem.facts.wind import WindShare
+from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.ingest import read_log
 from mavdem.live.stream import LiveStream
 from mavdem.live.wind import LiveWind, WindRow
