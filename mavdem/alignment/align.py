@@ -26,10 +26,9 @@ STEP_TOLERANCE = 1.1
 verdict decides whether the mean rate of a segment is enough."""
 # Longest silence that is bridged: half a period of 5 Hz, a frequency at which roll still moves
 MAX_GAP_SECONDS = 0.1
-# Share of steps below which they are rare, cycles of a scheduler that an interval may be, and how far the mean may be.
+# Share of steps below which they are rare, and cycles of a scheduler that an interval may be.
 USUAL_SHARE = 0.02
 MAX_CYCLES = 3
-CYCLES_TOLERANCE = 0.1
 # Resolution of ``time_boot_ms``: two stamps no further apart may belong to the same moment
 STAMP_SECONDS = 1e-3
 
@@ -279,7 +278,7 @@ def _interval(time: Array) -> float:
         < USUAL_SHARE
     )
     jitter = even and steps[0] * STAMP_SECONDS < usual - STAMP_SECONDS
-    return usual if jitter and abs(usual - mean) <= CYCLES_TOLERANCE * mean else mean
+    return usual if jitter and abs(usual / mean - 1) <= STEP_TOLERANCE - 1 else mean
 
 
 def mean_rate(time: Array) -> float:

@@ -105,10 +105,9 @@ INPUTS = ("motors", "demand")
 RECORD_A_FLIGHT = Fact(Remedy.RECORD_A_FLIGHT)
 DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 DEMAND_FORM = MotorMessage("controls")
-THRUST_COLUMN = 3  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
+THRUST_COLUMN = len(AXES)  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
 PORT_CHANNELS = 8
-WIDE_PORT_CHANNELS = 16
-"""Channels a port of SERVO_OUTPUT_RAW; firmware that fills the message's extension counts ports by 16."""
+"""Channels a port of SERVO_OUTPUT_RAW; firmware that fills the message's extension counts ports by all of them."""
 LEAST_STOP = 0.5
 STOP_SHARE = 0.01
 STOP_WIDTH = 0.003
@@ -116,7 +115,9 @@ STOP_BINS = 5
 STOP_EXCESS = 8
 """An upper stop that the outputs show: at least so much of the range, so often reached, this wide, how many bins of
 that width below it show what is usual, and how many times as often it is reached: the crest of a sine 3 to 5 times."""
-UNUSED_CHANNEL = 65535  # SERVO_OUTPUT_RAW's value for a channel without an output
+UINT16_UNKNOWN = (
+    65535  # MAVLink's uint16 for what there is none of: an output, or the voltage of a cell
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,9 +252,9 @@ def outputs_by_port(message: str, columns: Columns) -> tuple[Array, int]:
         values = np.atleast_2d(floats(columns, first))
         return values, values.shape[1]
     values = np.column_stack([floats(columns, field) for field in channels if field in columns])
-    values[values == UNUSED_CHANNEL] = 0.0
-    wide = values.shape[1] == WIDE_PORT_CHANNELS and np.any(values[:, PORT_CHANNELS:])
-    return values, WIDE_PORT_CHANNELS if wide else PORT_CHANNELS
+    values[values == UINT16_UNKNOWN] = 0.0
+    wide = values.shape[1] == len(channels) and np.any(values[:, PORT_CHANNELS:])
+    return values, len(channels) if wide else PORT_CHANNELS
 
 
 def _banks(message: str, columns: Columns) -> list[_Bank]:

@@ -25,9 +25,7 @@ HELD_STEPS = 1.5
 """Quantisation steps by which a value that had been constant for a message or more usually changes when it does, if it
 was held. One that only moves less than a step goes on by one step."""
 STOP_MARGIN = 0.01
-IDLE_THROTTLE = 0.15
-"""Shares of the range: how near to its upper stop (``OutputScale.stop``) a motor is at it, and the idle below which
-autopilots let none fall in flight (ArduPilot's default for MOT_SPIN_MIN)."""
+"""Share of the range: how near to its upper stop (``OutputScale.stop``) a motor is at it."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +166,7 @@ def _step(values: Array) -> float:
 
 def at_limits(shares: Array, scale: OutputScale) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Returns where motors are at the upper stop of their ``scale``, and where they idle, shaped like ``shares``."""
-    return shares >= scale.stop - STOP_MARGIN, shares <= IDLE_THROTTLE
+    return shares >= scale.stop - STOP_MARGIN, shares <= phases.IDLE_COLLECTIVE
 
 
 def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:

@@ -31,6 +31,7 @@ from mavdem.alignment.drive import (
     MAX_BODY_RATE,
     THRUST_COLUMN,
     TILT_AXES,
+    UINT16_UNKNOWN,
     Motors,
     Signal,
     by_preference,
@@ -61,9 +62,7 @@ BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
 """Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
 message before them: a few ms, for a quantity that changes over seconds."""
 EARTH_RADIUS = 6_371_000.0  # m, in the mean
-NO_CELL = 65535  # mV of a cell, or battery, that is not measured
-LEAST_VOLTAGE = 1.0
-MOST_VOLTAGE = 1000.0
+POSSIBLE_VOLTAGE = (1.0, 1000.0)
 """V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
 MINIMUM_RATE = 40.0
 """Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
@@ -73,8 +72,7 @@ SLOW_MOTION_RATE = 8.0
 """Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
 nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
 TARGET_MESSAGE = "ATTITUDE_TARGET"
-IGNORED_RATES = {"roll": 1, "pitch": 2, "yaw": 4}
-IGNORED_ATTITUDE = 128
+IGNORED = {"roll": 1, "pitch": 2, "yaw": 4, "attitude": 128}
 """Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
 # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
 ROUNDING = 1e-6
@@ -103,9 +101,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
         ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(
             np.int64
         )
-        rates = np.where(
-            ignored & IGNORED_RATES[axis], np.nan, floats(targets, f"body_{axis}_rate")
-        )
+        rates = np.where(ignored & IGNORED[axis], np.nan, floats(targets, f"body_{axis}_rate"))
         rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
         found.append(
             Setpoint(f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, series(targets, rates))
@@ -116,7 +112,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
                 angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[
                     TILT_AXES.index(axis)
                 ]
-            angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, angles)
+            angles = np.where(ignored & IGNORED["attitude"], np.nan, angles)
             found.append(
                 Setpoint(f"{axis} setpoint", "rad", TARGET_MESSAGE, series(targets, angles))
             )
@@ -183,8 +179,9 @@ class VehicleSignals:
                 if message == "BATTERY_STATUS"
                 else floats(columns, "voltage_battery")
             )
-            volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
-            possible = (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE)
+            volts = np.where(volts == UINT16_UNKNOWN, np.nan, volts) / 1000
+            least, most = POSSIBLE_VOLTAGE
+            possible = (volts >= least) & (volts <= most)
             # damage doubles single ones
             possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)
             measured = series(columns, volts, possible)
@@ -455,7 +452,7 @@ def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
 def _of_cells(columns: Columns) -> Array:
     """(N,) mV of battery 0: the sum of its cells, or the whole in the place of the first."""
     cells = np.atleast_2d(floats(columns, "voltages"))
-    total = np.where(cells == NO_CELL, 0.0, cells).sum(axis=1)
+    total = np.where(cells == UINT16_UNKNOWN, 0.0, cells).sum(axis=1)
     if "voltages_ext" in columns:
         # 0 where there is no cell
         total += np.atleast_2d(floats(columns, "voltages_ext")).sum(axis=1)

@@ -198,8 +198,7 @@ def _figures(
 FASTEST = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
 # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
-FEWEST = 4
-MOST = 32
+COSINES = (4, 32)
 END_SECONDS = 2.0  # The battery's voltage at either end is the median over so long
 LEVELS = ("vibration_x", "vibration_y", "vibration_z")
 CLIPS = ("clipping_0", "clipping_1", "clipping_2")
@@ -337,7 +336,7 @@ def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tup
 def mean_interval(values: Array, seconds: float) -> Array:
     """Returns half widths (k,) of the means of ``values`` (N, k), uniform over ``seconds``: 90 %, inf if too short."""
     length = len(values)
-    cosines = int(np.clip(round(2 * FASTEST * seconds), FEWEST, MOST))
+    cosines = int(np.clip(round(2 * FASTEST * seconds), *COSINES))
     if length <= 2 * cosines:
         return np.full(values.shape[1], np.inf)
     projections = dct(values - values.mean(axis=0), axis=0)[1 : cosines + 1] / (

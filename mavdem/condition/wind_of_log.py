@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mavdem.alignment import phases
 from mavdem.alignment.drive import AXES, Signal, floats
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals, attitude
+from mavdem.alignment.signals import CLIMB_FIELDS, Signals, attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
 from mavdem.dem.airflow.identification import LONGEST_SECONDS
 from mavdem.dem.airflow.model import Drag
@@ -23,7 +23,7 @@ from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Array, Columns, rows_by
 
-VELOCITIES = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 0.01}
+VELOCITIES = {name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"}
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
 FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 VELOCITY_FLAGS = (2, 128)
@@ -31,10 +31,9 @@ VELOCITY_FLAGS = (2, 128)
 VELOCITY_JUMP = (1.0, 15.0)
 YAW_JUMP = (0.35, 6.0)
 """m/s, rad, and m/s², rad/s: a change beyond both is a reset. Before one of the yaw it was not known."""
-# m beyond what the velocity covers, of a reset; s around it that are left out
+# m beyond what the velocity covers, of a reset
 POSITION_JUMP = 1.0
-AROUND = 1.5
-# m above the lowest height, without motors; s between velocities
+# m above the lowest height, without motors; s between velocities, and around a reset that are left out
 LOWEST_FLIGHT = 1.5
 LONGEST_STEP = 1.5
 # the wind, the autopilot's own estimate, and why there is no wind
@@ -101,7 +100,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
             > np.max(
                 at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)], initial=-np.inf
             )
-            + AROUND
+            + LONGEST_STEP
         )
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
         found = np.column_stack([at, *turned, *moved])[kept]
@@ -147,10 +146,12 @@ def _known(
         steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
         dt = np.diff(time)[:, None]
         jumps = is_reset(steps, velocity[:-1, :2], velocity[1:, :2], dt).any(axis=1)
-        sure &= ~phases.during(time, [(t - AROUND, t + AROUND) for t in time[1:][jumps]])
+        sure &= ~phases.during(
+            time, [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
+        )
     for speed in velocity[:, :2].T:
         reset = time[1:][_jumps(time, speed, VELOCITY_JUMP)]
-        sure &= ~phases.during(time, [(t - AROUND, t + AROUND) for t in reset])
+        sure &= ~phases.during(time, [(t - LONGEST_STEP, t + LONGEST_STEP) for t in reset])
     for flags in (
         signals.telemetry.messages[name] for name in FLAGS if name in signals.telemetry.messages
     ):

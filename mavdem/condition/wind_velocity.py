@@ -27,9 +27,8 @@ from mavdem.ingest.telemetry import Array
 # of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
 GUST_SECONDS = 3.0
 INDEPENDENT_SECONDS = 10.0
-# m of height, and s in it, of which a mean is shown; m/s
+# m of height of which a mean is shown; m/s
 LAYER = 10.0
-LAYER_SECONDS = 10.0
 CALM = 0.5
 # m/s or share of half width reported; ratio of ends biased
 SPEED_ERROR = 0.7
@@ -203,7 +202,7 @@ def estimate_wind(
         )
     place = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER)
     layers = []
-    for n in (n for n in np.unique(place) if np.sum(place == n) * fine.step >= LAYER_SECONDS):
+    for n in (n for n in np.unique(place) if np.sum(place == n) * fine.step >= INDEPENDENT_SECONDS):
         one = air[place == n].mean(axis=0)
         middle = float(LAYER * (n + 0.5))
         layers.append(

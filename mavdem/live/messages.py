@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UNUSED_CHANNEL
+from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
@@ -188,7 +188,7 @@ def outputs(message: Message) -> tuple[int, Values]:
             message.values[-1].tolist()
         )
     port, *sent = message.values
-    return port, tuple(0.0 if value == UNUSED_CHANNEL else float(value) for value in sent)
+    return port, tuple(0.0 if value == UINT16_UNKNOWN else float(value) for value in sent)
 
 
 def parameters_of(messages: Iterable[Message], autopilot: str) -> dict[str, float]:

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.condition.wind_of_log import (
-    AROUND,
     LONGEST_STEP,
     VELOCITIES,
     VELOCITY_FLAGS,
@@ -129,7 +128,7 @@ class LiveWind:
         # A reset of the position is no motion.
         both = zip(values[3:], place, level, moved, strict=False)
         if any(is_reset(now - then, a, b, dt) for now, then, a, b in both):
-            self._ignored = time + AROUND
+            self._ignored = time + LONGEST_STEP
         sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0] and time >= self._ignored
         if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
             return None

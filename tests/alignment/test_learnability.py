@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from hover import X_QUAD, Hover, changed, columns, only, pulses, with_pulses
+from hover import X_QUAD, Hover, changed, columns, only, pulses, with_demand, with_pulses
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.drive import DEMAND_MESSAGE
@@ -125,6 +125,21 @@ def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
     assert reason.remedy.count("streamrate -1") == 1
 
 
+def test_a_demand_that_never_moves_is_no_input():
+    signals = Signals(with_demand(HOVER.telemetry()), "pitch", "demand")
+    assert learnability_of(signals).reason.code is Reason.DEMAND_CONSTANT
+
+
+def test_what_was_assumed_and_left_out_is_said():
+    telemetry = dataclasses.replace(HOVER.telemetry(), vehicle="UNKNOWN")
+    roll = telemetry.messages["ATTITUDE"]["roll"].copy()
+    roll[::10] = np.nan
+    learnability = judged(changed(telemetry, "ATTITUDE", roll=roll))
+    expected = {Caution.MESSAGES_LEFT_OUT, Caution.VEHICLE_ASSUMED, Caution.MIXER_ASSUMED}
+    assert codes(learnability.cautions) == expected
+    assert all(map(str, learnability.cautions))
+
+
 def test_who_asks_for_rates_is_named_only_where_somebody_does():
     telemetry = slowed(15.0)
     own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
@@ -219,6 +234,12 @@ def shaking(size: float = 1.0, share: float = 1.0) -> Telemetry:
     )
 
 
+def with_steps(step: float, telemetry: Telemetry) -> Telemetry:
+    table = telemetry.messages["ATTITUDE"]
+    rounded = {name: np.round(table[name] / step) * step for name in ("roll", "rollspeed")}
+    return changed(telemetry, "ATTITUDE", **rounded)
+
+
 GAPS = HOVER.stamps(100.0)[HOVER.stamps(100.0) % 3.0 < 2.5]
 FOUR, SIX = (
     {f"SERVO{step * n + first}_FUNCTION": 32.0 + n for n in range(1, last)}
@@ -226,16 +247,6 @@ FOUR, SIX = (
 )
 REFUSED = {
     "slow": (HOVER.telemetry(4.0, 4.0), Reason.STREAMS_TOO_SLOW, Remedy.ARDUPILOT_STREAMS),
-    "slow motors": (
-        HOVER.telemetry(100.0, 10.0),
-        Reason.STREAMS_TOO_SLOW,
-        Remedy.ARDUPILOT_STREAMS,
-    ),
-    "slow attitude": (
-        HOVER.telemetry(15.0, 100.0),
-        Reason.STREAMS_TOO_SLOW,
-        Remedy.ARDUPILOT_STREAMS,
-    ),
     "slow PX4": (
         HOVER.telemetry(4.0, 4.0, autopilot="PX4"),
         Reason.STREAMS_TOO_SLOW,
@@ -259,11 +270,6 @@ REFUSED = {
         Remedy.ARDUPILOT_STREAMS,
     ),
     "disarmed": (disarmed(HOVER.telemetry()), Reason.NEVER_ARMED, Remedy.RECORD_A_FLIGHT),
-    "disarmed and still": (
-        disarmed(with_outputs(1000.0)),
-        Reason.NEVER_ARMED,
-        Remedy.RECORD_A_FLIGHT,
-    ),
     "still": (with_outputs(1000.0), MotorObstacle.MOTORS_CONSTANT, Remedy.RECORD_A_FLIGHT),
     "other channels": (
         with_outputs(**FOUR),
@@ -271,7 +277,7 @@ REFUSED = {
         Remedy.RECORD_A_FLIGHT,
     ),
     "too few": (with_outputs(**SIX), MotorObstacle.CHANNELS_MISSING, Remedy.RECORD_A_FLIGHT),
-    "no number": (with_outputs(np.nan), MotorObstacle.MOTORS_CONSTANT, Remedy.RECORD_A_FLIGHT),
+    "never changes": (with_steps(1e9, HOVER.telemetry()), Reason.OUTPUT_CONSTANT, None),
     "idling": (idling(), Reason.NEVER_AIRBORNE, Remedy.RECORD_A_FLIGHT),
     "shaking": (shaking(), Reason.RATE_CONTRADICTS_ANGLE, Remedy.ARDUPILOT_STREAMS),
     "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), Reason.NO_MULTIROTOR, None),
@@ -413,12 +419,6 @@ def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
     assert np.mean((np.diff(pulses(whole)) == 0).all(axis=0)) > 0.8
     learnability = judged(whole)
     assert learnability.learnable and learnability.figures.motor_fresh == pytest.approx(100)
-
-
-def with_steps(step: float, telemetry: Telemetry) -> Telemetry:
-    table = telemetry.messages["ATTITUDE"]
-    rounded = {name: np.round(table[name] / step) * step for name in ("roll", "rollspeed")}
-    return changed(telemetry, "ATTITUDE", **rounded)
 
 
 def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():

@@ -11,7 +11,7 @@ from recorded_flights import shared
 
 from mavdem import Flight
 from mavdem.alignment.align import Segment, align, settled_segments
-from mavdem.alignment.learnability import Learnability
+from mavdem.alignment.learnability import Learnability, learnabilities
 from mavdem.alignment.read import (
     choose_vehicle,
     learnable_flight,
@@ -86,6 +86,8 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     )
     log = log_of(hover.telemetry(stamps, stamps))
     (flight,), verdict = segments_of(log)
+    judged = {each.reason.code for each in learnabilities(Signals(log.vehicles[0]))}
+    assert judged == {Reason.LEARNABLE, Reason.SLOWER_THAN_LONGEST}
     assert flight.time[0] == pytest.approx(36) and flight.dt == 0.01
     (caution,) = set(flight.cautions) - set(verdict.cautions)
     assert caution.code is Caution.SEGMENTS_LEFT_OUT

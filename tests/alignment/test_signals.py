@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from mavdem.alignment import drive, signals
 from mavdem.alignment.phases import airborne_collective
 from mavdem.alignment.signals import Signals
+from mavdem.facts.learnability import MotorObstacle
 from mavdem.ingest.motors import motor_geometry, output_scale
 from mavdem.ingest.telemetry import Telemetry
 
@@ -212,17 +213,21 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     second = np.arange(2 * len(time)) % 2 == 1
     both = {
         "time": np.repeat(time, 2) + 0.003 * second,
-        "boot": np.zeros(len(second), dtype=int),
         "port": second * 1.0,
     }
     for n in range(8):
         both[f"servo{n + 1}_raw"] = np.where(
             second, np.repeat(outputs[:, 8 + n], 2), np.repeat(outputs[:, n], 2)
         )
-    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
+    one_boot = np.zeros(len(second), dtype=int)
+    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=one_boot))
     assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
     assert motors.scale.step == 1.0
+    apart = drive.motors_or_obstacle(
+        changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=second.astype(int))
+    )
+    assert apart.code is MotorObstacle.OUTPUTS_NOT_FINITE
 
 
 def test_a_message_without_motors_that_move_leaves_the_next():

@@ -20,7 +20,7 @@ from mavdem.condition import condition_of, identity_of
 from mavdem.condition.condition import LEVEL, hover_of, mean_interval
 from mavdem.condition.inventory import Tier, autopilot_alarms, inventory, tier_of
 from mavdem.errors import NotLearnable
-from mavdem.facts.learnability import Caution, Reason
+from mavdem.facts.learnability import Caution, MotorObstacle, Reason
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Component, Telemetry
@@ -256,8 +256,9 @@ def test_arrays_need_the_range_of_their_outputs():
     assert found.trim_of_range == pytest.approx((0.5, 0.1)) and found.at_lower_limit == (0.0, 1.0)
     assert found.roll == pytest.approx(np.degrees(0.1)) and found.pitch is None
     still = Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0])
-    with pytest.raises(NotLearnable, match="are off"):
+    with pytest.raises(NotLearnable) as refusal:
         hover_figures([still], PULSES)
+    assert refusal.value.fact.code is MotorObstacle.MOTORS_OFF
     with pytest.raises(ValueError, match="demand"):
         hover_figures([still], OutputScale("demand", "", -1, 1, 0.1))
 
