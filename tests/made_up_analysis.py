@@ -8,6 +8,7 @@ from mavdem.analysis.figures import LogAnalysis
 from mavdem.condition.condition import HoverFigures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
+from mavdem.facts.prose import prose
 
 MOTORS = (
     "motor 1 (front right)",
@@ -59,7 +60,8 @@ def physical(share: float | None = None, **status: str) -> Parameters:
         half=half,
         mean=(0.069, 0.003 if share is None else 0.069 * share),
         status={name: status.get(name, "reported") for name in names},
-        reasons={name: f"Why {name}." if name in status else "" for name in names},
+        reasons={name: prose(f"Why {name}.") if name in status else None for name in names},
+        differs_over_time=False,
         wind_share=0.07,
     )
 
@@ -94,7 +96,7 @@ def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
     known = SimpleNamespace(**(torque | gusts | wind))
     white = {"wind_torque": known, "one_step": lambda: np.zeros((900, 2)), "dt": 0.01}
     return SimpleNamespace(
-        record=record, physical=parameters, physical_reason="", stable=True, **white
+        record=record, physical=parameters, physical_reason=None, stable=True, **white
     )
 
 

@@ -126,8 +126,8 @@ def analyse(
         if isinstance(error, TooFewSamples) and (options.start or options.train or options.test):
             raise
         return _refused(found, error.fact) if slow else replace(found, reason=error.fact)
-    caution = [str(Fact(Caveat.SLOW_MOTION_ONLY, Level.WATCH))] if slow else []
-    cautions = *caution, *map(str, flights[0].cautions), *learned.cautions
+    caution = [Fact(Caveat.SLOW_MOTION_ONLY, Level.WATCH)] if slow else []
+    cautions = *caution, *flights[0].cautions, *learned.cautions
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     changes = found.changes
     if changes and learned.physical is not None and learned.wind_torque is not None:

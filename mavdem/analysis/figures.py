@@ -42,6 +42,7 @@ from mavdem.evaluate.truth import TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NoModel
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
+from mavdem.facts.prose import prose
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
@@ -55,7 +56,7 @@ class AxisFigures(NamedTuple):
     flights: tuple[Flight, ...]
     physical: Physical | None
     wind: WindTorque | None
-    reason: str
+    reason: Fact | None
 
 
 class VehicleFigures(NamedTuple):
@@ -351,12 +352,12 @@ def axis_figures(
     """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
     flights, verdict = usable_segments(signals, components)
     if not flights:
-        return AxisFigures((), None, None, str(NotLearnable(verdict.reason)))
+        return AxisFigures((), None, None, verdict.reason)
     record = Record.of(flights)
     parameters = physical(record)
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:
-        return AxisFigures(flights, parameters, wind(parameters, record, changes), "")
+        return AxisFigures(flights, parameters, wind(parameters, record, changes), None)
     except ValueError:  # LinAlgError is one
-        return AxisFigures(flights, parameters, None, "")
+        return AxisFigures(flights, parameters, None, None)

@@ -34,7 +34,6 @@ from mavdem.facts.assessment import (
 )
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
-from mavdem.facts.prose import prose
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 
@@ -161,7 +160,7 @@ def disown_torque(learned: Learned, condition: Condition) -> Learned:
     torque = learned.wind_torque
     if condition.oscillation is None or torque is None:
         return learned
-    return learned.with_wind_torque(replace(torque, reason=str(Fact(Because.OWN_TORQUE))))
+    return learned.with_wind_torque(replace(torque, reason=Fact(Because.OWN_TORQUE)))
 
 
 def _doubted(finding: Finding, override: Fact) -> Finding:
@@ -237,7 +236,7 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> Iterator[Finding]:
     """The findings on each purpose; on prediction only with ``held_out`` windows."""
     physical = learned.physical
     if physical is None:
-        unknown = Grade.NOT_IDENTIFIABLE, prose(learned.physical_reason)
+        unknown = Grade.NOT_IDENTIFIABLE, _because(learned.physical_reason)
         yield Finding(Purpose.CONTROL_EFFECTIVENESS, *unknown)
         yield Finding(Purpose.DAMPING_AND_TIME_CONSTANT, *unknown)
         yield Finding(Purpose.WIND_TORQUE, *unknown)
@@ -268,12 +267,18 @@ def _grade(name: str, share: float, status: Status = Status.REPORTED) -> Grade:
     return Grade.LIMITED if is_limited else Grade.GOOD
 
 
+def _because(reason: Fact | None) -> Fact:
+    """The ``reason`` of what is not reported: there always is one."""
+    assert reason is not None
+    return reason
+
+
 def _effect(physical: Physical) -> Finding:
     mean, half = physical.mean_effect(LEVEL)
     status = Status(physical.status["effect"])
     reason = Fact(Because.EFFECT_KNOWN, share=half / mean)
     if status is not Status.REPORTED:
-        reason = prose(physical.reasons["effect"])
+        reason = _because(physical.reasons["effect"])
     return Finding(Purpose.CONTROL_EFFECTIVENESS, _grade("effect", half / mean, status), reason)
 
 
@@ -284,14 +289,14 @@ def _motion(physical: Physical) -> Finding:
     statuses = {name: Status(physical.status[name]) for name in values}
     grades = {_grade(name, share, statuses[name]) for name, share in shares.items()}
     if grades == {Grade.NOT_IDENTIFIABLE}:
-        reason = prose(physical.reasons["damping"] or physical.reasons["lag"])
-        if reason == prose(physical.reasons["effect"]):
+        reason = _because(physical.reasons["damping"] or physical.reasons["lag"])
+        if reason == physical.reasons["effect"]:
             reason = Fact(Because.SAME_AS_EFFECT)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
     doubts = dict[tuple[Status, Fact], list[str]]()
     for name, status in statuses.items():
         if status is not Status.REPORTED:
-            doubts.setdefault((status, prose(physical.reasons[name])), []).append(name)
+            doubts.setdefault((status, _because(physical.reasons[name])), []).append(name)
     reason = Fact(
         Because.MOTION_KNOWN,
         shares=[known for known in shares.items() if isfinite(known[1])],
@@ -319,7 +324,7 @@ def _wind(wind: WindTorque | None, physical: Physical) -> Finding:
     elif wind is None:
         reason = Fact(Because.WIND_NOT_ESTIMATED)
     elif wind.reason is not None:
-        reason = prose(wind.reason)
+        reason = wind.reason
     elif doubted := [
         name for name, status in physical.status.items() if Status(status) is not Status.REPORTED
     ]:

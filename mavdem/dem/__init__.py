@@ -19,15 +19,13 @@ __all__ = [
     "Learned",
     "Learning",
     "LinearModel",
-    "OnlineLearner",
-]
-__all__ += [
     "NotIdentifiable",
+    "OnlineLearner",
     "Physical",
     "Settings",
     "WindTorque",
     "estimate_drag",
     "learn",
     "learn_many",
+    "physical",
 ]
-__all__ += ["physical"]

@@ -29,6 +29,8 @@ from pydantic import (
 
 from mavdem.dem.record import LABELS, STRICT, first_problem
 from mavdem.dem.settings import Settings
+from mavdem.facts import Fact, Level
+from mavdem.facts.model import ModelCaution
 from mavdem.heading import heading
 
 _PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text("utf-8"))
@@ -79,6 +81,8 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 
 def _plain(value: Any) -> Any:
     """Arrays, tuples and dataclasses as lists and dictionaries."""
+    if isinstance(value, Fact):
+        return value.advised
     if isinstance(value, np.ndarray):
         return (
             np.where(np.isnan(value), np.array(None), value) if value.dtype.kind == "f" else value
@@ -118,6 +122,8 @@ def _type(hint: Any) -> Any:
     if inner and origin is not None:
         origin = dict if origin is Mapping else origin
         return origin[tuple(each if each is ... else _type(each) for each in inner)]
+    if hint is Fact:
+        return Annotated[str, AfterValidator(_recorded)]
     if isinstance(hint, type) and issubclass(hint, Settings):
         return Annotated[Any, PlainValidator(hint.from_dict)]
     if isinstance(hint, type) and (is_dataclass(hint) or hasattr(hint, "_fields")):
@@ -138,6 +144,10 @@ def _type(hint: Any) -> Any:
         model = create_model(hint.__name__, __config__=STRICT, **parts)  # type: ignore[call-overload]
         return Annotated[model, AfterValidator(lambda part: hint(**dict(part)))]
     return hint
+
+
+def _recorded(text: str) -> Fact:
+    return Fact(ModelCaution.RECORDED, Level.WATCH, text=text)
 
 
 def _array_reader(dtype: type[np.generic]) -> Callable[[Any], NDArray[Any]]:

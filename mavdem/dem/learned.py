@@ -25,7 +25,9 @@ from mavdem.dem.graybox.wind import WindTorque, simulated, wind
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record, required_number
 from mavdem.dem.settings import CompleteSettings
-from mavdem.errors import LearnedDownstream
+from mavdem.errors import LearnedDownstream, NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.model import NoPhysical
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
@@ -46,7 +48,7 @@ class Learned(LearnedDownstream):
         learning: parameters and hyperparameters by iteration.
         converged: whether the last fit converged; where not, its parameters may still change with more iterations.
         record: the training data, physical.
-        cautions: limits of the model, one sentence each.
+        cautions: limits of the model.
         simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
         scaling, predictor, state_map, theta: what :attr:`plant` and :meth:`process_noise` compute with, in the engine's
             units.
@@ -65,7 +67,7 @@ class Learned(LearnedDownstream):
     learning: Learning
     converged: bool
     record: Record
-    cautions: tuple[str, ...]
+    cautions: tuple[Fact, ...]
     scaling: Scaling
     predictor: StateSpace
     state_map: Array
@@ -106,9 +108,9 @@ class Learned(LearnedDownstream):
         return self._gray_box if isinstance(self._gray_box, Physical) else None
 
     @property
-    def physical_reason(self) -> str:
-        """Why no physical parameters can be fitted, one sentence; empty where they can."""
-        return self._gray_box.reason if isinstance(self._gray_box, NotIdentifiable) else ""
+    def physical_reason(self) -> Fact | None:
+        """Why no physical parameters can be fitted; ``None`` where they can."""
+        return self._gray_box.reason if isinstance(self._gray_box, NotIdentifiable) else None
 
     @cached_property
     def _gray_box(self) -> Physical | NotIdentifiable:
@@ -305,9 +307,10 @@ class Learned(LearnedDownstream):
         Raises:
             ValueError: no physical parameters can be fitted, or outputs other than an angle and its rate.
         """
-        physical = self._physical_or_error()
+        physical = self.require_physical()
         if physical.caution is not None:
-            warn(f"This simulation may be far off. {physical.caution}", stacklevel=2)
+            far_off = Fact(NoPhysical.SIMULATION_FAR_OFF, because=physical.caution)
+            warn(far_off.advised, stacklevel=2)
         return simulated(physical, self.record, self.record.following_inputs(inputs)).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
@@ -317,16 +320,17 @@ class Learned(LearnedDownstream):
         where these are not identifiable.
         """
         require_probability(level)
-        physical = self._physical_or_error()
+        physical = self.require_physical()
         if physical.caution is not None:
-            raise ValueError(f"there is no band of this simulation: {physical.caution}")
+            raise NotLearnable(Fact(NoPhysical.NO_SIMULATION_BAND, because=physical.caution))
         return half_width(
             simulated(physical, self.record, self.record.following_inputs(inputs)).variance, level
         )
 
-    def _physical_or_error(self) -> Physical:
+    def require_physical(self) -> Physical:
+        """Returns :attr:`physical`; ``NotLearnable`` says why there are no physical parameters."""
         if isinstance(self._gray_box, NotIdentifiable):
-            raise ValueError(self._gray_box.reason)
+            raise NotLearnable(self._gray_box.reason)
         return self._gray_box
 
     @property

@@ -27,6 +27,9 @@ from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.settings import CompleteSettings, Settings
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.model import ModelCaution, ModelRefusal
 
 Job = (
     tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
@@ -73,10 +76,7 @@ def learn(
         except np.linalg.LinAlgError:
             if start is not None:
                 return learn(record, settings)
-            raise ValueError(
-                "DEM breaks down on the training data with these settings: where a prior is given, the states must be "
-                "observable through its C"
-            ) from None
+            raise NotLearnable(Fact(ModelRefusal.FIT_BREAKS_DOWN)) from None
         return _learned(fitted, record, begin)
 
 
@@ -111,10 +111,12 @@ def checked(
     settings = Settings() if settings is None else settings
     record = Record.of(train)
     if len(record) < FEWEST_SAMPLES:
-        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
+        code = ModelRefusal.TOO_FEW_TO_LEARN
+        raise NotLearnable(Fact(code, least_samples=FEWEST_SAMPLES, samples=len(record)))
+    record.require_moving(settings.known_inputs)
     # In one half, a vehicle may have stood on the ground.
-    for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
-        part.require_moving(settings.known_inputs, where)
+    for half in record.halves():
+        half.require_moving(settings.known_inputs, in_halves=True)
     return record, complete(settings, record)
 
 
@@ -136,9 +138,14 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
             return settings.completed(order, d, window, settings.parameter_precision or usual)
-    raise ValueError(
-        f"train must be longer for windows of {windows[-1]} samples: at least {2 * windows[-1]} samples, in segments "
-        f"of more than twice the window, not {len(record)} in segments of up to {record.longest}"
+    raise NotLearnable(
+        Fact(
+            ModelRefusal.TOO_SHORT_FOR_WINDOW,
+            window=windows[-1],
+            least_samples=2 * windows[-1],
+            samples=len(record),
+            longest=record.longest,
+        )
     )
 
 
@@ -237,33 +244,28 @@ def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
     )
 
 
-def _cautions(fit: Fit, record: Record) -> Iterator[str]:
-    """Limits of a model, one sentence each."""
+def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
+    """Limits of a model."""
     if fit.settings.prior == "regulated":
         yield from record.input_cautions
     abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
-        yield f"The model is unstable: it grows e-fold in {1 / abscissa:.3g} s."
+        yield Fact(ModelCaution.MODEL_GROWS, Level.WATCH, growth_time=1 / abscissa)
     if fit.simulation_fit is None:
         horizon = horizon_of(fit.model, fit.settings, fit.scaling, record)
         if horizon is not None:
-            reason = (
-                "its simulations, or forecasts by its parameters, overflow. Learn from another part of the flight"
-                if horizon
-                else f"{len(record) * record.dt:.2g} s of samples are too few for its parameters even over "
-                f"{SHORTEST_HORIZON:g} s. Learn from more, or ask for fewer states"
+            yield Fact(
+                ModelCaution.NO_SIMULATION_FIT,
+                Level.WATCH,
+                duration=len(record) * record.dt,
+                least_horizon=None if horizon else SHORTEST_HORIZON,
             )
-            yield f"There is no simulation-error fit: {reason}. A, B and C are biased by closed loop without it."
     flowed = fit.ascent.flowed[1:]
-    if (
-        fit.settings.learning_rates is not None
-        and fit.settings.learning_rates[0] is not None
-        and not flowed.all()
-    ):
-        yield (
-            f"In {np.count_nonzero(~flowed)} of {len(flowed)} rounds the states' flow at their learning rate was "
-            "unstable or decreased F̄, and its exact limit was used instead."
-        )
+    rates = fit.settings.learning_rates
+    if rates is not None and rates[0] is not None and not flowed.all():
+        unstable = np.count_nonzero(~flowed)
+        code = ModelCaution.STATES_FLOW_UNSTABLE
+        yield Fact(code, Level.WATCH, rounds=unstable, all_rounds=len(flowed))
 
 
 def learn_many(

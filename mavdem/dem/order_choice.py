@@ -14,6 +14,9 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, UniformRecord, is_whole
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.model import ModelRefusal, OrderFact
 
 STRONG_EVIDENCE_NATS = 3.0  # odds of 20 to 1: strong evidence by Kass and Raftery (1995)
 # that a mean gain over several flights must exceed as well, so that no single flight decides
@@ -29,7 +32,7 @@ class FlightOrders(NamedTuple):
     width: float  # of the kernel that filters the flight, s: faster motion is not seen
     smoothness: Array  # (N,) estimated kernel width s of the noise, seconds
     samples: float  # effective sample size
-    remarks: tuple[str, ...]  # why orders are missing, one sentence each
+    remarks: tuple[Fact, ...]  # why orders are missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,21 +103,23 @@ class OrderChoice:
         return bool(np.isfinite(self.free_energy[:, self.chosen :]).any())
 
     @property
-    def reason(self) -> str:
-        """Why this order, one sentence."""
+    def reason(self) -> Fact:
+        """Why this order."""
         chosen = self.chosen
         higher = [self.gain(int(order), chosen) for order in self.orders[chosen:]]
         most = max((gain for gain, _ in higher if np.isfinite(gain)), default=None)
-        if most is None:
-            return f"F̄ still increases at {_states(chosen)}, the highest order that was fitted."
-        beyond = f"no further state increases it by more than {STRONG_EVIDENCE_NATS:g} nats" + (
-            f" and {STANDARD_ERRORS:g} standard errors" if len(self.flights) > 1 else ""
+        return Fact(
+            OrderFact.ORDER_CHOSEN,
+            Level.GOOD,
+            order=chosen,
+            free_energy_gain=most,
+            least_gain=STRONG_EVIDENCE_NATS,
+            standard_errors=STANDARD_ERRORS if len(self.flights) > 1 else None,
         )
-        return f"F̄ saturates at {_states(chosen)}: {beyond} (the largest change is {most:.1f})."
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """Why orders are missing, one sentence each."""
+    def remarks(self) -> tuple[Fact, ...]:
+        """Why orders are missing."""
         return tuple(dict.fromkeys(remark for flight in self.flights for remark in flight.remarks))
 
     def to_dict(self) -> dict[str, Any]:
@@ -124,8 +129,10 @@ class OrderChoice:
                 name: getattr(self, name).tolist()
                 for name in ("orders", "free_energy", "mean", "spread")
             },
-            **{name: getattr(self, name) for name in ("chosen", "saturated", "reason")},
-            "remarks": list(self.remarks),
+            "chosen": self.chosen,
+            "saturated": self.saturated,
+            "reason": str(self.reason),
+            "remarks": [str(remark) for remark in self.remarks],
             "width": [flight.width for flight in self.flights],
             "smoothness": [flight.smoothness.tolist() for flight in self.flights],
             "samples": [flight.samples for flight in self.flights],
@@ -191,20 +198,13 @@ def orders_of(
     values[:allowed] = [np.nan if fit is None else fit.iterate.free_energy for fit in fits]
     widths[:allowed] = [np.nan if fit is None else fit.smoothness for fit in fits]
     if not np.isfinite(values).any():
-        raise ValueError("no order can be fitted: every fit broke down")
+        raise NotLearnable(Fact(ModelRefusal.NO_ORDER_FITTED))
     remarks = [
-        f"With {_states(order)} every fit broke down."
+        Fact(OrderFact.ORDER_BROKE_DOWN, Level.WATCH, order=order)
         for order, fit in enumerate(fits, 1)
         if fit is None
     ]
     if allowed < max_order:
-        remarks.append(
-            f"{_states(allowed + 1).capitalize()} and more are not fitted: they have more parameters than the "
-            "effective samples have values."
-        )
+        remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, Level.WATCH, order=allowed + 1))
     best = widths[np.nanargmax(values)]
     return FlightOrders(values, box.width, widths, box.counted(best).number, tuple(remarks))
-
-
-def _states(number: int) -> str:
-    return "1 state" if number == 1 else f"{number} states"

@@ -34,6 +34,9 @@ from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.model import ModelRefusal
 
 WIDTH = 0.6
 """Of the kernel, over the time in which the outputs change by their standard deviation: wide enough to average noise,
@@ -90,9 +93,14 @@ class BlackBox:
         read = np.concatenate([np.hstack(pair) for pair in pairs])
         new = len(read) / _repeated(width, record.dt)
         if not new >= MIN_EFFECTIVE_SAMPLES:
-            raise ValueError(
-                f"{len(record)} samples are too few: with a kernel of {width:.2g} s they are worth {new:.0f}, and "
-                f"{MIN_EFFECTIVE_SAMPLES:.0f} are the fewest to choose an order by"
+            raise NotLearnable(
+                Fact(
+                    ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER,
+                    samples=len(record),
+                    width=width,
+                    effective_samples=new,
+                    least_samples=MIN_EFFECTIVE_SAMPLES,
+                )
             )
         unit = _time_of_change(read[:, :m], read[:, m : 2 * m])
         in_units = unit ** np.repeat(

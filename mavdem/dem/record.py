@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from reprlib import Repr
@@ -13,7 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.errors import unit_slip
+from mavdem.errors import NotLearnable, unit_slip
+from mavdem.facts import Fact, Level
+from mavdem.facts.model import ModelCaution, ModelRefusal
+from mavdem.facts.prose import prose
 
 # no text for a number, no ``True`` for 1, no infinity and no NaN
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -219,16 +222,20 @@ class Record:
         """That of the inputs and of the outputs."""
         return Spread.of(self.inputs), Spread.of(self.outputs)
 
-    def require_moving(self, known: bool, where: str = "") -> None:
-        """Raises ``ValueError`` for a constant output, or input if they are ``known``; ``where`` ends the clause."""
+    def require_moving(self, known: bool, in_halves: bool = False) -> None:
+        """Raises ``NotLearnable`` for a constant output, or input if they are ``known``."""
         inputs, outputs = self.spread
         for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
             still = np.flatnonzero(constant)
             if len(still):
-                single = name == "inputs" and len(still) < len(constant)
-                missing = ". Leave out a motor that is missing or not recorded" if single else ""
-                raise ValueError(
-                    f"{name} column {still[0]} must vary{where}: constant samples determine no model{missing}"
+                others_vary = name == "inputs" and len(still) < len(constant)
+                raise NotLearnable(
+                    Fact(
+                        ModelRefusal.CHANNEL_CONSTANT,
+                        subject=f"{name} column {still[0]}",
+                        in_halves=in_halves,
+                        others_vary=others_vary,
+                    )
                 )
 
     @property
@@ -286,26 +293,22 @@ class Record:
         )
 
     @property
-    def input_cautions(self) -> tuple[str, ...]:
-        """One sentence for each thing that is wrong with the inputs, or with units; none for most flights."""
-        cautions, sizes = (
-            [slip] if (slip := unit_slip(self.outputs, self.dt)) else [],
-            self.inputs.std(axis=0),
-        )
+    def input_cautions(self) -> Iterator[Fact]:
+        """What is wrong with the inputs, or with units; nothing for most flights."""
+        if slip := unit_slip(self.outputs, self.dt):
+            yield prose(slip)
+        sizes = self.inputs.std(axis=0)
         names = self.input_names or tuple(f"input {column + 1}" for column in range(len(sizes)))
         still = np.flatnonzero(sizes < HARDLY_MOVES * np.median(sizes))
         if len(still):
-            cautions.append(
-                f"{names[still[0]]} hardly moves beside the others: it may be no motor of this vehicle, and its effect "
-                "is not determined. Leave it out, or check which channels are the motors."
-            )
-        both = (self.inputs.min(axis=0) < 0) & (self.inputs.max(axis=0) > 0)
+            subject = names[still[0]]
+            yield Fact(ModelCaution.INPUT_HARDLY_MOVES, Level.WATCH, subject=subject)
+        inputs, _ = self.spread
+        both = (inputs.lowest < 0) & (inputs.highest > 0)
         if len(sizes) >= FEWEST_MOTORS and both.any():
-            cautions.append(
-                f"{names[int(np.argmax(both))]} has both signs, as a controller's demand has, but {len(sizes)} inputs "
-                "are taken for motors. Give motor outputs as they were recorded, or the demand of this axis alone."
-            )
-        return tuple(cautions)
+            subject = names[int(np.argmax(both))]
+            code = ModelCaution.INPUT_HAS_BOTH_SIGNS
+            yield Fact(code, Level.WATCH, subject=subject, inputs=len(sizes))
 
 
 def required_number(number: int, name: str = "steps") -> int:

@@ -23,6 +23,14 @@ Said = Annotated[str, BeforeValidator(_said)]
 """The sentence of a fact; empty without one."""
 
 
+def _advised(value: Any) -> Any:
+    return value.advised if isinstance(value, Fact) else _said(value)
+
+
+Advised = Annotated[str, BeforeValidator(_advised)]
+"""The sentence of a fact and its remedy; empty without one."""
+
+
 def fact_in(name: str) -> Any:
     """Returns the field that takes the attribute ``name`` where that is a fact, not where it is its sentence only."""
     return Field(default=None, validation_alias=name)

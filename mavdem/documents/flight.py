@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from mavdem.dem.settings import CompleteSettings
-from mavdem.documents.document import Document, Error, Facts, OneFact, Said, fact_in, facts_in
+from mavdem.documents.document import (
+    Advised,
+    Document,
+    Error,
+    Facts,
+    OneFact,
+    Said,
+    fact_in,
+    facts_in,
+)
 from mavdem.documents.vehicle import (
     Condition,
     Findings,
@@ -259,7 +268,7 @@ class Physical(Document):
     """dead time of the motors' commands"""
     status: dict[str, str]
     """reported, biased or not identifiable, of effect, damping and lag"""
-    reasons: dict[str, Said]
+    reasons: dict[str, Advised]
     """why a parameter is not reported, of effect, damping and lag"""
     bias: float
     """likely relative error of the effect"""
@@ -445,7 +454,7 @@ class Report(Tier, MotorHealth, Findings):
     """torque of the wind about the axis"""
     closed_loop: None = None
     """always null"""
-    cautions: list[Said] | None = None
+    cautions: list[Advised] | None = None
     """limits of the model, one sentence each"""
     cautions_facts: Facts = facts_in("cautions")
     """cautions as facts"""

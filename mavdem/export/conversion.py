@@ -235,7 +235,8 @@ def _plants(learned: Learned, names: dict[str, Any]) -> tuple[list[control.State
     if doubtful := [
         f"{name} {status}" for name, status in physical.status.items() if status != "reported"
     ]:
-        reasons = " ".join(dict.fromkeys(physical.reasons.values()))
+        given = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
+        reasons = " ".join(given)
         warn(f"Of this plant are not well known: {', '.join(doubtful)}. {reasons}", stacklevel=4)
     outputs = names["outputs"]
     states = [

@@ -122,6 +122,11 @@ class Fact:
     def __str__(self) -> str:
         return self.sentence
 
+    @property
+    def advised(self) -> str:
+        """The sentence and, after it, the remedy."""
+        return " ".join(filter(None, _words(self)))
+
 
 def _plain(value: Any) -> Figure:
     """Numbers of NumPy as Python's, and lists as tuples."""

@@ -36,7 +36,7 @@ from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.condition import Condition
 from mavdem.condition.condition import hover_figures
 from mavdem.condition.oscillation import oscillation_of
-from mavdem.dem import Learned, Physical
+from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
 from mavdem.flight import Flight
@@ -366,15 +366,8 @@ class Phase:
         self._landing = since if self._landing is None else min(since, self._landing)
 
 
-def judged(
-    learned: Learned, physical: Physical | None, setup: Setup, alarms: Sequence[MotorAlarm]
-) -> Findings:
-    """Returns the findings on a model whose inputs are those of ``setup``.
-
-    Its ``physical`` parameters are from now on those of the whole flight, where these are known already.
-    """
-    if physical is not None:
-        vars(learned)["_gray_box"] = physical
+def judged(learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]) -> Findings:
+    """Returns the findings on a model whose inputs are those of ``setup``."""
     inputs, outputs = max(learned.record.segments, key=lambda part: len(part[1]))
     time: Any = learned.dt * np.arange(len(inputs))
     scale = {"scale": asdict(setup.scale)}

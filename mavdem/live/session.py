@@ -286,7 +286,7 @@ class LiveSession:
         return self._named(model)
 
     def judge(self, learned: Learned | None) -> None:
-        """Judges the model at the end, if there is one: from then on it has the physical parameters shown last."""
+        """Judges the model at the end, if there is one."""
         with suppress(ValueError):
             if learned is not None:
                 self.findings = self._judgement(learned)()
@@ -464,25 +464,25 @@ class LiveSession:
         self._landed = True
 
     def _named(self, learned: Learned) -> Learned:
-        """The model with the names and units of the latest rows, where it has their inputs."""
+        """The model with names and units of the latest rows, and the physical parameters shown last, if it fits."""
         setup = self._setup
         record = learned.record
         if setup is None or record.inputs.shape[1] != len(inputs := setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
+        units_of_inputs = (setup.scale.unit,) * len(inputs)
         named = replace(record, input_names=inputs, output_names=names, output_units=units)
-        return replace(
-            learned, record=replace(named, input_units=(setup.scale.unit,) * len(inputs))
-        )
+        learned = replace(learned, record=replace(named, input_units=units_of_inputs))
+        physical = getattr(self._estimate, "physical", None)
+        return learned if physical is None else learned.with_physical(physical)
 
     def _judgement(self, learned: Learned) -> Callable[[], Findings]:
         """What judges a model with names, on its own."""
         setup = self._setup
         alarms = self.stream.status().alarms
-        latest = self._estimate
         if setup is None or setup.layout.names != learned.record.input_names:
             return partial(findings_of, learned, alarms=alarms)
-        return partial(judged, learned, None if latest is None else latest.physical, setup, alarms)
+        return partial(judged, learned, setup, alarms)
 
     def _judge(self, now: float) -> None:
         """Takes the findings; judges the latest model again now and then, by the executor."""

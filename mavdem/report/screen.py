@@ -22,7 +22,6 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
-from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts.identifiability import Status
 from mavdem.facts.prose import prose
@@ -283,7 +282,12 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
         words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
         header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
         reasons = [
-            (name, one.reason or " ".join(parameter_reasons(one.physical, doubted)))
+            (
+                name,
+                one.reason.advised
+                if one.reason
+                else " ".join(parameter_reasons(one.physical, doubted)),
+            )
             for name, one in axes
         ]
         blocks = [
@@ -480,7 +484,7 @@ def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
     )
     text = f"{count} by a model of these parameters and the wind only, beside DEM's.{refined} {' '.join(reasons)}"
     blocks: list[Block] = [Sentence(text.rstrip(), "Physical parameters (gray-box model):")]
-    if CHANGED in " ".join(physical.reasons.values()):
+    if physical.differs_over_time:
         columns = (windows.start, TORQUE.scale * windows.effect, windows.damping, 1e3 * windows.lag)
         rows = [
             [f"{start:.0f} s", f"{effect:.3g}", f"{damping:.2g}", f"{lag:.2g}", f"{wind:.3g}"]

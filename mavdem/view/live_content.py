@@ -422,7 +422,7 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
         model = f"The model was learned up to {ago:.1f} s ago."
     learning = f"{model} {_reason(status, until)}"
     cautions = (
-        [f"**Cautions:** {' '.join(row.learned.cautions)}"]
+        [f"**Cautions:** {' '.join(fact.advised for fact in row.learned.cautions)}"]
         if row.learned and row.learned.cautions
         else []
     )

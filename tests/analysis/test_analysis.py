@@ -16,9 +16,9 @@ from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.analysis.figures import model_figures
 from mavdem.dem import physical
-from mavdem.facts import Fact
 from mavdem.facts.assessment import Caveat, Headline, NoModel, Override
 from mavdem.facts.forecasts import MethodName
+from mavdem.facts.model import NoPhysical
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
@@ -47,8 +47,8 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert slow.tier.name == "b" and slow.learned is not None and slow.held_out is not None
     assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75
     assert (slow.learned.physical, slow.learned.wind) == (None, None)
-    assert "40 samples a second" in slow.learned.physical_reason
-    assert slow.learned.cautions[0] == str(Fact(Caveat.SLOW_MOTION_ONLY))
+    assert slow.learned.physical_reason.code is NoPhysical.SAMPLED_TOO_SLOWLY
+    assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
     assert "Hz" in str(slow.reason) and slow.reason.remedy
     told = text_of(analysis_blocks(slow))
     assert "Lean:" in told and "mean lean" not in told and told.count("± is") == 1

@@ -105,7 +105,7 @@ def test_parameters_are_good_as_far_as_their_intervals_and_status_say(share, sta
 
 def test_parameters_doubted_for_one_reason_are_named_together_and_a_reason_is_given_once():
     known = physical(damping=Status.BIASED, lag=Status.BIASED)
-    known.reasons |= dict.fromkeys(("damping", "lag"), "Why.")
+    known.reasons |= dict.fromkeys(("damping", "lag"), prose("Why."))
     (doubt,) = found(MOTION, model(known)).reason.figures["doubts"]
     assert (doubt.code, doubt.figures["names"]) == (Because.PARAMETERS_DOUBTED, ("damping", "lag"))
     known = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
@@ -309,7 +309,7 @@ def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
     torque = make_dataclass("Torque", [("reason", object, None)])()
     learned = SimpleNamespace(wind_torque=torque, with_wind_torque=lambda other: other.reason)
     assert disown_torque(learned, of_vehicle()) is learned
-    assert str(disown_torque(learned, of_vehicle(CYCLE))) == str(Fact(Because.OWN_TORQUE))
+    assert disown_torque(learned, of_vehicle(CYCLE)) == Fact(Because.OWN_TORQUE)
 
 
 def test_why_there_is_no_model_begins_with_what_overrides_and_advises_no_flight():

@@ -15,6 +15,7 @@ import pytest
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
 from mavdem.dem.parallel import AHEAD_ELSEWHERE, FEW
+from mavdem.errors import NotLearnable
 
 
 def walk(seed: int) -> Flight:
@@ -72,7 +73,7 @@ def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expec
 
 def test_a_job_without_an_answer_is_answered_by_its_error():
     answers = list(learn_many(JOBS[4:7]))  # few enough that no process starts
-    assert [type(each) for each in answers] == [Learned, ValueError, Learned]
+    assert [type(each) for each in answers] == [Learned, NotLearnable, Learned]
     assert str(answers[1]) == str(answer(STILL, None))
     wrong = list(learn_many([(FLIGHTS[0], "none"), (FLIGHTS[0], {}), JOBS[0]]))
     assert [str(each).startswith("settings must be") for each in wrong] == [True, True, False]

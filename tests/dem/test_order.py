@@ -10,6 +10,7 @@ from simulated import simulated
 
 from mavdem import Flight
 from mavdem.dem.order_choice import FlightOrders, OrderChoice, choose_order, orders_of
+from mavdem.facts.model import OrderFact
 from mavdem.paper.order import lateral_flight
 from mavdem.report.comparison import order_report
 
@@ -47,9 +48,10 @@ def test_the_order_is_the_lowest_that_no_higher_one_is_strongly_better_than(flig
 
 def test_a_choice_says_why():
     told = choice([0.0, 100.0, 95.0])
-    assert told.saturated and told.reason.startswith("F̄ saturates at 2 states")
+    assert told.saturated and told.reason.code is OrderFact.ORDER_CHOSEN
+    assert told.reason.figures["order"] == 2 and told.reason.figures["free_energy_gain"] == -5.0
     rising = choice([0.0, 100.0], [0.0, 110.0])
-    assert not rising.saturated and rising.reason.startswith("F̄ still increases at 2 states")
+    assert not rising.saturated and rising.reason.figures["free_energy_gain"] is None
     assert rising.gain(2, over=1) == pytest.approx((105.0, 5.0))
     assert rising.spread == pytest.approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()
@@ -100,7 +102,7 @@ def test_orders_that_the_data_do_not_allow_are_not_tried_and_said():
     choice = choose_order(simulated(samples=100, wind=1.0), max_order=6)
     told_orders = np.isfinite(choice.free_energy[0])
     assert told_orders[0] and not told_orders[-1]
-    assert any("not fitted" in remark for remark in choice.remarks)
+    assert OrderFact.ORDERS_NOT_FITTED in {remark.code for remark in choice.remarks}
     with pytest.raises(ValueError, match="^40 samples are too few"):
         choose_order(simulated(samples=40, wind=1.0))
 

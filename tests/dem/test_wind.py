@@ -31,6 +31,7 @@ from mavdem.dem.online.wind import (
     wind_filter,
 )
 from mavdem.dem.record import Record
+from mavdem.facts.model import NoPhysical, ParameterDoubt
 from sitl_scenarios.files import load
 from sitl_scenarios.wind import gaussian_noise
 
@@ -186,7 +187,7 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
     flight, _ = flown(6, 2000, known)
     found = wind(known, Record.of(flight))
     assert not found.resolved
-    assert "not resolved" in (found.reason or "")
+    assert found.reason.code is NoPhysical.WIND_TORQUE_NOT_RESOLVED
     assert found.gusts == ()
 
 
@@ -386,7 +387,8 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert updated(known, unknown) is known
     online, memory = online_wind(prior=known)
     hover = followed(online, memory, calm)[-90:]
-    assert online.filter.physical.reasons["effect"].startswith("It is known from an earlier flight")
+    reason = online.filter.physical.reasons["effect"]
+    assert reason.code is ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT
     memory.end_segment()
     online.end_segment()
     doublets = followed(online, memory, steering)[BEGINS + 1 :]

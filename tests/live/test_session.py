@@ -260,11 +260,11 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 def test_dashboard_and_page_of_a_session_say_the_same():
     one, screen, _ = session_of(batches(8.0))
     run(one)
-    model = one.final_model()
     late = mavdem.read_flight(LOG)[2000:4000]
     known = mavdem.learn(late, COMPLETE).physical
     # As fitted in flight, to more than the model's own samples.
     one._estimate = one._estimate._replace(physical=known)
+    model = one.final_model()
     with ThreadPoolExecutor(1) as one.executor:
         one._judge(1e9)
     one._judge(1e9)

@@ -38,9 +38,7 @@ def learned():
 
 def altered(learned: mavdem.Learned, **fields: object) -> mavdem.Learned:
     """With other fields, and its physical parameters, which take time to fit and are of the data alone."""
-    other = replace(learned, **fields)
-    vars(other)["_gray_box"] = learned._gray_box
-    return other
+    return replace(learned, **fields).with_physical(learned.physical)
 
 
 def told(learned: mavdem.Learned) -> list[Block]:

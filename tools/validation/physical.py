@@ -397,7 +397,7 @@ def row_of(label: Sequence[str], flight: Flight) -> list[str]:
     row = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
     found = physical(flight)
     if isinstance(found, NotIdentifiable):
-        return [*row, found.reason, *[""] * 5]
+        return [*row, found.reason.advised, *[""] * 5]
     for name in PARAMETERS:
         value, half = ((1e3 if name == "lag" else 1.0) * one for one in estimate_of(found, name))
         width = f" ± {half:.2g}" if np.isfinite(half) else ""

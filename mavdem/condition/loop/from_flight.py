@@ -34,9 +34,7 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 
     Raises ``NotLearnable``: the plant is not identifiable, or the controller is not known.
     """
-    if learned.physical is None:
-        raise NotLearnable(learned.physical_reason)
-    return loop_of(learned.physical, learned.record, controller)
+    return loop_of(learned.require_physical(), learned.record, controller)
 
 
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:

@@ -24,6 +24,9 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast import var
 from mavdem.dem.forecast.var import FEWEST_ROTORS, turning_patterns
 from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.model import ModelRefusal
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 # likewise, precisions of the prior at lag 1, of channels of deviation 1
@@ -126,9 +129,8 @@ def _statistics(
     units = var.ChannelUnits.of(combined)
     statistics = var.LagStatistics.of(units.segments(combined), lags)
     if statistics.rows <= 0:
-        raise ValueError(
-            f"train must have a segment of more than {lags} samples, not {record.longest}"
-        )
+        code = ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS
+        raise NotLearnable(Fact(code, samples=lags, longest=record.longest))
     return units, statistics
 
 

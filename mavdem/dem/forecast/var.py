@@ -21,6 +21,9 @@ from scipy.linalg import solve_triangular
 from mavdem.dem.engine.kalman import KalmanFilter
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record, Spread
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.model import ModelRefusal
 
 FEWEST_ROTORS = 3  # with fewer inputs they are not a multirotor's motors, but demands about an axis
 RIDGE = 0.01
@@ -240,8 +243,8 @@ class Var(NamedTuple):
         units = ChannelUnits.of(record)
         statistics = LagStatistics.of(units.segments(record), lags)
         if statistics.rows <= 0:
-            raise ValueError(
-                f"segments must have more than {lags} samples: none has so many before it"
+            raise NotLearnable(
+                Fact(ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS, samples=lags, longest=record.longest)
             )
         return cls.of(regress(statistics.gram, statistics.rows, lag_prior(lags, ridge)), units)
 

@@ -22,7 +22,11 @@ from mavdem.dem.graybox.identifiability import (
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, updated, windows_of
 from mavdem.dem.record import Record, UniformRecord
-from mavdem.errors import unit_slip
+from mavdem.errors import NotLearnable, unit_slip
+from mavdem.facts import Fact
+from mavdem.facts.identifiability import Status
+from mavdem.facts.model import NoPhysical
+from mavdem.facts.prose import prose
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
 MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
@@ -37,8 +41,8 @@ def physical(
 ) -> Physical | NotIdentifiable:
     """Estimates the motors' effect, damping and lag from all that is given.
 
-    >>> mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status
-    {'effect': 'biased', 'damping': 'biased', 'lag': 'biased'}
+    >>> str(mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status["effect"])
+    'biased'
 
     The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
     the only one. A ``prior`` is of an earlier flight of the vehicle: what this one does not identify stays, but for
@@ -48,13 +52,15 @@ def physical(
     """
     record = Record.of(train)
     if slip := unit_slip(record.outputs, record.dt):
-        return NotIdentifiable(slip)
+        return NotIdentifiable(prose(slip))
     try:
         # what overflows is not finite, and no step goes there
         with one_thread(), np.errstate(all="ignore"):
             return _estimated(windows_of(record), record.effect_directions, prior)
-    except ValueError as error:  # LinAlgError is one
-        return NotIdentifiable(f"{str(error)[:1].upper()}{str(error)[1:]}.")
+    except NotLearnable as error:
+        return NotIdentifiable(error.fact)
+    except ValueError:  # LinAlgError is one
+        return NotIdentifiable(Fact(NoPhysical.NO_STEADY_FILTER))
 
 
 def _estimated(
@@ -97,9 +103,7 @@ def _chosen(
         except np.linalg.LinAlgError:
             continue
     if not fits:
-        raise ValueError(
-            "there is no steady filter for these motors and rates: take another part of the flight"
-        )
+        raise np.linalg.LinAlgError
     chosen = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
@@ -185,11 +189,11 @@ def _physical(
     varied = np.square(spreads).sum(axis=1)
     bias = (
         (errors.lag_bias if figures.quick else errors.wind_bias)
-        if status["effect"] == "biased"
+        if status["effect"] == Status.BIASED
         else 0.0
     )
     common = varied[0] + errors.effect**2 + bias**2
-    if status["effect"] == "not identifiable":
+    if status["effect"] == Status.NOT_IDENTIFIABLE:
         common += errors.unknown_effect**2
     if 1 / dt < SLOWEST_RATE:
         common += errors.slow_effect**2

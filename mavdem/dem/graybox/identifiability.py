@@ -8,13 +8,15 @@ docs/physical.md).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-Status = Literal["reported", "biased", "not identifiable"]
+from mavdem.facts import Fact
+from mavdem.facts.identifiability import Status
+from mavdem.facts.model import ParameterDoubt
+
 PARAMETERS = ("effect", "damping", "lag")
-CHANGED = "It differs from window to window by more than chance"
 
 
 class Limit(NamedTuple):
@@ -25,13 +27,9 @@ class Limit(NamedTuple):
 
     def status(self, figure: float) -> Status:
         """Returns what a figure makes of its parameter."""
-        return (
-            "reported"
-            if figure <= self.reported
-            else "biased"
-            if figure <= self.biased
-            else "not identifiable"
-        )
+        if figure <= self.reported:
+            return Status.REPORTED
+        return Status.BIASED if figure <= self.biased else Status.NOT_IDENTIFIABLE
 
 
 WIND_SHARE = Limit(0.25, 0.33)  # of the wind, in the torque's variance
@@ -81,9 +79,9 @@ MODEL_ERRORS = ModelErrors()
 
 
 class NotIdentifiable(NamedTuple):
-    """There are no physical parameters: ``reason``, one sentence, says why."""
+    """There are no physical parameters: ``reason`` says why."""
 
-    reason: str
+    reason: Fact
 
 
 class IdentifiabilityFigures(NamedTuple):
@@ -107,77 +105,78 @@ class IdentifiabilityFigures(NamedTuple):
         return self.lag < self.dt <= 1 / SLOWEST_RATE
 
 
-def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status], dict[str, str]]:
-    """Returns status and reason by name of parameter; the reason is empty where nothing is to be said."""
-    statuses: dict[str, Status] = {}
-    reasons: dict[str, str] = {}
+def identifiability(
+    figures: IdentifiabilityFigures,
+) -> tuple[dict[str, Status], dict[str, Fact | None]]:
+    """Returns status and reason by name of parameter; ``None`` where nothing is to be said."""
+    statuses = dict[str, Status]()
+    reasons = dict[str, Fact | None]()
     for name in PARAMETERS:
-        obstacles = [each for each in _obstacles(name, figures) if each[0] != "reported"]
-        effect = statuses.get("effect", "reported")
-        if effect != "reported" and not any(status == effect for status, _ in obstacles):
+        obstacles = dict[Status, list[Fact]]()
+        for status, doubt in _obstacles(name, figures):
+            obstacles.setdefault(status, []).append(doubt)
+        effect = statuses.get("effect", Status.REPORTED)
+        if effect != Status.REPORTED and effect not in obstacles:
             # A wrong effect is made up for by a wrong lag.
-            obstacles.append(
-                (effect, f"This follows from the control effectiveness, which is {effect}.")
-            )
-        order: tuple[Status, ...] = ("not identifiable", "biased")
-        statuses[name] = next((status for status in order if status in dict(obstacles)), "reported")
-        reasons[name] = " ".join(reason for status, reason in obstacles if status == statuses[name])
+            obstacles[effect] = [Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect)]
+        obstacles.pop(Status.REPORTED, None)
+        worst = Status.NOT_IDENTIFIABLE if Status.NOT_IDENTIFIABLE in obstacles else Status.BIASED
+        doubts = obstacles.get(worst, [])
+        statuses[name] = worst if doubts else Status.REPORTED
+        reasons[name] = (
+            Fact(ParameterDoubt.SEVERAL_DOUBTS, because=doubts)
+            if len(doubts) > 1
+            else next(iter(doubts), None)
+        )
     return statuses, reasons
 
 
-def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Status, str]]:
-    share = figures.wind_share
-    sd = figures.sd[name]
+def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Status, Fact]]:
+    """What stands in the way of a parameter, with the status that it leaves; some may leave "reported"."""
+    rate = 1 / figures.dt
     spread = figures.spectrum_range[name]
-    by_wind = WIND_SHARE.status(share)
-    low = f" The effectiveness may be off by {-200 * MODEL_ERRORS.wind_bias:.0f} %, mostly low."
-    why = (
-        f"Wind and noise have {100 * share:.0f} % of the torque's variance, and the autopilot answers them with the "
-        "motors (closed loop): fly quick inputs on this axis (doublets, or a sweep of about 3°) in calm air, until "
-        f"they have at most {100 * WIND_SHARE.reported:.0f} %."
-    )
-    yield by_wind, why + (low if by_wind == "biased" and name == "effect" else "")
-    if figures.alias_share > MAX_ALIAS_SHARE:
-        fast = f"{100 * figures.alias_share:.0f} % of the motor commands' variance is too fast for {1 / figures.dt:.0f}"
-        yield "not identifiable", f"{fast} Hz: record faster, or steer more."
+    by_wind = WIND_SHARE.status(figures.wind_share)
+    is_low = by_wind == Status.BIASED and name == "effect"
     yield (
-        RELATIVE_SD[name].status(sd),
-        f"Its standard deviation is {100 * sd:.0f} %: fly longer, or steer more.",
+        by_wind,
+        Fact(
+            ParameterDoubt.WIND_SHARE_HIGH,
+            share=figures.wind_share,
+            share_limit=WIND_SHARE.reported,
+            bias=MODEL_ERRORS.wind_bias if is_low else None,
+        ),
     )
+    if figures.alias_share > MAX_ALIAS_SHARE:
+        aliased = Fact(ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate)
+        yield Status.NOT_IDENTIFIABLE, aliased
+    sd = figures.sd[name]
+    yield RELATIVE_SD[name].status(sd), Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
     if figures.window_sd[name] > RELATIVE_SD[name].reported:
-        yield "biased", f"{CHANGED}: the table over time shows when."
-    spectrum = "with the assumed spectrum of the wind"
-    do = "steer more, or fly in calmer air."
-    yield SPECTRUM_RANGE[name].status(spread), f"It changes by {_factor(spread)} {spectrum}: {do}"
-    short = figures.lag < RESOLVED_LAG * figures.dt
-    if name == "effect" and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
-        why = f"The motor time constant changes by {_factor(figures.spectrum_range['lag'])} {spectrum}"
-        yield (
-            "biased" if short else "not identifiable",
-            f"{why}, and the effectiveness with it: {do}",
-        )
+        yield Status.BIASED, Fact(ParameterDoubt.DIFFERS_BETWEEN_WINDOWS)
+    changes = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=_change(spread))
+    yield SPECTRUM_RANGE[name].status(spread), changes
+    is_short = figures.lag < RESOLVED_LAG * figures.dt
+    of_lag = figures.spectrum_range["lag"]
+    if name == "effect" and of_lag > SPECTRUM_RANGE["lag"].reported:
+        changes = Fact(ParameterDoubt.LAG_DEPENDS_ON_WIND_SPECTRUM, share=_change(of_lag))
+        yield Status.BIASED if is_short else Status.NOT_IDENTIFIABLE, changes
     if name == "effect" and figures.quick:
-        why = "The motor time constant is shorter than a sample, so that the gyro's filter is taken for it"
         yield (
-            "biased",
-            f"{why}: the effectiveness may be off by {200 * MODEL_ERRORS.lag_bias:.0f} %, mostly high. Record faster.",
+            Status.BIASED,
+            Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=MODEL_ERRORS.lag_bias),
         )
     if name == "damping" and figures.damping > LARGEST_DAMPING:
-        yield (
-            "not identifiable",
-            f"It is more than rotors in air can have, {LARGEST_DAMPING:.0f} 1/s.",
-        )
-    if name == "lag" and short:
-        step = f"half a sample ({1e3 * figures.dt:.0f} ms)"
-        yield "not identifiable", f"It is shorter than {step}: record faster."
-    if name != "effect" and 1 / figures.dt < SLOWEST_RATE:
-        why = f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: it may be off by"
-        yield (
-            "biased",
-            f"{why} {200 * MODEL_ERRORS.slow:.0f} %. Record at {SLOWEST_RATE:.0f} Hz or more.",
-        )
+        too_high = Fact(ParameterDoubt.DAMPING_TOO_HIGH, damping_limit=LARGEST_DAMPING)
+        yield Status.NOT_IDENTIFIABLE, too_high
+    if name == "lag" and is_short:
+        too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
+        yield Status.NOT_IDENTIFIABLE, too_short
+    if name != "effect" and rate < SLOWEST_RATE:
+        share = MODEL_ERRORS.slow
+        code = ParameterDoubt.COMMANDS_BETWEEN_SAMPLES
+        yield Status.BIASED, Fact(code, rate=rate, share=share, least_rate=SLOWEST_RATE)
 
 
-def _factor(spread: float) -> str:
-    """A range of the logarithm in words."""
-    return f"{100 * np.expm1(spread):.0f} %" if spread < 1 else "more than a factor of 2"
+def _change(spread: float) -> float | None:
+    """The relative change that a ``spread`` of the logarithm is; ``None`` beyond a factor of e."""
+    return float(np.expm1(spread)) if spread < 1 else None

@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS, Status
+from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS
 from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.identifiability import Status
+from mavdem.facts.model import NoPhysical, ParameterDoubt
 
 
 class WindComponent(NamedTuple):
@@ -55,8 +59,8 @@ class Physical(NamedTuple):
         delay: of their commands, s; dead time of the stream is in it.
         covariance: (r + 3, r + 3) of effect, damping, lag and delay: of the estimate, its spread from window to window,
             over the wind's possible spectra, and nonlinear effects.
-        status: "reported", "biased" or "not identifiable", by "effect", "damping" and "lag".
-        reasons: likewise, a sentence or two; empty where nothing is to be said.
+        status: by "effect", "damping" and "lag".
+        reasons: likewise, why it is so; ``None`` where nothing is to be said.
         bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased.
         wind: standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant.
         wind_share: of its variance in the sum with that of the motors' torque, in the band of the motion.
@@ -72,7 +76,7 @@ class Physical(NamedTuple):
     delay: float
     covariance: Array
     status: dict[str, Status]
-    reasons: dict[str, str]
+    reasons: dict[str, Fact | None]
     bias: float
     wind: float
     wind_share: float
@@ -103,16 +107,25 @@ class Physical(NamedTuple):
     @property
     def identifiable(self) -> bool:
         """Whether the motors' effect is reported, be it with a bias."""
-        return self.status["effect"] != "not identifiable"
+        return self.status["effect"] != Status.NOT_IDENTIFIABLE
 
     @property
-    def caution(self) -> str | None:
+    def caution(self) -> Fact | None:
         """Why the effect is not identifiable; ``None`` where it is."""
-        return (
-            None
-            if self.identifiable
-            else f"The motors' effect is not identifiable. {self.reasons['effect']}"
-        )
+        if self.identifiable:
+            return None
+        return Fact(NoPhysical.EFFECT_NOT_IDENTIFIABLE, because=self.reasons["effect"])
+
+    @property
+    def differs_over_time(self) -> bool:
+        """Whether windows of the flight give a parameter estimates that differ by more than chance."""
+        doubts = {
+            doubt.code
+            for reason in self.reasons.values()
+            if reason is not None
+            for doubt in reason.figures.get("because", [reason])
+        }
+        return ParameterDoubt.DIFFERS_BETWEEN_WINDOWS in doubts
 
     def draws(self, number: int, seed: int = 0) -> Array:
         """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
@@ -130,17 +143,16 @@ class Physical(NamedTuple):
         require_probability(level)
         half = half_width(self.covariance.diagonal(), level)
         effect, damping, lag = (
-            np.where(self.status[name] == "not identifiable", np.nan, part)
+            np.where(self.status[name] == Status.NOT_IDENTIFIABLE, np.nan, part)
             for name, part in zip(PARAMETERS, (half[:-3], half[-3], half[-2]), strict=True)
         )
-        delay = np.nan if self.status["lag"] == "not identifiable" else half[-1]
+        delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[-1]
         return PhysicalInterval(effect, float(damping), float(lag), float(delay))
 
 
 LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
 # standard deviations between two flights, beyond which the vehicle is not as it was
 CONTRADICTION = 3.0
-BY_PRIOR = "It is known from an earlier flight: this one alone does not identify it."
 
 
 def updated(found: Physical, prior: Physical) -> Physical:
@@ -153,8 +165,9 @@ def updated(found: Physical, prior: Physical) -> Physical:
         return found
     alike = np.append(theta[:-3], np.zeros(3))
     covariance = prior.covariance + np.outer(alike, alike) * MODEL_ERRORS.between_flights**2
+    earlier = Fact(ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT)
     reasons = {
-        name: prior.reasons[name] if prior.status[name] == "not identifiable" else BY_PRIOR
+        name: prior.reasons[name] if prior.status[name] == Status.NOT_IDENTIFIABLE else earlier
         for name in PARAMETERS
     }
     judged = prior._replace(reasons=reasons)
@@ -191,18 +204,16 @@ FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are tak
 
 
 def windows_of(record: Record) -> FlightWindows:
-    """Cuts a record into windows of one length, with one trim and one unit of inputs; ``ValueError`` says why not."""
+    """Cuts a record into windows of one length, with one trim and one unit of inputs; ``NotLearnable`` says why not."""
     if 1 / record.dt < FEWEST_RATE:
-        raise ValueError(
-            f"effect, damping and lag show at several Hz: 40 samples a second, not {1 / record.dt:.3g}"
-        )
+        raise NotLearnable(Fact(NoPhysical.SAMPLED_TOO_SLOWLY, rate=1 / record.dt))
     rate = rate_column(record)
     samples = _window_samples(record)
     inputs = record.inputs[samples]
     inputs = inputs - inputs.mean(axis=(0, 1))
     unit = float(np.sqrt(np.mean(inputs**2)))
     if not unit:
-        raise ValueError("physical parameters need motors that move: all inputs are constant")
+        raise NotLearnable(Fact(NoPhysical.MOTORS_STILL))
     dt = float(samples[0, 1] - samples[0, 0]) * record.dt
     inputs = inputs / unit
     turning = record.outputs[samples, rate]
@@ -228,14 +239,12 @@ def answers(inputs: Array, rate: Array) -> Array:
 
 
 def rate_column(record: Record) -> int:
-    """Returns which output is the rate: the derivative of another, or the only one; ``ValueError`` where none is."""
+    """Returns which output is the rate: the derivative of another, or the only one; ``NotLearnable`` where none is."""
     if record.outputs.shape[1] == 1:
         return 0
     pairs = derivative_pairs(record)
     if not pairs:
-        raise ValueError(
-            "physical parameters need an angle and its rate: no output is the derivative of another"
-        )
+        raise NotLearnable(Fact(NoPhysical.NO_RATE))
     return pairs[0][1]
 
 
@@ -244,9 +253,8 @@ def _window_samples(record: Record) -> NDArray[np.intp]:
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = max(step * MIN_SAMPLES, round(SHORTEST_WINDOW_SECONDS / record.dt))
     if record.longest < shortest:
-        raise ValueError(
-            f"physical parameters need at least {shortest} samples without gaps, not {record.longest}"
-        )
+        code = NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS
+        raise NotLearnable(Fact(code, least_samples=shortest, samples=record.longest))
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
     lengths = [

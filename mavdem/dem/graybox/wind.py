@@ -30,6 +30,8 @@ from mavdem.dem.graybox.likelihood import delayed, plant, stationary, step_covar
 from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
+from mavdem.facts import Fact
+from mavdem.facts.model import NoPhysical
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
 # of the estimate's variance, that its errors may have before it is not resolved
@@ -102,7 +104,7 @@ class WindTorque:
         cancelled_share: of its variance, by the motors; NaN where they steer too much for it to be known.
         cancelled_share_slow: likewise of its variance below 1 Hz.
         resolved: whether its course is larger than its errors, but for those of its size.
-        reason: why not, one sentence; ``None`` where it is.
+        reason: why it is not to be taken for the wind's; ``None`` where it is.
         dt: sampling step, s.
     """
 
@@ -121,7 +123,7 @@ class WindTorque:
     cancelled_share: float
     cancelled_share_slow: float
     resolved: bool
-    reason: str | None
+    reason: Fact | None
     dt: float
 
     def __repr__(self) -> str:
@@ -176,9 +178,8 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     scales /= max(1.0, abs(float(theta @ scales)))
     error = float(with_parameters(moving - np.outer(scales, moved)).mean())
     resolved = error < MAX_ERROR_SHARE * size
-    reason = (
-        f"The wind's torque is not resolved: errors of about {np.degrees(np.sqrt(error)):.2g} °/s² are expected in an "
-        f"estimate of standard deviation {np.degrees(np.sqrt(size)):.2g} °/s²."
+    unresolved = Fact(
+        NoPhysical.WIND_TORQUE_NOT_RESOLVED, torque_error=np.sqrt(error), torque_sd=np.sqrt(size)
     )
     # An error of the parameters adds to the size in proportion, and by the square of what is not like the wind.
     unlike = moving - np.outer(shares, moved)
@@ -205,7 +206,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         cancelled_share=spectra.cancelled_share(np.inf),
         cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
         resolved=resolved,
-        reason=None if resolved else reason,
+        reason=None if resolved else unresolved,
         dt=record.dt,
     )
 
@@ -414,9 +415,6 @@ def _level(part: Array, dt: float) -> Array:
     width = min(len(coarse), round(LEVEL_SECONDS / (stride * dt)))
     median = median_filter(coarse, width | 1, mode="nearest")
     return np.interp(np.arange(len(part)), np.arange(len(coarse)) * stride, median)
-
-
-RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
 
 
 def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
