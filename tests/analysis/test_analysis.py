@@ -187,7 +187,7 @@ def test_each_axis_is_as_by_itself_and_the_motors_are_those_of_hover():
 def test_a_log_too_slow_for_parameters_has_hover_figures_and_the_reason():
     slow = mavdem.vehicle(SLOW, axis="pitch")
     assert list(slow.axes) == ["pitch"] and slow.axes["pitch"].physical is None
-    assert "4.0 Hz" in slow.axes["pitch"].reason and slow.hover is not None
+    assert "4.0 Hz" in str(slow.axes["pitch"].reason) and slow.hover is not None
     assert slow.as_dict()["axes"]["pitch"]["physical"] is None
     (motors,) = (
         block for block in vehicle_blocks(slow._replace(axes={})) if isinstance(block, Table)
