@@ -21,7 +21,8 @@ from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox import NotIdentifiable, Physical, physical
-from mavdem.dem.graybox.wind import WindTorque, simulated, wind
+from mavdem.dem.graybox.simulation import simulated
+from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record, required_number
 from mavdem.dem.settings import CompleteSettings

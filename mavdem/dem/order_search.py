@@ -54,7 +54,6 @@ LAMBDA_PRECISION = 0.1
 """Prior means of λ and their precision, in units of the data: sensor noise of a hundredth, disturbances of a third of
 the states' rates, within a factor of five."""
 
-UNIT = 1.0  # prior precision of every parameter about 0, and of every state
 # P̃ᵛ of recorded inputs, as in ``Settings``, and of others, as in the paper
 KNOWN_INPUT = e**12
 UNKNOWN_INPUT = e**2
@@ -134,8 +133,8 @@ class BlackBox:
             output_groups=np.zeros(m, np.intp),
             state_groups=1 + np.arange(n),
             input_precision=self.input_precision,
-            prior=Prior(mean, UNIT * np.eye(len(mean)), lambda_mean, lambda_precision),
-            state_precision=UNIT * np.eye(n),
+            prior=Prior(mean, np.eye(len(mean)), lambda_mean, lambda_precision),
+            state_precision=np.eye(n),
         )
 
 
@@ -190,7 +189,8 @@ def _time_of_change(values: Array, rates: Array) -> float:
 
 Result = TypeVar("Result")
 
-FIRST_ROUNDS = 12  # from every start; the best ones continue
+# from every start, of which the best ones continue; and after a change of the noise's smoothness
+FIRST_ROUNDS = 12
 # the most further rounds, and from how many starts
 ROUNDS = (36, 200)
 STARTS = (3, 1)
@@ -198,9 +198,7 @@ SWEEPS = 2  # down from the largest order, and up again where that increased F̄
 INCREASE_NATS = 1.0  # an increase of F̄ after which the neighbouring orders are fitted again
 MAX_WIDTHS = 4.0  # of the kernel: a smoother disturbance counts as motion
 
-SMOOTHNESS_ROUNDS = 12
-SMOOTHNESS_TOLERANCE = 0.03
-"""Rounds after a change of the noise's smoothness, and the relative tolerance of its search."""
+SMOOTHNESS_TOLERANCE = 0.03  # relative, of the search for the noise's smoothness
 
 SMOOTHNESS_GAIN_NATS = 10.0
 """The most that another smoothness is expected to add: fits further below the best so far are given up."""
@@ -275,7 +273,7 @@ class _Fits:
             smoothness = self.box.width * float(np.sqrt(np.expm1(2 * log_width)))
             ascent = CoordinateAscent(self.box.model(fit.model.n, smoothness), self.samples)
             iterate = _or_none(
-                lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), SMOOTHNESS_ROUNDS)
+                lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), FIRST_ROUNDS)
             )
             if iterate is None:
                 return -min(tried.iterate.free_energy for tried in fits.values())

@@ -14,7 +14,8 @@ import rerun.blueprint as rrb
 from mavdem.confidence import LEVEL
 from mavdem.dem import Estimate, Learned, LinearModel, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.wind import CHANGE_SECONDS, LEVEL_SECONDS, gusts, shortest_gust
+from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts, shortest_gust
+from mavdem.dem.graybox.wind import CHANGE_SECONDS
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.record import Record

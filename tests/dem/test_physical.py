@@ -26,10 +26,11 @@ from mavdem.dem.graybox.likelihood import (
     smooth,
 )
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
-from mavdem.dem.graybox.wind import simulated
+from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record
+from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
-from mavdem.facts.model import NoPhysical
+from mavdem.facts.model import NoPhysical, ParameterDoubt
 from mavdem.paper.runner import hover
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
@@ -285,6 +286,26 @@ SOUND = limits.IdentifiabilityFigures(
 )
 
 
+DOUBTS = {
+    "sd": {ParameterDoubt.ESTIMATE_UNCERTAIN},
+    "spectrum_range": {
+        ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM,
+        ParameterDoubt.LAG_DEPENDS_ON_WIND_SPECTRUM,
+    },
+    "wind_share": {ParameterDoubt.WIND_SHARE_HIGH},
+    "alias_share": {ParameterDoubt.COMMANDS_TOO_FAST},
+    "window_sd": {ParameterDoubt.DIFFERS_BETWEEN_WINDOWS},
+    "dt": {ParameterDoubt.COMMANDS_BETWEEN_SAMPLES},
+    "damping": {ParameterDoubt.DAMPING_TOO_HIGH},
+    "lag": {
+        ParameterDoubt.LAG_TOO_SHORT,
+        ParameterDoubt.FILTER_TAKEN_FOR_LAG,
+        ParameterDoubt.FOLLOWS_FROM_EFFECT,
+    },
+}
+"""Why a parameter is doubted, by the figure beyond its limit."""
+
+
 def edges():
     """Each limit with the figure, the parameter it belongs to, and its status on either side."""
     for figure, table in (("sd", limits.RELATIVE_SD), ("spectrum_range", limits.SPECTRUM_RANGE)):
@@ -321,6 +342,19 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
         statuses, reasons = identifiability(SOUND._replace(**{figure: changed}))
         assert statuses[name] == expected
         assert (reasons[name] is None) == (expected == "reported")
+        if reasons[name] is not None:
+            doubts = reasons[name].figures.get("because", [reasons[name]])
+            assert DOUBTS[figure] & {doubt.code for doubt in doubts}
+
+
+def test_an_effect_cannot_be_told_from_a_lag_that_the_wind_s_spectrum_decides():
+    figures = SOUND._replace(wind_share=0.5, spectrum_range=SPREADS | {"lag": 1.1})
+    statuses, reasons = identifiability(figures)
+    assert set(statuses.values()) == {Status.NOT_IDENTIFIABLE}
+    assert reasons["effect"].code is ParameterDoubt.SEVERAL_DOUBTS
+    wind, spectrum = reasons["effect"].figures["because"]
+    assert (wind.code, wind.figures["share"]) == (ParameterDoubt.WIND_SHARE_HIGH, 0.5)
+    assert spectrum == Fact(ParameterDoubt.LAG_DEPENDS_ON_WIND_SPECTRUM, share=None)
 
 
 def test_gaps_are_not_filtered_across():

@@ -15,6 +15,7 @@ from mavdem.dem.engine.state_space import filter_gain
 from mavdem.dem.fitting import fit
 from mavdem.dem.forecast import simulation_error
 from mavdem.dem.record import Record
+from mavdem.facts.model import ModelCaution
 
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
 FLIGHT = simulated(wind=1.0, lag=0.05)
@@ -169,12 +170,12 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
 def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_so():
     learned = learn(FLIGHT[:60], COMPLETE)
     assert learned.simulation_fit is None
-    assert any(
-        caution.startswith("There is no simulation-error fit: 0.6 s")
-        for caution in learned.cautions
-    )
+    (caution,) = learned.cautions
+    assert caution.code is ModelCaution.NO_SIMULATION_FIT
+    assert caution.figures["duration"] == pytest.approx(0.6)
+    assert caution.figures["least_horizon"] == simulation_error.SHORTEST_HORIZON
     short = learn(FLIGHT[:60], replace(COMPLETE, horizon=None))
-    assert not any("simulation-error" in caution for caution in short.cautions)
+    assert short.cautions == ()
     np.testing.assert_array_equal(learned.model.A, short.model.A)
     np.testing.assert_array_equal(
         learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250])

@@ -18,9 +18,10 @@ from test_physical import settled
 from mavdem import Flight, OnlineLearner, Settings, read_flight
 from mavdem.dem import Physical, physical
 from mavdem.dem.engine.kalman import GaussianModel
+from mavdem.dem.graybox.gusts import gusts, shortest_gust
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.parameters import updated
-from mavdem.dem.graybox.wind import _Spectra, gusts, shortest_gust, wind
+from mavdem.dem.graybox.wind import _Spectra, wind
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import (
     DELAY_SECONDS,

@@ -21,7 +21,7 @@ from mavdem.condition.loop.margins import Margins, OpenLoop, loops_of, transfer
 from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
-from mavdem.dem.graybox.wind import wind_density
+from mavdem.dem.graybox.parameters import wind_density
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Gains, Loops, Responses

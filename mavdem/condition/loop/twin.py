@@ -15,7 +15,7 @@ from mavdem.confidence import quantile
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
-from mavdem.dem.graybox.wind import wind_density
+from mavdem.dem.graybox.parameters import wind_density
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact

@@ -22,8 +22,8 @@ from numpy.polynomial.legendre import legvander
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast import var
-from mavdem.dem.forecast.var import FEWEST_ROTORS, turning_patterns
-from mavdem.dem.record import Record
+from mavdem.dem.forecast.var import turning_patterns
+from mavdem.dem.record import FEWEST_MOTORS, Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
@@ -72,7 +72,7 @@ def _generalized(lags: int) -> Array:
 
 def known_combinations(inputs: int, effect_directions: Array | None) -> Array | None:
     """Returns (r, c) as :func:`turning_combinations`; ``None`` where a flight must tell."""
-    if inputs < FEWEST_ROTORS:
+    if inputs < FEWEST_MOTORS:
         return np.eye(inputs)
     if effect_directions is None or not effect_directions.any():
         return None

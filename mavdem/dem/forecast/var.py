@@ -25,13 +25,11 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
 
-FEWEST_ROTORS = 3  # with fewer inputs they are not a multirotor's motors, but demands about an axis
 RIDGE = 0.01
 """Precision of the prior of the first lag's coefficients, of channels of deviation 1 and innovations of covariance Σ.
 As a precision it does not grow with the number of samples."""
 
 CONSTANT_RIDGE = 1e-8  # likewise of the offset, which the prior leaves open
-LAG_POWER = 2  # the precision of lag i is the ridge · i to this power
 # rows that are left for the innovations, where there are hardly more than coefficients
 LEAST_FREEDOM = 1.0
 
@@ -158,7 +156,7 @@ class Regression(NamedTuple):
 
 def lag_prior(lags: int, ridge: float) -> Array:
     """Returns (lags, lags), the prior precision of each lag's coefficient: ``ridge`` · i² at lag i."""
-    return np.diag(ridge * np.arange(1.0, lags + 1) ** LAG_POWER)
+    return np.diag(ridge * np.arange(1.0, lags + 1) ** 2)
 
 
 def regress(

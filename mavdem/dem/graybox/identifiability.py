@@ -43,7 +43,7 @@ SPECTRUM_RANGE = {
 MAX_ALIAS_SHARE = 0.12  # of the commands' variance, above half of the Nyquist frequency
 SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
 LARGEST_DAMPING = 15.0  # 1/s, beyond which the estimate is near its bound
-RESOLVED_LAG = 0.5  # steps of the stream
+RESOLVED_LAG = 0.5  # steps of the stream: a shorter lag cannot be told from a delay
 
 
 class ModelErrors(NamedTuple):

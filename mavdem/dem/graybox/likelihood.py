@@ -24,6 +24,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_covariance
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
+from mavdem.dem.graybox.identifiability import RESOLVED_LAG
 
 
 class Coloured(NamedTuple):
@@ -79,7 +80,6 @@ GUSTS = smooth(4)
 SETTLING_SECONDS = 0.25
 # for which an autopilot answers one sample of the rate: then it has the next
 ANSWERED_SECONDS = 0.004
-SHORTEST_LAG = 0.5  # steps of the stream
 MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
 BLOCK = 24  # steps that are worked out together
 
@@ -167,7 +167,7 @@ class Parameters(NamedTuple):
 
     def lag(self, thetas: Array, dt: float) -> Array:
         """(…) lag, s: no shorter than half a step, which a stream cannot tell from a delay."""
-        return np.hypot(np.exp(thetas[..., self.motors + 2]), SHORTEST_LAG * dt)
+        return np.hypot(np.exp(thetas[..., self.motors + 2]), RESOLVED_LAG * dt)
 
     def sizes(self, theta: Array) -> Array:
         """(…, components) standard deviations of the wind's components, rad/s²."""

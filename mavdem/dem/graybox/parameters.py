@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -148,6 +149,28 @@ class Physical(NamedTuple):
         )
         delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[-1]
         return PhysicalInterval(effect, float(damping), float(lag), float(delay))
+
+
+def wind_density(physical: Physical, frequency: Array) -> Array:
+    """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
+    density = np.zeros(len(frequency))
+    for colour, size, time in physical.components:
+        resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
+        seen = np.tile(colour.C[:, None], (len(frequency), 1, 1))
+        across = np.linalg.solve(np.swapaxes(resolvent, 1, 2), seen)[..., 0]
+        density += (
+            2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
+        )
+    return density
+
+
+RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
+
+
+def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:
+    """Returns (k, …) the slopes of a ``function`` at θ (k,), where its ``value`` is known, by differences."""
+    nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
+    return np.array([(function(theta + nudge) - value) / nudge.sum() for nudge in np.diag(nudges)])
 
 
 LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle

@@ -7,8 +7,7 @@ It is smoothed over each segment, as coloured noise of the components that the f
 only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
 a load to one side adds to it what it takes to balance it.
 
-Gusts: where the wind's torque leaves its running level by more than its turbulence does, for as long as the estimate
-resolves, and returns to it. Where the vehicle changed, as by a motor's loss of thrust, the series is cut.
+Where the vehicle changed, as by a motor's loss of thrust, the series is cut.
 """
 
 from __future__ import annotations
@@ -18,24 +17,23 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
-from scipy.ndimage import median_filter
 
-from mavdem.confidence import half_width, quantile
+from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.engine.model import discretize, recursion
-from mavdem.dem.forecast.var import Forecast
+from mavdem.dem.graybox.gusts import (
+    LEVEL_SECONDS,
+    MAX_ERROR_SHARE,
+    DetectedGust,
+    gusts,
+    shortest_gust,
+)
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
-from mavdem.dem.graybox.likelihood import delayed, plant, stationary, step_covariance, with_wind
-from mavdem.dem.graybox.parameters import Physical, rate_column
-from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.graybox.likelihood import plant
+from mavdem.dem.graybox.parameters import Physical, rate_column, slopes_of, wind_density
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.model import NoPhysical
 
-RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
-# of the estimate's variance, that its errors may have before it is not resolved
-MAX_ERROR_SHARE = 0.75
 # of the cancelled share: with more, the motors do too much else for it to be known
 MAX_SCATTER = 0.1
 SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
@@ -47,29 +45,6 @@ CHANGE_SECONDS = 2.0  # on either side of a step
 STEP_SHARE = 0.5
 STEP_SHARPNESS = 0.75
 """Of the variance by a step, and of the step within ``CHANGE_SECONDS``: no wind of 105 simulated flights had both."""
-LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
-LEVEL_STEP_SECONDS = 0.1  # between samples of that median
-THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
-END = 0.5  # of the threshold, within which a gust begins and ends
-# half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
-CERTAIN = 2.0
-NORMAL_MEDIAN = 0.6745  # absolute deviation of a normal distribution, in standard deviations
-
-
-class DetectedGust(NamedTuple):
-    """Wind that leaves its running level by ``THRESHOLD`` standard deviations.
-
-    Attributes:
-        sample: the first of it, in the record.
-        start: that sample's time since the record's first, s; gaps between segments do not count.
-        length: s, for which it stays beyond half the threshold.
-        size: its largest distance from the level, with its sign, rad/s².
-    """
-
-    sample: int
-    start: float
-    length: float
-    size: float
 
 
 class WindSpectrum(NamedTuple):
@@ -151,11 +126,9 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
     with one_thread():
         torques = _torques(theta, physical, record, column)
-        nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
-        beside = [
-            _torques(theta + nudge, physical, record, column).mean for nudge in np.diag(nudges)
-        ]
-        slopes = (np.array(beside) - torques.mean) / nudges[:, None]
+        slopes = slopes_of(
+            lambda theta: _torques(theta, physical, record, column).mean, theta, torques.mean
+        )
     cuts = record.samples_at(changes)
     levels = slopes.mean(axis=1)
     covariance = physical.covariance
@@ -332,170 +305,3 @@ def _spectra(torques: _Torques, record: Record) -> _Spectra:
         windows += weight
     wind, answer, across = total / windows
     return _Spectra(frequency, wind.real, answer.real, across, INDEPENDENT * windows)
-
-
-def wind_density(physical: Physical, frequency: Array) -> Array:
-    """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
-    density = np.zeros(len(frequency))
-    for colour, size, time in physical.components:
-        resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
-        seen = np.tile(colour.C[:, None], (len(frequency), 1, 1))
-        across = np.linalg.solve(np.swapaxes(resolvent, 1, 2), seen)[..., 0]
-        density += (
-            2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
-        )
-    return density
-
-
-class Gusts(NamedTuple):
-    """What was found, the threshold in rad/s², and how many a minute Gaussian turbulence alone would give."""
-
-    found: tuple[DetectedGust, ...]
-    threshold: float
-    false_per_minute: float
-
-
-def shortest_gust(physical: Physical, dt: float) -> float:
-    """Returns how long a gust lasts at least, s: half a period of the fastest wind that the estimate resolves.
-
-    That is above the noise of the rate, and below half of the Nyquist frequency. And the time that the motors take to
-    answer, within which an error of lag or delay looks like a gust.
-    """
-    frequency = np.linspace(0.0, 0.25 / dt, 201)[1:]
-    noise = 2 * dt * physical.noise**2 * ((2 * np.pi * frequency) ** 2 + physical.damping**2)
-    resolved = frequency[wind_density(physical, frequency) > noise]
-    return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
-
-
-def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> Gusts:
-    """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
-
-    There are none where the errors that the band stands for are most of what the torque is.
-    They last ``shortest`` s or more and return to the level they left: a step, as of a motor, is none. The rate of
-    false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
-    the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
-    """
-    parts = np.split(torque, record.starts[1:])
-    bands = np.split(band, record.starts[1:])
-    away = [part - _level(part, record.dt) for part in parts]
-    sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
-    if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
-        return Gusts((), THRESHOLD * sd, 0.0)
-    slopes = np.concatenate([np.diff(part) for part in away]) / record.dt
-    # Likewise by the median, so that gusts do not count.
-    crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
-    false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    detected = []
-    beside = round(LEVEL_SECONDS / 2 / record.dt)
-    for first, whole, part, width in zip(record.starts.tolist(), parts, away, bands, strict=True):
-        outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
-        # A change of sign ends a gust.
-        edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
-        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            peak = start + int(np.argmax(np.abs(part[start:stop])))
-            sample = first + start
-            length = (stop - start) * record.dt
-            before = whole[max(start - beside, 0) : start]
-            after = whole[stop : stop + beside]
-            stays = (
-                before.size
-                and after.size
-                and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
-            )
-            high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
-            if high and length >= shortest and not stays:
-                detected.append(DetectedGust(sample, sample * record.dt, length, float(part[peak])))
-    return Gusts(tuple(detected), THRESHOLD * sd, false)
-
-
-def _level(part: Array, dt: float) -> Array:
-    """(T,) the running median of a segment."""
-    stride = max(1, round(LEVEL_STEP_SECONDS / dt))
-    coarse = part[::stride]
-    width = min(len(coarse), round(LEVEL_SECONDS / (stride * dt)))
-    median = median_filter(coarse, width | 1, mode="nearest")
-    return np.interp(np.arange(len(part)), np.arange(len(coarse)) * stride, median)
-
-
-def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
-    """Mean and variance (H, m) of an angle and its rate under commanded ``inputs`` (H, r), after the training data.
-
-    It begins with the last measured sample, and with the torque that the last commands left in the motors. The steady
-    disturbance of the training data stays: it balances the mean inputs. The variance is that of the wind, of which
-    nothing else is known, and of motors' effect, damping and lag, to first order.
-
-    ``ValueError`` for outputs that are not an angle and its rate.
-    """
-    pairs = derivative_pairs(record)
-    if record.outputs.shape[1] != 2 or not pairs:
-        raise ValueError(
-            "a simulation needs two outputs, an angle and its rate: the plant has no others"
-        )
-    order = list(pairs[0])
-    theta = np.array([*physical.effect, physical.damping, physical.lag])
-    mean = _mean(theta, physical.delay, record, order, inputs)
-    nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
-    slopes = [
-        (_mean(theta + nudge, physical.delay, record, order, inputs) - mean) / nudge.sum()
-        for nudge in np.diag(nudges)
-    ]
-    variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance[:-1, :-1], slopes)
-    variance += _of_wind(physical, record.dt, len(inputs))
-    back = np.argsort(order)
-    return Forecast(mean[:, back], variance[:, back])
-
-
-def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: Array) -> Array:
-    """(H, 2) angle and rate of the plant with motors, damping and lag ``theta`` (r + 2,), without wind."""
-    motors = theta[:-2]
-    damping = theta[-2]
-    lag = theta[-1]
-    trim = record.inputs.mean(axis=0)
-    steps = delay / record.dt
-    A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])
-    state, now, later = discretize(A, np.array([[0.0], [0.0], [1 / lag]]), record.dt)
-
-    def pushes(commands: Array) -> Array:
-        """(T − 1, 3) what commands (T, r) add to angle, rate and torque in each step."""
-        early, late = delayed(commands - trim, steps)
-        return np.asarray(
-            np.outer(early @ motors, now[:, 0]) + np.outer(late @ motors, later[:, 0])
-        )
-
-    # The disturbance is what the mean of rate' = torque − damping · rate + disturbance leaves.
-    turned = 0.0
-    torques = []
-    for before, outputs in record.segments:
-        start = (before[0] - trim) @ motors
-        driven = recursion(state[2:, 2:], pushes(before)[:, 2:], np.array([start]))
-        torques.append(np.append(start, driven))
-        turned += outputs[-1, order[1]] - outputs[0, order[1]]
-    rate = record.outputs[:, order[1]].mean()
-    torque = np.concatenate(torques)
-    steady = turned / (len(record) * record.dt) + damping * rate - torque.mean()
-    before, outputs = record.segments[-1]
-    ahead = pushes(np.vstack([before, inputs]))[len(before) - 1 :]
-    # A steady disturbance acts like a steady command.
-    ahead += steady * (now + later)[:, 0]
-    x = np.array([*outputs[-1, order], torques[-1][-1] + steady])
-    path = np.empty((len(inputs), 2))
-    for step, push in enumerate(ahead):
-        x = state @ x + push
-        path[step] = x[:2]
-    return path
-
-
-def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
-    """(H, 2) variance that the wind gives angle and rate from a known beginning."""
-    A, drive, wind = with_wind(
-        np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components
-    )
-    A[1] += wind
-    P = stationary(A, drive, 2)
-    variance = np.empty((steps, 2))
-    state = expm(A * dt)
-    process = step_covariance(A, drive, dt)
-    for step in range(steps):
-        P = state @ P @ state.T + process
-        variance[step] = P.diagonal()[:2]
-    return variance
