@@ -42,7 +42,6 @@ from mavdem.evaluate.truth import TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NoModel
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
-from mavdem.facts.prose import prose
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
