@@ -13,8 +13,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, wind_of
 from mavdem.condition.wind_velocity import coming_from, torque_explained
-from mavdem.dem.airflow import identification
-from mavdem.dem.airflow.model import Drag, motion
+from mavdem.dem.airflow.model import Drag, Filtered, motion
 from mavdem.errors import NotLearnable
 from mavdem.facts.identifiability import Status
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
@@ -223,9 +222,7 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
             rows[row.time] = row
             assert stream.now - row.time < 1.0
     # What is not smoothed is the filter's.
-    monkeypatch.setattr(
-        identification, "smoothed", lambda before, states, spread, spreads, decay: (states, spreads)
-    )
+    monkeypatch.setattr(Filtered, "smoothed", lambda self: (self.states[1], self.spreads[1]))
     wind = mavdem.wind(log, drag=drag)
     times = np.array([*rows])
     assert np.median(np.diff(times)) == pytest.approx(0.1, abs=1e-6)
