@@ -29,9 +29,9 @@ from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES, checked
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.paired import SIGNIFICANCE, paired
+from mavdem.evaluate.paired_test import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
-from mavdem.evaluate.windows import Length, TooFewSamples, no_test_window, part_samples, too_short
+from mavdem.evaluate.window import Length, TooFewSamples, no_test_window, part_samples, too_short
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.forecasts import Forecasts, TestResult

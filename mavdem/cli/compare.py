@@ -22,7 +22,7 @@ from mavdem.cli.output import check_folder, files_in, json_text, print_result, p
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.windows import (
+from mavdem.evaluate.window import (
     TRAIN_SECONDS,
     Length,
     Window,

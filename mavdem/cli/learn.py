@@ -44,7 +44,7 @@ from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.condition.wind_velocity import torque_explained
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
-from mavdem.evaluate.windows import Length
+from mavdem.evaluate.window import Length
 from mavdem.export.conversion import write_channels
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence

@@ -20,7 +20,7 @@ from mavdem.cli.output import printable, progress, say, say_aside
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.evaluate.windows import TEST_SECONDS, Length
+from mavdem.evaluate.window import TEST_SECONDS, Length
 from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight

@@ -2,9 +2,9 @@
 
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, compare
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows, score_of
-from mavdem.evaluate.paired import Paired, paired
+from mavdem.evaluate.paired_test import Paired, paired
 from mavdem.evaluate.scores import HORIZONS, Mspe, horizons, mspe, relative_mspe
-from mavdem.evaluate.windows import Window, windows
+from mavdem.evaluate.window import Window, windows
 
 __all__ = [
     "HORIZONS",

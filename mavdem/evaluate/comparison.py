@@ -24,7 +24,7 @@ from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import fact_of
-from mavdem.evaluate.paired import FEWEST_PAIRS, Paired, paired
+from mavdem.evaluate.paired_test import FEWEST_PAIRS, Paired, paired
 from mavdem.evaluate.scores import (
     FROM_ZERO,
     KNOWN,
@@ -39,7 +39,7 @@ from mavdem.evaluate.scores import (
     score_values,
     table_type,
 )
-from mavdem.evaluate.windows import Window
+from mavdem.evaluate.window import Window
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 from mavdem.flight import Flight

@@ -27,7 +27,7 @@ from mavdem.dem.learning import learn_forecasts
 from mavdem.dem.record import LABELS, folds
 from mavdem.errors import fact_of
 from mavdem.evaluate.scores import error_over
-from mavdem.evaluate.windows import part_samples
+from mavdem.evaluate.window import part_samples
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.flight import Flight

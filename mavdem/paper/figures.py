@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.windows import Window
+from mavdem.evaluate.window import Window
 from mavdem.report.figures.style import legend_above, not_blown_up, picture
 from mavdem.report.palette import BOUND, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
 

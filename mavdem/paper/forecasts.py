@@ -13,7 +13,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import mspe, paired, relative_mspe
 from mavdem.evaluate.comparison import Outcome
 from mavdem.evaluate.scores import KNOWN, ratio
-from mavdem.evaluate.windows import Window
+from mavdem.evaluate.window import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import (
     DATA,

@@ -25,7 +25,7 @@ from scipy.stats import chi2, jarque_bera, norm
 
 from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.windows import Window
+from mavdem.evaluate.window import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, REAL, Check, Result, Runner
 from mavdem.report.blocks import Block, Sentence, Table

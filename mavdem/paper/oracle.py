@@ -9,7 +9,7 @@ import numpy as np
 from mavdem import baselines
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.comparison import Method
-from mavdem.evaluate.windows import Window
+from mavdem.evaluate.window import Window
 from mavdem.flight import Flight
 from mavdem.paper.runner import (
     PAPER,

@@ -28,7 +28,7 @@ from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import Method, Outcome, evaluate_window
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.windows import Window, windows
+from mavdem.evaluate.window import Window, windows
 from mavdem.export.conversion import STREAMS
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight

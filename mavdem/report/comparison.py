@@ -12,7 +12,7 @@ from typing import Any
 from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.evaluate.comparison import Comparison
-from mavdem.evaluate.paired import FEWEST_PAIRS, SIGNIFICANCE, Paired
+from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
 from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Sentence, Table, caution

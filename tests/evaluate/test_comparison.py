@@ -19,7 +19,7 @@ from mavdem.evaluate.comparison import (
     outcomes,
 )
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio
-from mavdem.evaluate.windows import windows
+from mavdem.evaluate.window import windows
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 from mavdem.report.comparison import comparison_report

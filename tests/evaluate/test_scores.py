@@ -9,9 +9,9 @@ from scipy.stats import wilcoxon
 from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
 from mavdem.evaluate.comparison import Method, evaluate_window
-from mavdem.evaluate.paired import Paired, paired
+from mavdem.evaluate.paired_test import Paired, paired
 from mavdem.evaluate.scores import KNOWN, by_horizon, ratio, score_values
-from mavdem.evaluate.windows import Window, disjoint, windows
+from mavdem.evaluate.window import Window, disjoint, windows
 from mavdem.facts.forecasts import TestResult
 
 RNG = np.random.default_rng(0)

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from click import Command, Context
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
 from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
 from mavdem.cli.reproduce import write_report
-from mavdem.evaluate.windows import Window
+from mavdem.evaluate.window import Window
 from mavdem.paper import CLAIMS, forecasts, noise, oracle, order
 from mavdem.paper.forecasts import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport
@@ -134,9 +135,9 @@ def test_all_items_make_one_report(tmp_path, monkeypatch):
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
     runner = Runner(SMALL)
     chosen = [claim for claim in ITEMS if claim.name != "demonstrations"]
-    write_report(
-        tmp_path, [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen], runner, 1.0
-    )
+    reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
+    with Context(Command("reproduce")):
+        write_report(tmp_path, reports, runner, 1.0)
     page, numbers = ((tmp_path / name).read_text() for name in (PAGE, NUMBERS))
     # It shows what is there and asks for nothing else.
     assert "<svg" in page and not re.findall(r'(?:src|srcset)="', page)

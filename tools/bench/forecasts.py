@@ -25,7 +25,7 @@ import numpy as np
 
 import mavdem
 from mavdem import baselines, evaluate
-from mavdem.evaluate.windows import Window, windows
+from mavdem.evaluate.window import Window, windows
 from mavdem.paper.runner import SHARED, recorded_flights
 
 KNOWN = (10, 25, 50, 150)

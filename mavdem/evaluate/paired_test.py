@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.evaluate.windows import Window, disjoint
+from mavdem.evaluate.window import Window, disjoint
 from mavdem.facts.forecasts import TestResult
 
 SIGNIFICANCE = 0.05
