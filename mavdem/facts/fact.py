@@ -129,10 +129,10 @@ class Fact:
 
 
 def _plain(value: Any) -> Figure:
-    """Numbers of NumPy as Python's, and lists as tuples."""
-    if isinstance(value, list | tuple):
-        return tuple(map(_plain, value))
-    return value.item() if hasattr(value, "item") else value
+    """Numbers of NumPy as Python's, lists and arrays as tuples."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
 
 
 def _without_words(fact: Fact) -> Words:

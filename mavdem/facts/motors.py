@@ -27,7 +27,34 @@ class InFlight(Code):
     FALSE_ALARMS = auto()
 
 
+class MotorsBetween(Code):
+    """How the motors of a flight compare with those of healthy flights, and under which other conditions."""
+
+    MOTORS_UNCHANGED = auto()
+    MOTOR_WEAK = auto()
+    BALANCE_CHANGED = auto()
+    BALANCE_OUTSIDE = auto()
+    EFFORT_CHANGED = auto()
+    EFFORT_DIFFERS = auto()
+    LEAN_DIFFERS = auto()
+
+
+class Explanation(StrEnum):
+    """What may explain a changed balance."""
+
+    LOAD = "load"
+    YAW = "yaw"
+    OTHER = "other"
+    MOTOR = "motor"
+
+
 class HealthUnknown(Code):
     """Why the health of a flight's motors is not known."""
 
+    BALANCE_UNKNOWN = auto()
+    GEOMETRY_UNKNOWN = auto()
+    LEAN_UNKNOWN = auto()
+    HEALTHY_FLIGHTS_FEW = auto()
+    HEALTH_UNSURE = auto()
+    VEHICLE_UNNAMED = auto()
     HEALTH_FAILED = auto()

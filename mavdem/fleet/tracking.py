@@ -19,6 +19,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder, Reading
+from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
@@ -48,15 +49,21 @@ class TrackedLogs(NamedTuple):
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
     unknown: dict[str, Any] = dict.fromkeys(
-        (*JUDGED, "health_reason", "residual_mean", "residual_mean_interval")
+        (*JUDGED, "health_reason", "health_code", "residual_mean", "residual_mean_interval")
     )
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
     flown = [row for row in rows if row.status == OK]
     if not flown:
         return rows
     if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
-        reason = "Health is unknown: the log does not say which vehicle it is of. Name its healthy flights as baseline."
-        return [replace(row, health_reason=reason) if row.status == OK else row for row in rows]
+        unnamed = Fact(HealthUnknown.VEHICLE_UNNAMED)
+        reason = f"{unnamed} {unnamed.remedy}"
+        return [
+            replace(row, health_reason=reason, health_code=unnamed.code)
+            if row.status == OK
+            else row
+            for row in rows
+        ]
     healthy_rows = [row for row in baseline if row.status == OK]
     # A flight that is among both is one flight.
     figures = {_key(row): health_figures(row) for row in (*healthy_rows, *flown)}
@@ -78,7 +85,8 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
         columns |= {"residual_mean": residual_mean(row, healthy.values())}
         columns |= {
             "residual_mean_interval": intervals[_kind(row)],
-            "health_reason": verdict.reason,
+            "health_reason": " ".join(map(str, verdict.facts)),
+            "health_code": verdict.facts[0].code,
         }
         return replace(row, **columns)
 

@@ -7,16 +7,18 @@ thinner air, and with propellers that give less thrust: which, it does not say.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from mavdem.alignment.drive import AXES
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
 from mavdem.health.balance import (
     FEWEST_FLIGHTS,
     SCATTER_FREEDOM,
@@ -28,9 +30,7 @@ from mavdem.health.balance import (
     healthy_flights,
 )
 
-Health = Literal["ok", "drift", "fault", "unknown"]
-
-FAULT = DRIFT = 0.5
+PROBABLE = 0.5
 """Probability of a fault, and of any change, from which a flight is called one. ``tools/validation/propellers.py``
 prints how many healthy flights are by chance."""
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
@@ -40,20 +40,17 @@ MIN_LEAN = np.radians(2.0)  # Difference of lean that is worth a sentence
 class Assessment(NamedTuple):
     """What the figures of one flight say of its motors."""
 
-    # "fault": a motor works 8 % harder or more than in healthy flights, for it or its propeller is weak; "drift": the
-    # balance changed, by less or not by a motor, or the effort did; "ok": as in healthy flights, and a motor that
-    # works 20 % harder would have shown; "unknown": ``reason`` says what is missing
-    health: Health
-    reason: str  # sentences with figures
+    # fault: a motor works 8 % harder or more than in healthy flights, for it or its propeller is weak; drift: the
+    # balance changed, by less or not by a motor, or the effort did; ok: as in healthy flights, and a motor that works
+    # 20 % harder would have shown
+    health: MotorHealth
+    # what speaks for it, or what is missing; then the conditions that differ from those of the healthy flights
+    facts: tuple[Fact, ...]
     # that some motor works 8 % harder or more, for it or its propeller is weak; None where unknown
     fault_probability: float | None = None
     # that anything changed, faults included; None where unknown
     change_probability: float | None = None
     suspect_motor: int | None = None  # from 1, of a fault where one is named
-    # that the suspect motor is the one, and works 8 % harder or more; at most ``fault_probability``
-    suspect_probability: float | None = None
-    # by how much it works harder if it is weak, %, with the ends of the interval of 90 %
-    harder: tuple[float, float, float] | None = None
 
 
 def assess(
@@ -71,20 +68,23 @@ def assess(
     chosen = baseline is not None
     named = flights if baseline is None else baseline
     healthy = healthy_flights(flights, baseline)
-    verdicts: dict[int, Assessment] = {}
+    assessments: dict[int, Assessment] = {}
     candidates: dict[object, Candidates] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
     for number in sorted(range(len(flights)), key=lambda number: flights[number].when):
         flight = flights[number]
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
         others = [other for other in apart if other.layout == flight.layout]
-        if flight.missing or flight.signatures is None:
-            verdicts[number] = Assessment("unknown", f"Health is unknown: {flight.missing}.")
+        reference: dict[str, Any] = {"flights": len(others), "are_chosen": chosen}
+        unknown = flight.missing
+        if unknown is None and len(others) < FEWEST_FLIGHTS:
+            total = sum(other is not flight for other in named)
+            few = HealthUnknown.HEALTHY_FLIGHTS_FEW
+            unknown = Fact(few, **reference, total=total, needed=FEWEST_FLIGHTS)
+        if unknown is not None:
+            assessments[number] = Assessment(MotorHealth.UNKNOWN, (unknown,))
             continue
-        if len(others) < FEWEST_FLIGHTS:
-            reason = _too_few(len(others), sum(other is not flight for other in named), chosen)
-            verdicts[number] = Assessment("unknown", reason)
-            continue
+        assert flight.signatures is not None
         if flight.layout not in candidates:
             candidates[flight.layout] = Candidates(flight.signatures)
         considered = candidates[flight.layout]
@@ -96,140 +96,100 @@ def assess(
         effort = effort_change(flight, others, last_effort)
         if not alone:
             before[flight.layout] = weighed, effort
-        reference = (
-            "healthy flights"
-            if chosen
-            else "of the vehicle's first sound flights, taken for healthy"
-        )
-        verdict = _verdict(flight, weighed, away, effort, f"{len(others)} {reference}")
-        if verdict.health == "ok" and considered.shown(away) < DRIFT:
-            verdict = Assessment("unknown", _too_unsure(away, f"{len(others)} {reference}"))
-        conditions = " ".join([verdict.reason, *_conditions(flight, others, effort)])
-        verdicts[number] = verdict._replace(reason=conditions)
-    return tuple(verdicts[number] for number in range(len(flights)))
+        assessment = _assessment(flight, weighed, away, effort, reference)
+        if assessment.health is MotorHealth.OK and considered.shown(away) < PROBABLE:
+            unsure = HealthUnknown.HEALTH_UNSURE
+            lost = lost_thrust(DETECTABLE_RISE)
+            fact = Fact(unsure, loss=lost, usual=away.usual, **reference)
+            assessment = Assessment(MotorHealth.UNKNOWN, (fact,))
+        conditions = _conditions(flight, others, effort)
+        assessments[number] = assessment._replace(facts=(*assessment.facts, *conditions))
+    return tuple(assessments[number] for number in range(len(flights)))
 
 
-def _verdict(
+def _assessment(
     flight: HealthFigures,
     weighed: Explanations,
     away: Deviation,
     effort: EffortChange | None,
-    reference: str,
+    reference: dict[str, Any],
 ) -> Assessment:
-    """The verdict beside the flights of the ``reference``, with what speaks for it."""
+    """The assessment beside the flights of the ``reference``, with what speaks for it."""
     # The effort says nothing of a single motor, and a weak one takes little of it.
-    change = 1 - weighed.healthy * (1.0 if effort is None else 1 - effort.probability)
-    if weighed.fault >= FAULT:
-        likely = float(weighed.faults.max())
-        if likely < NAMED * weighed.fault:
-            reason = f"A motor or propeller lost thrust (probability {weighed.fault:.2f}), against {reference}. Which"
-            return Assessment("fault", f"{reason} one is not known.", weighed.fault, change)
-        suspect = int(weighed.faults.argmax())
-        name, lost, harder = _motor(flight, weighed, suspect)
-        reason = (
-            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works "
-            f"{harder} harder than "
-        )
-        reason += f"in {reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
-        mean, low, high = (100 * float(value) for value in weighed.harder[:, suspect])
-        return Assessment(
-            "fault", reason, weighed.fault, change, suspect + 1, likely, (mean, low, high)
-        )
-    # Whatever the weights of the explanations are, what healthy flights do not show is a change.
-    if change >= DRIFT or away.beyond:
-        return Assessment(
-            "drift", _drift(flight, weighed, away, effort, change, reference), weighed.fault, change
-        )
-    reason = f"No change against {reference}; probability that something changed {change:.2f}."
-    return Assessment("ok", reason, weighed.fault, change)
-
-
-def _drift(
-    flight: HealthFigures,
-    weighed: Explanations,
-    away: Deviation,
-    effort: EffortChange | None,
-    probability: float,
-    reference: str,
-) -> str:
-    """What changed, with its ``probability``, and what may explain it."""
-    each = zip(AXES, away.change, away.usual, strict=True)
-    changed = ", ".join(
-        f"{axis} {100 * by:+.1f} % (usual ±{100 * usual:.1f} %)" for axis, by, usual in each
-    )
-    if away.beyond and probability < DRIFT:
-        return f"Outside the 99.9 % range of {reference}: {changed}."
-    differs = f"Differs from {reference} (probability {probability:.2f})"
     balance = 1 - weighed.healthy
-    if effort is not None and effort.probability > balance:
-        more = f"{100 * abs(effort.more):.0f} % {'harder' if effort.more > 0 else 'less hard'}"
-        return f"{differs}: all motors work {more}. The balance differs with probability {balance:.2f}."
-    name, _, harder = _motor(flight, weighed, int(weighed.motors.argmax()))
-    causes = {
-        "a load that shifted": weighed.load,
-        "yaw alone, by a twisted arm or other propellers": weighed.yaw,
-        "several things": weighed.other,
-        f"{name}, which would work {harder} harder": float(weighed.motors.max()),
-    }
-    likeliest = max(causes, key=lambda cause: causes[cause])
-    return f"{differs}: {changed}; most likely {likeliest} ({causes[likeliest]:.2f})."
-
-
-def _motor(flight: HealthFigures, weighed: Explanations, number: int) -> tuple[str, str, str]:
-    """The name of a motor, from 0, how much thrust it lost if it is weak, and by how much it then works harder."""
-    rises = [float(value) for value in weighed.harder[:, number]]
-    mean, low, high = (100 * lost_thrust(rise) for rise in rises)
-    lost = f"lost about {mean:.0f} % of its thrust ({low:.0f} to {high:.0f} %; motor or propeller)"
-    mean, low, high = (100 * rise for rise in rises)
-    return flight.motors[number], lost, f"{mean:.0f} % ({low:.0f} to {high:.0f} %)"
-
-
-def _too_few(usable: int, others: int, chosen: bool) -> str:
-    """Why nothing is said where of the ``others`` of the vehicle only some are ``usable`` as healthy flights."""
-    many = "is 1 other" if others == 1 else f"are {others or 'no'} others"
-    have = f"there {many} of this vehicle"
-    if others > usable:
-        date = "" if chosen else "no date, a motor at its limit, an oscillation, "
-        have += f", {others - usable} with {date}other motors, too little settled flight, or the same flight again"
-    remedy = "fly or name more" if chosen else f"name {FEWEST_FLIGHTS} or more with --baseline"
-    return f"Not enough healthy flights: {have}, and it takes {FEWEST_FLIGHTS} to show how much they differ; {remedy}."
-
-
-def _too_unsure(away: Deviation, reference: str) -> str:
-    """Why a flight that looks healthy is not called so."""
-    unsure = ", ".join(
-        f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, away.usual, strict=True)
-    )
-    lost = f"a motor that lost {100 * lost_thrust():.0f} % of its thrust would not show against {reference} ({unsure})"
-    return f"Health is unknown: {lost}: the flight leans too much or is too short, or they differ too much."
+    change = 1 - weighed.healthy * (1.0 if effort is None else 1 - effort.probability)
+    known = weighed.fault, change
+    if weighed.fault >= PROBABLE:
+        suspect = int(weighed.faults.argmax())
+        likely = float(weighed.faults[suspect])
+        is_named = likely >= NAMED * weighed.fault
+        rise = weighed.harder[:, suspect]
+        weak = Fact(
+            MotorsBetween.MOTOR_WEAK,
+            Level.BAD,
+            subject=flight.motors[suspect] if is_named else "",
+            probability=weighed.fault,
+            motor_probability=likely,
+            rise=rise,
+            loss=[lost_thrust(float(end)) for end in rise],
+            **reference,
+        )
+        motor = suspect + 1 if is_named else None
+        return Assessment(MotorHealth.FAULT, (weak,), *known, motor)
+    # Whatever the weights of the explanations are, what healthy flights do not show is a change.
+    if change < PROBABLE and not away.beyond:
+        same = Fact(MotorsBetween.MOTORS_UNCHANGED, Level.GOOD, probability=change, **reference)
+        return Assessment(MotorHealth.OK, (same,), *known)
+    differs = {"shift": away.change, "usual": away.usual, **reference}
+    drift = Fact(MotorsBetween.BALANCE_OUTSIDE, Level.WATCH, **differs)
+    if change >= PROBABLE and effort is not None and effort.probability > balance:
+        drift = Fact(
+            MotorsBetween.EFFORT_CHANGED,
+            Level.WATCH,
+            probability=change,
+            balance_probability=balance,
+            effort=effort.more,
+            **reference,
+        )
+    elif change >= PROBABLE:
+        motor = int(weighed.motors.argmax())
+        causes = {
+            Explanation.LOAD: weighed.load,
+            Explanation.YAW: weighed.yaw,
+            Explanation.OTHER: weighed.other,
+            Explanation.MOTOR: float(weighed.motors[motor]),
+        }
+        likeliest = max(causes, key=lambda cause: causes[cause])
+        drift = Fact(
+            MotorsBetween.BALANCE_CHANGED,
+            Level.WATCH,
+            subject=flight.motors[motor],
+            probability=change,
+            explanation=likeliest,
+            explanation_probability=causes[likeliest],
+            rise=weighed.harder[:, motor],
+            **differs,
+        )
+    return Assessment(MotorHealth.DRIFT, (drift,), *known)
 
 
 def _conditions(
     flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None
-) -> list[str]:
-    """Conditions that differ from those of the healthy flights, a sentence each."""
-    sentences = []
+) -> Iterator[Fact]:
+    """Conditions that differ from those of the healthy flights."""
     leans = [other.balance.lean for other in others if other.balance is not None]
     if flight.balance is not None and leans:
-        leaned = flight.balance.lean - np.mean(leans, axis=0)
-        if np.abs(leaned).max() >= MIN_LEAN:
-            here, there = (
-                ", ".join(
-                    f"{axis} {np.degrees(angle):+.1f}°"
-                    for axis, angle in zip(AXES, lean, strict=False)
-                )
-                for lean in (flight.balance.lean, np.mean(leans, axis=0))
-            )
-            sentences.append(
-                f"Its mean lean is {here}, that of the healthy flights {there}; both are compared level."
-            )
+        lean = flight.balance.lean
+        usual = np.mean(leans, axis=0)
+        if np.abs(lean - usual).max() >= MIN_LEAN:
+            yield Fact(MotorsBetween.LEAN_DIFFERS, Level.WATCH, lean=lean, usual_lean=usual)
     if effort is not None and abs(effort.more) >= effort.usual:
-        sentences.append(
-            f"At the same voltage all motors together are commanded {100 * abs(effort.more):.0f} % "
-            f"{'more' if effort.more > 0 else 'less'} (usual ±{100 * effort.usual:.0f} %): the payload, the air or "
-            "the propellers differ."
+        yield Fact(
+            MotorsBetween.EFFORT_DIFFERS,
+            Level.WATCH,
+            effort=effort.more,
+            usual_effort=effort.usual,
         )
-    return sentences
 
 
 PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
@@ -251,10 +211,9 @@ RISES = np.linspace(0.0, 1.0, 401)[1:]
 MAX_MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
 # Of the healthy flights' mean, by axis
 CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
-TAIL = 0.05  # Outside each end of an interval of 90 %
 
 
-def lost_thrust(rise: float = DETECTABLE_RISE, exponent: float = 2.0) -> float:
+def lost_thrust(rise: float, exponent: float = 2.0) -> float:
     """Returns which share of its thrust a motor lost whose command rose so much, to whose ``exponent`` thrust goes."""
     return float(1 - (1 + rise) ** -exponent)
 
@@ -334,7 +293,8 @@ class Candidates:
         some = np.maximum(motors, np.finfo(np.float64).tiny)
         shares = np.cumsum(joint, axis=1) / some[:, None]
         low, high = (
-            RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL)
+            RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)]
+            for end in (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
         )
         harder = np.array([joint @ RISES / some, low, high]) * rise_share
         faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
@@ -414,7 +374,7 @@ def effort_change(
     scale = np.sqrt(scatter + np.append(np.zeros_like(CENTRE_ERRORS), centre_error**2 + sizes**2))
     posterior = prior * stats.t.pdf((more - expected) / scale, freedom) / scale
     posterior /= posterior.sum()
-    usual = float(stats.t.ppf(0.95, freedom) * np.hypot(np.sqrt(scatter), centre_error))
+    usual = float(quantile(LEVEL, freedom) * np.hypot(np.sqrt(scatter), centre_error))
     return EffortChange(
         float(np.expm1(more)), usual, float(posterior[len(CENTRE_ERRORS) :].sum()), posterior
     )

@@ -16,13 +16,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from mavdem.alignment.align import settled_segments, within
 from mavdem.alignment.drive import AXES, MotorGeometry
 from mavdem.alignment.signals import Signals
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
+from mavdem.facts import Fact
+from mavdem.facts.motors import HealthUnknown
 
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
@@ -213,15 +214,15 @@ class HealthFigures:
     sound: bool = True
 
     @property
-    def missing(self) -> str:
-        """What the judgement of a motor needs and the flight does not have; empty if it has all."""
+    def missing(self) -> Fact | None:
+        """What the judgement of a motor needs and the flight does not have; None if it has all."""
         if self.signatures is None or self.balance is None:
-            return "there is too little settled flight with attitude and motor outputs"
+            return Fact(HealthUnknown.BALANCE_UNKNOWN)
         if not self.signatures.names_a_motor:
-            return "where its motors are, or which way they turn, is not known"
+            return Fact(HealthUnknown.GEOMETRY_UNKNOWN)
         if not all(np.isfinite(values).all() for values in self.balance[:3]):
-            return "its lean was not recorded"
-        return ""
+            return Fact(HealthUnknown.LEAN_UNKNOWN)
+        return None
 
     @property
     def layout(self) -> tuple[tuple[str, ...], bytes]:
@@ -270,7 +271,7 @@ class Deviation(NamedTuple):
     @property
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
-        far = stats.t.ppf((1 + 0.999) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
+        far = quantile(0.999, self.freedom) * np.hypot(self.scale, self.centre_error)
         return bool((np.abs(self.change) > far).any())
 
 

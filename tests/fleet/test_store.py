@@ -21,7 +21,7 @@ from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of,
 from mavdem.errors import Unreadable
 from mavdem.facts import Code, Fact
 from mavdem.facts.fleet import Folder, Reading
-from mavdem.facts.motors import HealthUnknown
+from mavdem.facts.motors import HealthUnknown, MotorsBetween
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow, row_schema
 from mavdem.fleet.store import STORE, TABLE, opened, read_rows, write_rows
@@ -379,16 +379,14 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
             FlightRow(file="x", status="No."),
         )
     )
-    assert nobody.health == "unknown" and "does not say which vehicle" in nobody.health_reason
+    assert nobody.health_code == HealthUnknown.VEHICLE_UNNAMED
     assert nobody.fault_probability is None and failed.health_reason is None
     # Nor is one taken for healthy in which a motor was at its limit, or which oscillated.
     for unsound in ({"saturated": (0.0, 0.02, 0.0, 0.0)}, {"oscillation": 12.0}):
         first = [replace(rows[0], **unsound), *rows[1:]]
-        assert "taken for healthy" in assess_rows(first, [])[0].health_reason
-        assert (
-            "against 3 of the vehicle's first sound flights"
-            in assess_rows(first, [])[0].health_reason
-        )
+        first = assess_rows(first, [])[0]
+        assert first.health_code == MotorsBetween.MOTORS_UNCHANGED
+        assert "against 3 of the vehicle's first sound flights" in first.health_reason
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     judged = assess_rows(rows, rows[:3])
     assert [row.health for row in judged[:3]] == ["ok"] * 3

@@ -131,6 +131,8 @@ def hanging(tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            # a shell in the background starts programs that ignore it
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
     with open(reader) as names:
         hanging = (name for name in names if "hang" in name)

@@ -6,13 +6,14 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
+from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
 from mavdem.health.assessment import (
     DETECTABLE_RISE,
-    DRIFT,
     FAULT_RISE,
     MAX_MISFIT,
     PERSISTENCE,
     PRIORS,
+    PROBABLE,
     Candidates,
     assess,
 )
@@ -87,13 +88,17 @@ def test_a_weak_motor_is_found_and_named(motor):
     found = [judged(seed, weak(motor, 0.2)) for seed in range(VEHICLES)]
     assert np.mean([one.health == "fault" for one in found]) > 0.8
     assert {one.suspect_motor for one in found if one.health == "fault"} <= {motor, None}
-    covered = [one.harder[1] <= 20 <= one.harder[2] for one in found if one.harder]
-    assert np.mean(covered) > 0.8
-    named = next(one for one in found if one.suspect_motor)
-    assert named.reason.startswith(f"Motor {motor}")
-    assert "of its thrust" in named.reason and "it then works" in named.reason
-    assert f"{named.suspect_probability:.2f}" in named.reason
-    assert all((one.suspect_probability or 0.0) <= one.fault_probability for one in found)
+    named = [one.facts[0] for one in found if one.suspect_motor]
+    rises = [fact.figures["rise"] for fact in named]
+    assert np.mean([low <= 0.2 <= high for _, low, high in rises]) > 0.8
+    assert {(fact.code, fact.subject) for fact in named} == {
+        (MotorsBetween.MOTOR_WEAK, MOTORS[motor - 1])
+    }
+    assert all(
+        fact.figures["motor_probability"] <= fact.figures["probability"] == one.fault_probability
+        for one in found
+        if (fact := one.facts[0]).code is MotorsBetween.MOTOR_WEAK
+    )
 
 
 @pytest.mark.parametrize(
@@ -121,7 +126,7 @@ def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     leaning = flight.balance._replace(lean=lean, mean=mean, lean_effect_error=np.full((3, 2), 2.0))
     (found,) = assess([replace(flight, balance=leaning)], baseline)
     assert (found.health, found.fault_probability) == ("unknown", None)
-    assert "leans too much" in found.reason
+    assert found.facts[0].code is HealthUnknown.HEALTH_UNSURE
 
 
 @pytest.mark.slow
@@ -132,14 +137,15 @@ def test_healthy_flights_in_other_winds_are_ok():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
-    [((0.08, -0.06, 0.0), "a load that shifted"), ((0.0, 0.0, -0.07), "yaw alone")],
+    ("change", "explanation"),
+    [((0.08, -0.06, 0.0), Explanation.LOAD), ((0.0, 0.0, -0.07), Explanation.YAW)],
 )
-def test_what_no_motor_does_is_a_drift_and_names_none(change, words):
+def test_what_no_motor_does_is_a_drift_and_names_none(change, explanation):
     found = [judged(seed, np.array(change), healthy=4) for seed in range(VEHICLES)]
     assert np.mean([one.health == "fault" for one in found]) <= 0.05
     assert np.mean([one.health == "drift" for one in found]) > 0.8
-    assert np.mean([words in one.reason for one in found]) > 0.8
+    explained = [one.facts[0].figures.get("explanation") for one in found]
+    assert np.mean([one is explanation for one in explained]) > 0.8
     # Be it ever so large.
     large = [judged(seed, 5 * np.array(change)) for seed in range(5)]
     assert {one.health for one in large} == {"drift"}
@@ -167,7 +173,7 @@ def test_a_healthy_flight_is_compared_with_the_other_healthy_ones():
     odd = replace(vehicle.flight(weak(1, 0.3)), name="odd")
     found = assess([*flights, odd], [*flights, odd])
     assert found[-1].health == "fault"
-    assert "than in 3 healthy flights" in found[-1].reason
+    assert found[-1].facts[0].figures["flights"] == 3
 
 
 def test_without_a_choice_the_first_flights_are_taken_for_healthy_and_that_is_said():
@@ -175,7 +181,7 @@ def test_without_a_choice_the_first_flights_are_taken_for_healthy_and_that_is_sa
     flights = [*vehicle.flights(3), *vehicle.flights(2, weak(1, 0.25))]
     found = assess(flights)
     assert [one.health for one in found] == ["ok", "ok", "ok", "fault", "fault"]
-    assert "of the vehicle's first sound flights, taken for healthy" in found[-1].reason
+    assert not found[-1].facts[0].figures["are_chosen"]
     assert {one.health for one in assess(undated(flights))} == {"unknown"}
     mixed = assess([*flights, *undated(vehicle.flights(1))])
     assert [one.health for one in mixed[:5]] == [one.health for one in found]
@@ -190,7 +196,7 @@ def test_first_flights_that_are_not_sound_are_not_taken_for_healthy():
         flight.name for flight in flights[2:]
     }
     none = assess([replace(flight, sound=False) for flight in flights])
-    assert {one.health for one in none} == {"unknown"} and "a motor at its limit" in none[0].reason
+    assert {one.facts[0].code for one in none} == {HealthUnknown.HEALTHY_FLIGHTS_FEW}
 
 
 def test_more_effort_is_a_drift_and_no_fault():
@@ -199,7 +205,8 @@ def test_more_effort_is_a_drift_and_no_fault():
     heavy = [replace(vehicle.flight(), collective=0.5 * more) for more in (1.0, 1.02, 1.12)]
     found = [assess([flight], baseline)[0] for flight in heavy]
     assert [one.health for one in found] == ["ok", "ok", "drift"]
-    assert "all motors work 12 % harder" in found[-1].reason
+    assert found[-1].facts[0].code is MotorsBetween.EFFORT_CHANGED
+    assert found[-1].facts[0].figures["effort"] == pytest.approx(0.12, abs=0.005)
     probabilities = [one.fault_probability for one in found]
     assert max(probabilities) < 0.1
     unknown = [replace(flight, voltage=None) for flight in heavy]
@@ -221,27 +228,27 @@ def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
             None,
             None,
         )
-        assert found.reason.startswith("Not enough healthy flights")
-    assert "there are 2 others of this vehicle, 1 with other motors" in found.reason
+        assert found.facts[0].code is HealthUnknown.HEALTHY_FLIGHTS_FEW
+    assert (found.facts[0].figures["total"], found.facts[0].figures["flights"]) == (2, 1)
     assert assess([flight], [once, other])[0].health != "unknown"
 
 
 @pytest.mark.parametrize(
-    ("missing", "words"),
+    ("missing", "code"),
     [
-        ({"balance": None}, "too little settled flight"),
-        ({"signatures": None}, "too little settled flight"),
-        ({"signatures": motor_signatures(4)}, "which way they turn"),
+        ({"balance": None}, HealthUnknown.BALANCE_UNKNOWN),
+        ({"signatures": None}, HealthUnknown.BALANCE_UNKNOWN),
+        ({"signatures": motor_signatures(4)}, HealthUnknown.GEOMETRY_UNKNOWN),
         (
             {"balance": MadeUpVehicle(1).flight().balance._replace(lean=np.full(2, np.nan))},
-            "lean was not recorded",
+            HealthUnknown.LEAN_UNKNOWN,
         ),
     ],
 )
-def test_what_is_missing_is_said(missing, words):
+def test_what_is_missing_is_said(missing, code):
     vehicle = MadeUpVehicle(1)
     found = assess([replace(vehicle.flight(), **missing)], vehicle.flights(3))[0]
-    assert found.health == "unknown" and words in found.reason
+    assert found.health == "unknown" and found.facts[0].code is code
 
 
 def test_other_conditions_are_said():
@@ -250,18 +257,14 @@ def test_other_conditions_are_said():
     leaning = flight.balance._replace(lean=flight.balance.lean + np.array([0.2, 0.0]))
     loaded = replace(flight, balance=leaning, collective=0.6)
     healthy = vehicle.flights(3)
-    reason = assess([loaded], healthy)[0].reason
-    assert "commanded 20 % more" in reason
-    here, there = (
-        np.degrees(lean[0])
-        for lean in (leaning.lean, np.mean([one.balance.lean for one in healthy], axis=0))
-    )
-    assert (
-        f"Its mean lean is roll {here:+.1f}°" in reason
-        and f"healthy flights roll {there:+.1f}°" in reason
-    )
+    lean, effort = assess([loaded], healthy)[0].facts[1:]
+    usual = np.mean([one.balance.lean for one in healthy], axis=0)
+    assert lean.figures["lean"] == pytest.approx(leaning.lean)
+    assert lean.figures["usual_lean"] == pytest.approx(usual)
+    assert effort.figures["effort"] == pytest.approx(0.2)
     sagged = replace(flight, collective=0.55, voltage=10.0)
-    assert "commanded" not in assess([sagged], vehicle.flights(3))[0].reason
+    codes = {fact.code for fact in assess([sagged], vehicle.flights(3))[0].facts}
+    assert MotorsBetween.EFFORT_DIFFERS not in codes and lean.code is MotorsBetween.LEAN_DIFFERS
 
 
 def surely(change: np.ndarray, scale: float = 0.002) -> Deviation:
@@ -285,7 +288,7 @@ def test_what_is_called_a_fault_begins_where_it_is_said_to():
     assert near.motors[0] > 0.9 and far.motors.sum() == 0
     # Who could not show a motor that works so much harder is not called healthy.
     assert considered.shown(surely(np.zeros(3))) > 0.99 > DETECTABLE_RISE
-    assert considered.shown(surely(np.zeros(3), DETECTABLE_RISE / 2)) < DRIFT
+    assert considered.shown(surely(np.zeros(3), DETECTABLE_RISE / 2)) < PROBABLE
     # What held in one flight is no surer in the next than that it was seen and not put right.
     sure = np.where(np.arange(len(considered.prior)) == considered.groups["motor"].start, 1.0, 0.0)
     unseen = considered.after(surely(np.zeros(3), 100.0), sure)
