@@ -10,11 +10,13 @@ from mavdem.cli.commands import UNSUPPORTED
 from mavdem.cli.options import no_option, refuse_link
 from mavdem.cli.output import print_result, progress
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
 from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
-from mavdem.report.flights import difference_blocks, few
+from mavdem.report.flights import difference_blocks
 
 
 @click.command("diff")
@@ -59,10 +61,8 @@ def diff_command(
     if vehicle is None and max(len(names), len(others)) > 1:
         both = (names & others) - {UNKNOWN}
         if len(both) != 1:
-            reason = (
-                f"One has several vehicles, of which {'several' if both else 'none'} are in both."
-            )
-            raise NotLearnable(reason, f"Choose with --vehicle: {few(sorted(names | others))}.")
+            several = Incomparable.SEVERAL_VEHICLES
+            raise NotLearnable(Fact(several, shared=len(both), names=sorted(names | others)))
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
     print_result({"a": before, "b": after, **found.as_dict()}, difference_blocks(found), as_json)
@@ -80,10 +80,7 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
         rows = read_rows(path)
         chosen = [row for row in rows if vehicle in (None, row.vehicle)]
         if {row.vehicle for row in chosen if row.status == OK} == {UNKNOWN}:
-            raise NotLearnable(
-                f"The logs of {name} do not say of which vehicle they are.",
-                "Compare two logs by name.",
-            )
+            raise NotLearnable(Fact(Incomparable.VEHICLES_UNKNOWN, subject=name))
     else:
         with progress(f"Reading {source}", measured=False):
             rows, _ = rows_of_log(path, source)
@@ -95,10 +92,8 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
     if not any(row.status == OK for row in chosen):
         names = {row.vehicle for row in rows if row.status == OK}
         if vehicle is not None and names and not chosen:
-            raise NotLearnable(
-                f"{name} has no vehicle {vehicle}.", f"Choose one of: {few(sorted(names))}."
-            )
-        raise NotLearnable(
-            f"{name} has no flight with figures.", min((row.status for row in chosen), default="")
-        )
+            lacks = Incomparable.VEHICLE_MISSING
+            raise NotLearnable(Fact(lacks, subject=name, name=vehicle, names=sorted(names)))
+        because = min((row.status for row in chosen), default=None)
+        raise NotLearnable(Fact(Incomparable.NO_FLIGHT, subject=name, because=because))
     return chosen

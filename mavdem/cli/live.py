@@ -34,7 +34,7 @@ from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.fleet.rows_of_log import earlier_drag, earlier_flight
+from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import horizons

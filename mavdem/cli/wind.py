@@ -13,7 +13,7 @@ from mavdem.cli.output import print_result
 from mavdem.condition.inventory import identity_of
 from mavdem.condition.wind_of_log import wind_of
 from mavdem.dem.airflow.model import SOURCES
-from mavdem.fleet.rows_of_log import earlier_drag
+from mavdem.fleet.priors import earlier_drag
 from mavdem.report.blocks import Table
 from mavdem.report.condition import wind_blocks
 

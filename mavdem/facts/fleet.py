@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import auto
+from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code
 
@@ -44,3 +44,52 @@ class Folder(Code):
     FLEET_NOT_WRITTEN = auto()
     BASELINE_UNKNOWN = auto()
     BASELINE_WITHOUT_FLIGHT = auto()
+
+
+class Prior(Code):
+    """Why an earlier flight says nothing of the next."""
+
+    MODEL_UNREADABLE = auto()
+    MODEL_OF_OTHER_AXIS = auto()
+    MODEL_WITHOUT_EFFECT = auto()
+    NO_DRAG_OF_VEHICLE = auto()
+    DRAG_UNREADABLE = auto()
+    DRAG_OF_THIS_FLIGHT = auto()
+    LEARNED_UNREADABLE = auto()
+
+
+class Outcome(StrEnum):
+    """What becomes of a quantity that is compared; uncertain where neither changed nor the same can be said."""
+
+    CHANGED = "changed"
+    SAME = "same"
+    UNCERTAIN = "uncertain"
+
+
+class Compared(Code):
+    """What would be compared between two states of a vehicle."""
+
+    EVERYTHING = auto()
+    OF_MODELS = auto()
+    QUANTITY = auto()
+
+
+class Incomparable(Code):
+    """Why something cannot be compared; the subject is A or B."""
+
+    NO_FLIGHT = auto()
+    OTHER_MOTORS = auto()
+    OTHER_FRAMES = auto()
+    OTHER_UNITS = auto()
+    OTHER_INPUTS = auto()
+    OTHER_INPUT_UNITS = auto()
+    NOT_IN_BOTH = auto()
+    NO_FIGURES_OF_AXIS = auto()
+    SHARES_UNCERTAIN = auto()
+    NO_MOTOR_RANGE = auto()
+    NOT_REPORTED = auto()
+    SLOW_TIER = auto()
+    NOT_ESTIMATED = auto()
+    SEVERAL_VEHICLES = auto()
+    VEHICLES_UNKNOWN = auto()
+    VEHICLE_MISSING = auto()

@@ -13,16 +13,19 @@ estimates, as closed loop does, leaves each alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import exp, hypot, isfinite, log, nan, sqrt
 from statistics import fmean, median
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtr
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.confidence import LEVEL, quantile
+from mavdem.facts import Code, Fact
+from mavdem.facts.fleet import Compared, Incomparable, Outcome
+from mavdem.facts.identifiability import Status
 from mavdem.fleet.row import (
     AXIS_ORDER,
     OK,
@@ -62,6 +65,7 @@ RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.0
 MAX_UNCERTAINTY = 0.5
 FEWEST_MOTORS = 3  # of which one is compared with the others
 SIDES = ("A", "B")
+UNSURE = {Status.BIASED, Status.NOT_IDENTIFIABLE}
 _Z = quantile()  # of the intervals of flights, in standard deviations
 
 Flights = Sequence[Flight]
@@ -96,7 +100,7 @@ class QuantityChange(NamedTuple):
     # standard deviation of what other conditions may do to it, which is in the half width
     allowance: float
     # uncertain where the interval has both what is called the same and what is not
-    outcome: Literal["changed", "same", "uncertain"]
+    outcome: Outcome
 
 
 class Conditions(NamedTuple):
@@ -123,10 +127,10 @@ class VehicleDifference(NamedTuple):
     flights: tuple[int, int]  # how many each has
     # quantities known in both, in the order of kinds, motors and axes
     changes: tuple[QuantityChange, ...]
-    incomparable: tuple[tuple[str, str], ...]  # what is not known in both: its name and the reason
+    incomparable: tuple[tuple[Fact, Fact], ...]  # what is not known in both, and the reason
     conditions: tuple[Conditions, Conditions]  # of each state
 
-    def of(self, outcome: str) -> list[QuantityChange]:
+    def of(self, outcome: Outcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]
 
@@ -144,7 +148,7 @@ class VehicleDifference(NamedTuple):
                 for change in self.changes
             ],
             "incomparable": [
-                {"quantity": name, "reason": reason} for name, reason in self.incomparable
+                {"quantity": str(name), "reason": str(reason)} for name, reason in self.incomparable
             ],
             "conditions": [state._asdict() for state in self.conditions],
         }
@@ -170,9 +174,11 @@ def vehicle_difference(
     other_kinds = _other_kinds(sides)
     other_inputs = _other_inputs(sides)
     alike = (
-        [] if other_kinds else sorted({quantity for flight in estimates[0] for quantity in flight})
+        []
+        if other_kinds is not None
+        else sorted({quantity for flight in estimates[0] for quantity in flight})
     )
-    if other_inputs:  # what belongs to a model belongs to its inputs
+    if other_inputs is not None:  # what belongs to a model belongs to its inputs
         alike = [quantity for quantity in alike if quantity.kind == SHARE]
     raws: dict[Quantity, list[_Raw]] = {}
     for quantity in alike:
@@ -250,9 +256,9 @@ def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
             value, half, status = (
                 getattr(row, f"{kind}{ending}") for ending in ("", "_interval", "_status")
             )
-            if value is not None and half is not None and status == "reported":
+            if value is not None and half is not None and status == Status.REPORTED:
                 estimates[Quantity(kind, axis=row.axis or "")] = value, half / _Z
-        if row.effect and row.effect_interval and row.effect_status == "reported":
+        if row.effect and row.effect_interval and row.effect_status == Status.REPORTED:
             effects = {
                 motor: (log(abs(value)), half / abs(value) / _Z)
                 for motor, (value, half) in enumerate(
@@ -321,7 +327,7 @@ def _judged(quantity: Quantity, raw: _Raw, allowance: float) -> QuantityChange:
     half = quantile(LEVEL, raw.freedom) * sd
     p = float(2 * stdtr(raw.freedom, -abs(raw.difference) / sd))
     found = QuantityChange(
-        quantity, raw.before, raw.after, raw.difference, half, p, allowance, "same"
+        quantity, raw.before, raw.after, raw.difference, half, p, allowance, Outcome.SAME
     )
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         # The interval of a ratio, at its difference.
@@ -335,11 +341,11 @@ def _judged(quantity: Quantity, raw: _Raw, allowance: float) -> QuantityChange:
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     """The outcome of each, by Holm's procedure over all."""
     tested: list[QuantityChange] = []
-    outcome: Literal["changed", "same", "uncertain"] = "changed"
+    outcome = Outcome.CHANGED
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
-        if outcome != "changed" or change.p > FAMILY_ERROR / (len(judged) - rank):
+        if outcome is not Outcome.CHANGED or change.p > FAMILY_ERROR / (len(judged) - rank):
             within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
-            outcome = "same" if within else "uncertain"
+            outcome = Outcome.SAME if within else Outcome.UNCERTAIN
         tested.append(change._replace(outcome=outcome))
     return tested
 
@@ -376,87 +382,82 @@ def conditions_of(flights: Flights) -> Conditions:
     return Conditions(*means, known)  # type: ignore[call-arg, arg-type]
 
 
-def _other_kinds(sides: Sequence[Flights]) -> str:
-    """Why nothing of the two can be compared; empty where something can."""
+def _other_kinds(sides: Sequence[Flights]) -> Fact | None:
+    """Why nothing of the two can be compared; None where something can."""
     for side, flights in zip(SIDES, sides, strict=True):
         if not flights:
-            return f"{side} has no flight with figures."
-
-    def apart(column: Callable[[FlightRow], object]) -> list[str]:
-        """What each side has in words, if each has any and they have none in common."""
-        known = [
-            {column(row) for flight in flights for row in flight} - {None} for flights in sides
-        ]
-        return [_spoken(side) for side in known] if all(known) and not known[0] & known[1] else []
-
-    if motors := apart(lambda row: len(row.motors) if row.motors else None):
-        return f"A has {motors[0]} motors and B {motors[1]}: these are other vehicles."
-    if frames := apart(lambda row: row.frame or None):
-        return f"A is a {frames[0]} and B a {frames[1]}: these are other vehicles."
-    if apart(lambda row: row.trim_unit):
-        return (
-            "The motors' outputs are logged in other units: learn both from the same kind of log."
-        )
-    return ""
+            return Fact(Incomparable.NO_FLIGHT, subject=side)
+    rows = [[row for flight in flights for row in flight] for flights in sides]
+    columns: dict[Code, Callable[[FlightRow], object]] = {
+        Incomparable.OTHER_MOTORS: lambda row: len(row.motors) if row.motors else None,
+        Incomparable.OTHER_FRAMES: lambda row: row.frame or None,
+        Incomparable.OTHER_UNITS: lambda row: row.trim_unit,
+    }
+    for code, column in columns.items():
+        before, after = ({column(row) for row in side} - {None} for side in rows)
+        if before and after and not before & after:
+            return Fact(code, before=_sorted(before), after=_sorted(after))
+    return None
 
 
-def _other_inputs(sides: Sequence[Flights]) -> str:
-    """Why nothing that belongs to models can be compared: they are driven by other inputs; empty if by the same."""
+def _other_inputs(sides: Sequence[Flights]) -> Fact | None:
+    """Why nothing that belongs to models can be compared: they are driven by other inputs; None if by the same."""
     with_model = [row for flights in sides for flight in flights for row in flight if row.effect]
     if len({row.inputs for row in with_model} - {None}) > 1:
-        return "some models have the motors as inputs and others the controller's demand."
-    return (
-        "the models' inputs have other units."
-        if len({row.input_unit for row in with_model} - {None}) > 1
-        else ""
-    )
+        return Fact(Incomparable.OTHER_INPUTS)
+    units = {row.input_unit for row in with_model} - {None}
+    return Fact(Incomparable.OTHER_INPUT_UNITS) if len(units) > 1 else None
 
 
 def _incomparable(
     sides: Sequence[Flights],
     estimates: Sequence[Sequence[Iterable[Quantity]]],
-    other_kinds: str,
-    other_inputs: str,
-) -> list[tuple[str, str]]:
-    """What is missing on either side, by name, each with its reason."""
-    if other_kinds:
-        return [("everything", other_kinds)]
-    missing = [("effects, damping and lag", other_inputs)] if other_inputs else []
-    of_axes = [(kind, axis, f"{kind} on {axis}") for kind in (DAMPING, LAG) for axis in TILT_AXES]
-    of_model = [] if other_inputs else [(EFFECT, "", "motors' effects"), *of_axes]
-    for kind, axis, name in [(SHARE, "", "motors' shares"), *of_model]:
+    other_kinds: Fact | None,
+    other_inputs: Fact | None,
+) -> Iterator[tuple[Fact, Fact]]:
+    """What is missing on either side, each with its reason."""
+    if other_kinds is not None:
+        yield Fact(Compared.EVERYTHING), other_kinds
+        return
+    if other_inputs is not None:
+        yield Fact(Compared.OF_MODELS), other_inputs
+    wanted = [Quantity(SHARE)]
+    if other_inputs is None:
+        of_axes = [Quantity(kind, axis=axis) for kind in (DAMPING, LAG) for axis in TILT_AXES]
+        wanted += [Quantity(EFFECT), *of_axes]
+    for quantity in wanted:
         reasons = [
-            _reason(kind, side, flights, axis)
+            _reason(quantity, side, flights)
             for side, flights, known in zip(SIDES, sides, estimates, strict=True)
             if not any(
-                one.kind == kind and axis in ("", one.axis) for flight in known for one in flight
+                one.kind == quantity.kind and quantity.axis in ("", one.axis)
+                for flight in known
+                for one in flight
             )
         ]
         if reasons:
-            missing.append((name, f"{'; '.join(reasons)}."))
-    return missing
+            name = Fact(Compared.QUANTITY, subject=quantity.axis, name=quantity.kind)
+            yield name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons)
 
 
-def _reason(kind: str, side: str, flights: Flights, axis: str) -> str:
+def _reason(quantity: Quantity, side: str, flights: Flights) -> Fact:
     """Why a side lacks a quantity."""
+    kind, _, axis = quantity
     rows = [row for flight in flights for row in flight if axis in ("", row.axis)]
     tiers = {row.tier for row in rows if row.tier}
-    statuses = {getattr(row, f"{kind}_status", None) for row in rows} & {
-        "biased",
-        "not identifiable",
-    }
+    statuses = {getattr(row, f"{kind}_status", None) for row in rows} & UNSURE
     if not rows:
-        return f"{side} has no figures of {axis}"
+        return Fact(Incomparable.NO_FIGURES_OF_AXIS, subject=side, name=axis)
     if kind == SHARE and any(row.trim_share for row in rows):
-        return f"{side} has too little flight for the interval of its shares"
+        return Fact(Incomparable.SHARES_UNCERTAIN, subject=side)
     if kind == SHARE:
-        return f"{side} has no motor outputs of known range"
+        return Fact(Incomparable.NO_MOTOR_RANGE, subject=side)
     if statuses:
-        return f"{_spoken(statuses)} in {side}"
+        return Fact(Incomparable.NOT_REPORTED, subject=side, names=_sorted(statuses))
     if tiers and "a" not in tiers:
-        return f"{side} is of tier {_spoken(tiers)}; this needs tier a, 40 Hz or more"
-    return f"not estimated in {side}, or too uncertain there"
+        return Fact(Incomparable.SLOW_TIER, subject=side, names=_sorted(tiers))
+    return Fact(Incomparable.NOT_ESTIMATED, subject=side)
 
 
-def _spoken(values: Iterable[object]) -> str:
-    return " or ".join(map(str, sorted(values, key=str)))
+def _sorted(values: Iterable[object]) -> list[str]:
+    return sorted(map(str, values))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +18,12 @@ from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.condition import WindVelocity
 from mavdem.condition.wind_of_log import Air, air_of
-from mavdem.dem import Drag, Learned
+from mavdem.dem import Learned
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Prior, Reading
 from mavdem.fleet.row import DEMAND, NOT_IDENTIFIABLE, FlightRow
-from mavdem.fleet.store import is_fleet, read_rows
-from mavdem.fleet.workers import PAGES, LogRows
+from mavdem.fleet.workers import PAGES, LogRows, fault
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
@@ -49,17 +52,15 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
         except Exception as error:  # others in the log keep their rows
             if len(log.vehicles) == 1:
                 raise
-            status = f"This should not have happened ({type(error).__name__}: {error})."
-            rows.append(
-                FlightRow(file=str(path), status=status, system=system, component=component)
-            )
+            ids = {"system": system, "component": component}
+            rows.append(FlightRow.without_flight(str(path), fault(error), **ids))
             continue
         if analyses and page is not None:
             name = f"{key[:16]}-{system}-{component}.html"
             pages[name] = page(path.name, analyses, air)
             found = [replace(row, page=f"{PAGES}/{name}") for row in found]
         rows += found
-    return rows or [FlightRow(file=str(path), status="There is no vehicle in it.")], pages
+    return rows or [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))], pages
 
 
 def _rows_of_vehicle(
@@ -84,7 +85,12 @@ def _rows_of_vehicle(
         return (
             [
                 FlightRow.of(
-                    first.as_dict(), status=first.refusal.reason, warnings=(), **unknown, **columns
+                    first.as_dict(),
+                    status=str(first.refusal.fact),
+                    status_code=first.refusal.fact.code,
+                    warnings=(),
+                    **unknown,
+                    **columns,
                 )
             ],
             {},
@@ -154,72 +160,11 @@ def is_learned(path: Path) -> bool:
     return path.suffix == ".json" or (path / REPORT).is_file()
 
 
-def earlier_flight(path: Path, axis: str) -> Learned:
-    """Returns a ``model.json``, or that in a folder, whose physical parameters can be a prior.
-
-    Raises Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
-    """
-    try:
-        learned = Learned.from_json(_text(path / MODEL if path.is_dir() else path))
-    except (OSError, ValueError) as error:
-        raise Unreadable(f"{path} is no learned model: {error}.") from None
-    if learned.record.output_names[:1] != (axis,):
-        raise Unreadable(
-            f"{path} is not a model of {axis}: learn the earlier flight with --axis {axis}."
-        )
-    if learned.physical is None or not learned.physical.identifiable:
-        raise Unreadable(
-            f"{path} does not know the motors' effect: learn from a flight with steering on {axis}."
-        )
-    return learned
-
-
-def _text(path: Path) -> str:
+def text_of(path: Path) -> str:
+    """Returns what a file holds; raises ``OSError``, also of a pipe, whose writer may never come."""
     if path.is_fifo():
-        raise OSError("it is a pipe, whose writer may never come")
+        raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
     return path.read_text()
-
-
-def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
-    """Returns the drag of earlier flights: of what ``mavdem learn`` or ``mavdem wind --json`` wrote, or of a fleet.
-
-    Of the folder or a ``model.json`` the report beside it counts; of a fleet, the ``vehicle``'s best known drag. The
-    flight with this very wind ``speed``, m/s, is the one in question, and none before it.
-
-    Raises:
-        Unreadable: it cannot be read, is of the flight in question, or holds no drag of that vehicle.
-    """
-    if is_fleet(path):
-        rows = [
-            row
-            for row in read_rows(path)
-            if row.vehicle == vehicle and row.drag and row.drag_interval
-        ]
-        rows = [row for row in rows if row.wind_speed != speed]
-        if not rows:
-            raise Unreadable(
-                f"{path} holds no drag of {vehicle}: run `mavdem track` on its flights with legs."
-            )
-        axes = [(row.drag or (), row.drag_interval or ()) for row in rows]
-        return Drag.of_axes(
-            *min(axes, key=lambda both: sum(np.divide(both[1], both[0])))
-        ).of_next_flight()
-    file = (
-        path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
-    )
-    try:
-        read = json.loads(_text(file))
-        told = read.get("wind_velocity", read)
-        drag = Drag.from_dict(told["drag"]).of_next_flight()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        why = f" ({error.strerror or error})" if isinstance(error, OSError) else ""
-        what = f"{file} holds no drag{why}: give a {REPORT} of a flight with wind, or a `mavdem wind --json`."
-        raise Unreadable(what) from error
-    if told.get("speed") == speed is not None:
-        raise Unreadable(
-            f"{file} is of this very flight, whose drag would count twice: give that of another flight."
-        )
-    return drag
 
 
 def rows_of_learned(path: Path) -> list[FlightRow]:
@@ -229,7 +174,7 @@ def rows_of_learned(path: Path) -> list[FlightRow]:
     """
     file = path / REPORT if path.is_dir() else path
     try:
-        text = _text(file)
+        text = text_of(file)
         report = json.loads(text)
         if "free_energy" in report and "physical" not in report:
             learned = Learned.from_json(text)
@@ -250,7 +195,6 @@ def rows_of_learned(path: Path) -> list[FlightRow]:
         rows = [FlightRow.of(report | values, axis=axis, **source) for axis, values in axes.items()]
         return rows or [FlightRow.of(report, **source)]
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not of `mavdem learn`"
-        raise Unreadable(
-            f"{file} cannot be read ({reason}): name a {REPORT} or a {MODEL}."
-        ) from None
+        because = error.strerror if isinstance(error, OSError) else None
+        wrong = Fact(Prior.LEARNED_UNREADABLE, path=str(file), because=because)
+        raise Unreadable(wrong) from None

@@ -16,6 +16,7 @@ import numpy as np
 
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Fact, Level
+from mavdem.facts.fleet import Outcome
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
 from mavdem.facts.session import Session, Spent
@@ -36,6 +37,7 @@ from mavdem.report.blocks import Block, Rated, Sentence, Table, caution
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import (
     TORQUE,
+    few,
     listed,
     named,
     plus_minus,
@@ -54,7 +56,6 @@ LEVELS = {
     MotorHealth.UNKNOWN: Level.UNKNOWN,
 }
 """The level by which the health of motors is shown."""
-MAX_NAMED = 4  # vehicles in a sentence
 MAX_REASONS = 8  # rows of logs that could not be used
 QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
     difference.SHARE: ("share", 100.0, "%"),
@@ -238,12 +239,15 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
     if not refused:
         return []
     examples: dict[str, list[str]] = {}
+    codes = dict[str | None, str]()
     for row in refused:
+        # What the first one says, without the numbers that make each reason different.
         first = re.split(r"(?<=[.:;]) ", row.status, maxsplit=1)[0]
-        # Without the numbers that make each reason different.
-        examples.setdefault(re.sub(r"\d[\d.,]*", "…", first).rstrip(".:; "), []).append(
-            PurePath(row.file).name
+        said = re.sub(r"\d[\d.,]*", "…", first).rstrip(".:; ")
+        reason = (
+            said if row.status_code in (None, "prose") else codes.setdefault(row.status_code, said)
         )
+        examples.setdefault(reason, []).append(PurePath(row.file).name)
     reasons = sorted(examples, key=lambda reason: (-len(examples[reason]), reason))
     shown = reasons if len(reasons) <= MAX_REASONS else reasons[: MAX_REASONS - 1]
     cells = [
@@ -264,23 +268,13 @@ def cut(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def few(names: Sequence[str]) -> str:
-    """Returns the first names as in a sentence, and how many more there are."""
-    return listed(
-        [
-            *names[:MAX_NAMED],
-            *([f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else []),
-        ]
-    )
-
-
 def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def difference_blocks(found: VehicleDifference) -> list[Block]:
     """Returns what changed, the same, uncertain, not comparable, conditions, and how sure that is, in sentences."""
-    reasons: dict[str, list[str]] = {}
+    reasons: dict[Fact, list[Fact]] = {}
     for name, reason in found.incomparable:
         reasons.setdefault(reason, []).append(name)
     missing = [
@@ -326,14 +320,14 @@ def _changes(found: VehicleDifference) -> list[Block]:
         return [Sentence("", "Nothing can be compared.")]
     changed, unknown = (
         "; ".join(_change(one, found) for one in found.of(kind))
-        for kind in ("changed", "uncertain")
+        for kind in (Outcome.CHANGED, Outcome.UNCERTAIN)
     )
     blocks = [
         Sentence(f"{changed}.", "Changed:")
         if changed
         else Sentence("", "Nothing changed beyond chance.")
     ]
-    if same := found.of("same"):
+    if same := found.of(Outcome.SAME):
         blocks.append(Sentence(f"{listed(_grouped(same))}.", "The same:"))
     if unknown:
         blocks.append(

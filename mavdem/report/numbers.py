@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import degrees, floor, isfinite, log10
 from typing import NamedTuple
 
@@ -49,6 +49,15 @@ def listed(names: Iterable[object]) -> str:
     """Returns ``names`` as "a, b and c"; empty where there are none."""
     *before, last = [*map(str, names)] or [""]
     return f"{', '.join(before)} and {last}" if before else last
+
+
+MOST_NAMED = 4  # in a sentence
+
+
+def few(names: Sequence[str]) -> str:
+    """Returns the first ``names`` as in a sentence, and how many more there are."""
+    more = len(names) - MOST_NAMED
+    return listed([*names[:MOST_NAMED], f"{more} more"] if more > 0 else names)
 
 
 def plus_minus(value: float, half: float) -> str:

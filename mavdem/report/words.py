@@ -16,7 +16,7 @@ from jinja2 import Environment, StrictUndefined, Template
 
 from mavdem.facts import Code, Fact, Words
 from mavdem.report.blocks import Sentence
-from mavdem.report.numbers import listed, plus_minus, rounded, short
+from mavdem.report.numbers import few, listed, plus_minus, rounded, short
 
 PARAMETERS = {
     "effect": "control effectiveness",
@@ -97,6 +97,7 @@ def _environment() -> Environment:
         "below": below,
         "degrees": lambda angle: degrees(angle),
         "fixed": lambda value, digits=0: f"{value:.{digits}f}",
+        "few": few,
         "go_on": go_on,
         "headline": headline,
         "interval": interval,

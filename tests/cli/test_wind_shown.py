@@ -11,7 +11,8 @@ import pytest
 from mavdem import Drag, wind
 from mavdem.cli.commands import main
 from mavdem.condition.wind_velocity import from_point
-from mavdem.fleet.rows_of_log import earlier_drag, rows_of_log
+from mavdem.fleet.priors import earlier_drag
+from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.fleet_page import fleet_page
 from sitl_scenarios.files import in_toml, load
 
@@ -63,7 +64,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     os.mkfifo(pipe := tmp_path / "pipe.json")
     for prior, why in {
         "learnt": "of this very flight",
-        "pipe.json": "a pipe, whose writer may never come",
+        "pipe.json": "pipe.json holds no drag (Illegal seek).",
     }.items():
         assert main(["wind", str(log), "--prior", str(tmp_path / prior)]) == 2
         assert why in capsys.readouterr().err

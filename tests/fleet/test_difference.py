@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fleet_rows import flight_row
 
+from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.fleet.difference import (
     BETWEEN,
     DAMPING,
@@ -75,7 +76,8 @@ def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = np.random.default_rng(4)
     pairs = 150
     changed = sum(
-        bool(vehicle_difference(flight(0, rng), flight(1, rng)).of("changed")) for _ in range(pairs)
+        bool(vehicle_difference(flight(0, rng), flight(1, rng)).of(Outcome.CHANGED))
+        for _ in range(pairs)
     )
     # Twice the family's error would be beyond chance in 150 pairs.
     assert changed <= pairs * FAMILY_ERROR * 2
@@ -83,7 +85,7 @@ def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
 
 def test_a_motor_that_works_harder_and_does_less_is_found_and_named():
     found = vehicle_difference(state(range(6)), state(range(6, 12), 1, share=0.09, effect=-0.18))
-    changed = {one.quantity: one for one in found.of("changed")}
+    changed = {one.quantity: one for one in found.of(Outcome.CHANGED)}
     assert changed[Quantity(SHARE, 3)].difference > 0
     effect = changed[Quantity(EFFECT, 3)]
     assert effect.difference == pytest.approx(-0.18, abs=effect.half_width)
@@ -97,7 +99,7 @@ def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others()
     before = state(range(8))
     after = state(range(8, 16), 1)
     weaker = [replace(row, effect=tuple(0.5 * value for value in row.effect)) for row in after]
-    kinds = {one.quantity.kind for one in vehicle_difference(before, weaker).of("changed")}
+    kinds = {one.quantity.kind for one in vehicle_difference(before, weaker).of(Outcome.CHANGED)}
     assert kinds == {MEAN_EFFECT}
 
 
@@ -135,7 +137,7 @@ def test_other_conditions_widen_what_they_can_change(changed, kind):
     for one, two in zip(same.changes, other.changes, strict=True):
         assert one.quantity == two.quantity
         assert (two.half_width > one.half_width) == (one.quantity.kind == kind)
-    assert not other.of("changed")
+    assert not other.of(Outcome.CHANGED)
 
 
 NO_MODEL = dict.fromkeys(
@@ -147,29 +149,28 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
 @pytest.mark.parametrize(
     ("changed", "kinds", "quantity", "reason"),
     [
-        ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, "motors' effects", "biased in B."),
-        (
-            {"tier": "c", **NO_MODEL},
-            {SHARE},
-            "motors' effects",
-            "B is of tier c; this needs tier a",
-        ),
+        ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, EFFECT, Incomparable.NOT_REPORTED),
+        ({"tier": "c", **NO_MODEL}, {SHARE}, EFFECT, Incomparable.SLOW_TIER),
+        (NO_MODEL, {SHARE}, LAG, Incomparable.NOT_ESTIMATED),
+        ({"axis": "yaw"}, {SHARE}, DAMPING, Incomparable.NO_FIGURES_OF_AXIS),
         (
             {"trim_share_interval": (None,) * 4},
             {*BETWEEN} - {SHARE},
-            "motors' shares",
-            "B has too little flight",
+            SHARE,
+            Incomparable.SHARES_UNCERTAIN,
         ),
-        (BY_DEMAND, {SHARE}, "effects, damping and lag", "controller's demand"),
-        ({"frame": "HEXAROTOR"}, set(), "everything", "other vehicles"),
+        ({"trim_share": None}, {*BETWEEN} - {SHARE}, SHARE, Incomparable.NO_MOTOR_RANGE),
+        (BY_DEMAND, {SHARE}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
+        ({"input_unit": "%"}, {SHARE}, Compared.OF_MODELS, Incomparable.OTHER_INPUT_UNITS),
+        ({"frame": "HEXAROTOR"}, set(), Compared.EVERYTHING, Incomparable.OTHER_FRAMES),
         (
             {"motors": tuple("123456"), "trim_share": None, "effect": None},
             set(),
-            "everything",
-            "other vehicles",
+            Compared.EVERYTHING,
+            Incomparable.OTHER_MOTORS,
         ),
-        ({"trim_unit": "%"}, set(), "everything", "other units"),
-        ({"status": "It is empty."}, set(), "everything", "B has no flight"),
+        ({"trim_unit": "%"}, set(), Compared.EVERYTHING, Incomparable.OTHER_UNITS),
+        ({"status": "It is empty."}, set(), Compared.EVERYTHING, Incomparable.NO_FLIGHT),
     ],
 )
 def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
@@ -180,7 +181,9 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     after = [replace(row, **(known | changed)) for row in flight(1)]
     found = vehicle_difference(before, after)
     assert {change.quantity.kind for change in found.changes} == kinds
-    assert reason in dict(found.incomparable)[quantity]
+    why = {fact.figures.get("name", fact.code): reason for fact, reason in found.incomparable}
+    inner = why[quantity].figures.get("reasons", (why[quantity],))
+    assert [fact.code for fact in inner] == [reason]
     document = found.as_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 

@@ -1,18 +1,27 @@
 """Flights of a log: what a row says is what the log says, at each tier, and health comes from the vehicle's others."""
 
+import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from recorded_flights import LOGS
+from standin_logs import fleet_of
 
 import mavdem
 from mavdem.analysis import analyse
+from mavdem.dem import Drag
+from mavdem.errors import Unreadable
+from mavdem.facts.fleet import Prior
+from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
+from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.fleet.rows_of_log import rows_of_learned, rows_of_log
 from mavdem.health.in_flight import MotorAlarm
 
+DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()})
 SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
@@ -96,3 +105,42 @@ def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
     monkeypatch.setattr(module, "analyse", alarmed)
     for row in rows_of_log(SLOW)[0]:
         assert alarm.fact.subject in row.warnings[0] and load.sentence not in row.warnings
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "code"),
+    [
+        (rows_of_learned, "{}", Prior.LEARNED_UNREADABLE),
+        (lambda path: earlier_drag(path, "7"), "{}", Prior.DRAG_UNREADABLE),
+        (lambda path: earlier_drag(path, "7", 4.0), DRAG, Prior.DRAG_OF_THIS_FLIGHT),
+        (lambda path: earlier_flight(path, "roll"), "{}", Prior.MODEL_UNREADABLE),
+        (lambda path: earlier_drag(path.parent, "7"), None, Prior.NO_DRAG_OF_VEHICLE),
+    ],
+)
+def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, code):
+    path = tmp_path / "report.json"
+    if text is None:
+        fleet_of(tmp_path, [FlightRow(file="a.bin", vehicle="7")])
+    else:
+        path.write_text(text)
+    with pytest.raises(Unreadable) as refused:
+        read(path)
+    assert refused.value.fact.code is code
+
+
+@pytest.mark.parametrize(
+    ("axis", "physical", "code"),
+    [
+        ("pitch", None, Prior.MODEL_OF_OTHER_AXIS),
+        ("roll", None, Prior.MODEL_WITHOUT_EFFECT),
+        ("roll", SimpleNamespace(identifiable=False), Prior.MODEL_WITHOUT_EFFECT),
+    ],
+)
+def test_a_model_that_is_no_prior_is_refused(tmp_path, monkeypatch, axis, physical, code):
+    record = SimpleNamespace(output_names=(axis, f"{axis} rate"))
+    learned = SimpleNamespace(record=record, physical=physical)
+    monkeypatch.setattr(priors.Learned, "from_json", lambda _: learned)
+    (tmp_path / "model.json").write_text("")
+    with pytest.raises(Unreadable) as refused:
+        earlier_flight(tmp_path, "roll")
+    assert refused.value.fact.code is code

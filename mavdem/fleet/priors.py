@@ -1,0 +1,70 @@
+"""Priors: what earlier flights of a vehicle say of the next one, its model and its drag."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from mavdem.dem import Drag, Learned
+from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Prior
+from mavdem.fleet.rows_of_log import MODEL, REPORT, text_of
+from mavdem.fleet.store import is_fleet, read_rows
+
+
+def earlier_flight(path: Path, axis: str) -> Learned:
+    """Returns a ``model.json``, or that in a folder, whose physical parameters can be a prior.
+
+    Raises Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
+    """
+    try:
+        learned = Learned.from_json(text_of(path / MODEL if path.is_dir() else path))
+    except (OSError, ValueError) as error:
+        wrong = Fact(Prior.MODEL_UNREADABLE, path=str(path), because=str(error))
+        raise Unreadable(wrong) from None
+    if learned.record.output_names[:1] != (axis,):
+        raise Unreadable(Fact(Prior.MODEL_OF_OTHER_AXIS, path=str(path), name=axis))
+    if learned.physical is None or not learned.physical.identifiable:
+        raise Unreadable(Fact(Prior.MODEL_WITHOUT_EFFECT, path=str(path), name=axis))
+    return learned
+
+
+def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
+    """Returns the drag of earlier flights: of what ``mavdem learn`` or ``mavdem wind --json`` wrote, or of a fleet.
+
+    Of the folder or a ``model.json`` the report beside it counts; of a fleet, the ``vehicle``'s best known drag. The
+    flight with this very wind ``speed``, m/s, is the one in question, and none before it.
+
+    Raises:
+        Unreadable: it cannot be read, is of the flight in question, or holds no drag of that vehicle.
+    """
+    if is_fleet(path):
+        rows = [
+            row
+            for row in read_rows(path)
+            if row.vehicle == vehicle and row.drag and row.drag_interval
+        ]
+        rows = [row for row in rows if row.wind_speed != speed]
+        if not rows:
+            raise Unreadable(Fact(Prior.NO_DRAG_OF_VEHICLE, path=str(path), name=vehicle))
+        axes = [(row.drag or (), row.drag_interval or ()) for row in rows]
+        return Drag.of_axes(
+            *min(axes, key=lambda both: sum(np.divide(both[1], both[0])))
+        ).of_next_flight()
+    file = (
+        path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
+    )
+    try:
+        read = json.loads(text_of(file))
+        wind = read.get("wind_velocity", read)
+        drag = Drag.from_dict(wind["drag"]).of_next_flight()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        because = error.strerror if isinstance(error, OSError) else None
+        wrong = Fact(Prior.DRAG_UNREADABLE, path=str(file), because=because)
+        raise Unreadable(wrong) from error
+    if wind.get("speed") == speed is not None:
+        raise Unreadable(Fact(Prior.DRAG_OF_THIS_FLIGHT, path=str(file)))
+    return drag
