@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from importlib import metadata
 from itertools import islice
 from math import ceil
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from pkgutil import resolve_name
@@ -167,6 +167,8 @@ class LogReader:
         self._scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
         self._has_begun = False
         context = get_context("spawn")
+        # Python's own process for semaphores: as it is started it unblocks the signals that are blocked below.
+        resource_tracker.ensure_running()
         # What a terminal sends to all its programs reaches this process only, which decides what it means.
         with blocked(*ENDS):
             self.connection, theirs = context.Pipe()
