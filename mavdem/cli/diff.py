@@ -61,7 +61,7 @@ def diff_command(
     if vehicle is None and max(len(names), len(others)) > 1:
         both = (names & others) - {UNKNOWN}
         if len(both) != 1:
-            several = Incomparable.SEVERAL_VEHICLES
+            several = Incomparable.NO_COMMON_VEHICLE
             raise NotLearnable(Fact(several, shared=len(both), names=sorted(names | others)))
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)

@@ -90,6 +90,6 @@ class Incomparable(Code):
     NOT_REPORTED = auto()
     SLOW_TIER = auto()
     NOT_ESTIMATED = auto()
-    SEVERAL_VEHICLES = auto()
+    NO_COMMON_VEHICLE = auto()
     VEHICLES_UNKNOWN = auto()
     VEHICLE_MISSING = auto()
