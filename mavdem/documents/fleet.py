@@ -41,7 +41,7 @@ class Change(Document):
 class Incomparable(Document):
     """Quantities that are not known in both."""
 
-    quantity: str
+    quantity: Said
     """name of the quantity"""
     reason: Said
     """why it cannot be compared"""

@@ -19,9 +19,8 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import SCHEMA_VERSION
 from mavdem.fleet.sources import is_url
-from mavdem.fleet.workers import READ_LOG, Job, Limits, LogReader, Outcome, failed
+from mavdem.fleet.workers import ATTEMPTS, READ_LOG, Job, Limits, LogReader, Outcome, failed
 
-RETRIES = 2  # of a log whose reading fails on a worker, as where a machine has no process to spare
 SECONDS_TO_CONNECT = 10.0
 
 # in a worker of the cluster: processes that wait for a log
@@ -66,8 +65,9 @@ class Cluster:
 
             def send(count: int) -> None:
                 for job in islice(jobs, count):
+                    # tried again where a machine has no process to spare
                     future = client.submit(
-                        read_on_worker, job, self.limits, self.read, pure=False, retries=RETRIES
+                        read_on_worker, job, self.limits, self.read, pure=False, retries=ATTEMPTS
                     )
                     sent[future] = job
                     done.add(future)

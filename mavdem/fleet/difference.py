@@ -21,13 +21,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import stdtr
 
-from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.confidence import LEVEL, quantile
 from mavdem.facts import Code, Fact
 from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.facts.identifiability import Status
 from mavdem.fleet.row import (
-    AXIS_ORDER,
     OK,
     UNKNOWN,
     Flight,
@@ -100,7 +99,7 @@ class QuantityChange(NamedTuple):
     # standard deviation of what other conditions may do to it, which is in the half width
     allowance: float
     # uncertain where the interval has both what is called the same and what is not
-    outcome: Outcome
+    outcome: Outcome = Outcome.SAME
 
 
 class Conditions(NamedTuple):
@@ -118,6 +117,13 @@ class Conditions(NamedTuple):
     wind_torque: dict[str, float]
 
 
+class Missing(NamedTuple):
+    """What cannot be compared, and the reason."""
+
+    quantity: Fact
+    reason: Fact
+
+
 class VehicleDifference(NamedTuple):
     """What differs between two states of a vehicle."""
 
@@ -127,7 +133,7 @@ class VehicleDifference(NamedTuple):
     flights: tuple[int, int]  # how many each has
     # quantities known in both, in the order of kinds, motors and axes
     changes: tuple[QuantityChange, ...]
-    incomparable: tuple[tuple[Fact, Fact], ...]  # what is not known in both, and the reason
+    incomparable: tuple[Missing, ...]  # what is not known in both
     conditions: tuple[Conditions, Conditions]  # of each state
 
     def of(self, outcome: Outcome) -> list[QuantityChange]:
@@ -135,23 +141,8 @@ class VehicleDifference(NamedTuple):
         return [change for change in self.changes if change.outcome == outcome]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return {
-            "vehicles": [list(names) for names in self.vehicles],
-            "shared": list(self.shared),
-            "motors": list(self.motors),
-            "flights": list(self.flights),
-            "family_error": FAMILY_ERROR,
-            "level": LEVEL,
-            "changes": [
-                {**change._asdict(), "quantity": change.quantity._asdict()}
-                for change in self.changes
-            ],
-            "incomparable": [
-                {"quantity": str(name), "reason": str(reason)} for name, reason in self.incomparable
-            ],
-            "conditions": [state._asdict() for state in self.conditions],
-        }
+        """Returns what a document says of it."""
+        return {**self._asdict(), "family_error": FAMILY_ERROR, "level": LEVEL}
 
 
 class _Raw(NamedTuple):
@@ -222,17 +213,13 @@ def since_baseline(
     """
     keys = {row.key for row in baseline if row.key}
     before = vehicles_of(baseline)
-    after = vehicles_of(row for row in rows if row.key not in keys)
-    latest = {name: flights[-1] for name, flights in after.items() if name != UNKNOWN}
-    healthy = {
-        name: [row for flight in flights for row in flight] for name, flights in before.items()
-    }
-    found = {
-        name: vehicle_difference(healthy[name], flight)
-        for name, flight in latest.items()
-        if name in healthy
-    }
-    return {name: (flight[0], found.get(name)) for name, flight in latest.items()}
+    found = dict[str, tuple[FlightRow, VehicleDifference | None]]()
+    for name, flights in vehicles_of(row for row in rows if row.key not in keys).items():
+        latest = flights[-1]
+        healthy = [row for flight in before.get(name, ()) for row in flight]
+        if name != UNKNOWN:
+            found[name] = latest[0], vehicle_difference(healthy, latest) if healthy else None
+    return found
 
 
 def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
@@ -326,16 +313,12 @@ def _judged(quantity: Quantity, raw: _Raw, allowance: float) -> QuantityChange:
     sd = hypot(sqrt(raw.variance), allowance)
     half = quantile(LEVEL, raw.freedom) * sd
     p = float(2 * stdtr(raw.freedom, -abs(raw.difference) / sd))
-    found = QuantityChange(
-        quantity, raw.before, raw.after, raw.difference, half, p, allowance, Outcome.SAME
-    )
-    if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
-        # The interval of a ratio, at its difference.
-        ratio = exp(raw.difference)
-        return found._replace(
-            before=None, after=None, difference=ratio - 1, half_width=ratio * half
-        )
-    return found
+    found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, allowance)
+    if quantity.kind not in (SHARE, EFFECT, MEAN_EFFECT):
+        return found
+    ratio = exp(raw.difference)
+    # The interval of a ratio, at its difference.
+    return found._replace(before=None, after=None, difference=ratio - 1, half_width=ratio * half)
 
 
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
@@ -375,9 +358,7 @@ def conditions_of(flights: Flights) -> Conditions:
     columns = ("voltage_mean", "collective", "lean_roll", "lean_pitch", "tilt_sd")
     means = [mean(getattr(flight[0], column) for flight in flights) for column in columns]
     rows = [row for flight in flights for row in flight]
-    torques = {
-        axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXIS_ORDER
-    }
+    torques = {axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXES}
     known = {axis: torque for axis, torque in torques.items() if torque is not None}
     return Conditions(*means, known)  # type: ignore[call-arg, arg-type]
 
@@ -414,13 +395,13 @@ def _incomparable(
     estimates: Sequence[Sequence[Iterable[Quantity]]],
     other_kinds: Fact | None,
     other_inputs: Fact | None,
-) -> Iterator[tuple[Fact, Fact]]:
+) -> Iterator[Missing]:
     """What is missing on either side, each with its reason."""
     if other_kinds is not None:
-        yield Fact(Compared.EVERYTHING), other_kinds
+        yield Missing(Fact(Compared.EVERYTHING), other_kinds)
         return
     if other_inputs is not None:
-        yield Fact(Compared.OF_MODELS), other_inputs
+        yield Missing(Fact(Compared.OF_MODELS), other_inputs)
     wanted = [Quantity(SHARE)]
     if other_inputs is None:
         of_axes = [Quantity(kind, axis=axis) for kind in (DAMPING, LAG) for axis in TILT_AXES]
@@ -437,7 +418,7 @@ def _incomparable(
         ]
         if reasons:
             name = Fact(Compared.QUANTITY, subject=quantity.axis, name=quantity.kind)
-            yield name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons)
+            yield Missing(name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
 
 
 def _reason(quantity: Quantity, side: str, flights: Flights) -> Fact:

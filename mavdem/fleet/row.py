@@ -14,8 +14,10 @@ from datetime import UTC, datetime
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from mavdem.alignment.drive import INPUTS
+from mavdem.alignment.drive import AXES, INPUTS
 from mavdem.facts import Fact
+from mavdem.facts.identifiability import Status
+from mavdem.facts.motors import MotorHealth
 from mavdem.heading import heading
 from mavdem.units import (
     AngularAcceleration,
@@ -44,9 +46,9 @@ SCHEMA_VERSION = 4
 UNKNOWN = "unknown"
 OK = "ok"  # the status of a flight that was read, and the health of one as healthy ones
 SHARED = "system id"  # the basis of a name that several vehicles may have
-HEALTHS = ("fault", "drift", OK, UNKNOWN)  # the worst first
-NOT_IDENTIFIABLE = "not identifiable"  # the status of what a flight says nothing of
-AXIS_ORDER = ("roll", "pitch", "yaw")
+HEALTHS = tuple(MotorHealth)  # the worst first
+NOT_IDENTIFIABLE = Status.NOT_IDENTIFIABLE  # the status of what a flight says nothing of
+AXIS_ORDER = (*AXES, "")
 MOTORS, DEMAND = INPUTS
 
 Numbers = tuple[float, ...]
@@ -364,18 +366,21 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
         if not by_demand:
             columns = {"motors": names or None} | columns
     overrides = report.get("overrides") or ()
-    known = {
-        "axis": axis,
-        "inputs": inputs,
-        "input_unit": unit,
-        "overrides": [one["kind"] for one in overrides],
-    }
-    if value_at("wind.reason") or value_at("physical.status.effect") in (None, "not identifiable"):
+    if value_at("wind.reason") or value_at("physical.status.effect") in (None, NOT_IDENTIFIABLE):
         # It is not resolved, or what it is computed with is not identifiable.
         columns = {
             name: value for name, value in columns.items() if not name.startswith("wind_torque")
         }
-    known["warnings"] = (*(override["sentence"] for override in overrides), *(cautions or ()))
+    overrides = report.get("overrides") or ()
+    warnings = [*(override["sentence"] for override in overrides), *(cautions or ())]
+    known = {
+        "axis": axis,
+        "inputs": inputs,
+        "input_unit": unit,
+        "overrides": [override["kind"] for override in overrides],
+        "warnings": warnings,
+        "warning_codes": [fact.code for fact in warnings if isinstance(fact, Fact)],
+    }
     return ({} if "tier" in report else {"tier": "a"}) | columns | known
 
 
@@ -397,11 +402,7 @@ def flights_of(rows: Iterable[FlightRow]) -> list[list[FlightRow]]:
         return stamp, row.file, row.key, row.vehicle, row.system or 0, row.component or 0
 
     for flight in together.values():
-        flight.sort(
-            key=lambda row: (
-                AXIS_ORDER.index(row.axis) if row.axis in AXIS_ORDER else len(AXIS_ORDER)
-            )
-        )
+        flight.sort(key=lambda row: AXIS_ORDER.index(row.axis or ""))
     return sorted(together.values(), key=when)
 
 

@@ -29,8 +29,8 @@ from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights
 
 # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 SATURATED = 0.01
-# columns that are a verdict's
-JUDGED = ("fault_probability", "change_probability", "suspect_motor")
+OF_ASSESSMENT = ("health", "fault_probability", "change_probability", "suspect_motor")
+BESIDE_OTHERS = ("health_reason", "health_code", "residual_mean", "residual_mean_interval")
 
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
@@ -48,29 +48,26 @@ class TrackedLogs(NamedTuple):
 
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
-    unknown: dict[str, Any] = dict.fromkeys(
-        (*JUDGED, "health_reason", "health_code", "residual_mean", "residual_mean_interval")
-    )
-    rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
+    blank: dict[str, Any] = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
+    rows = [replace(row, **blank) for row in rows]
     flown = [row for row in rows if row.status == OK]
     if not flown:
         return rows
     if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
         unnamed = Fact(HealthUnknown.VEHICLE_UNNAMED)
-        reason = f"{unnamed} {unnamed.remedy}"
-        return [
-            replace(row, health_reason=reason, health_code=unnamed.code)
-            if row.status == OK
-            else row
-            for row in rows
-        ]
+        said: dict[str, Any] = {
+            "health_reason": f"{unnamed} {unnamed.remedy}",
+            "health_code": unnamed.code,
+        }
+        return [replace(row, **said) if row.status == OK else row for row in rows]
     healthy_rows = [row for row in baseline if row.status == OK]
     # A flight that is among both is one flight.
     figures = {_key(row): health_figures(row) for row in (*healthy_rows, *flown)}
     judged, given = (
         {_key(row): figures[_key(row)] for row in some} for some in (flown, healthy_rows)
     )
-    verdicts = dict(zip(judged, assess([*judged.values()], [*given.values()] or None), strict=True))
+    found = assess([*judged.values()], [*given.values()] or None)
+    assessments = dict(zip(judged, found, strict=True))
     names = {flight.name for flight in given.values() or healthy_flights([*judged.values()])}
     healthy = {
         (*_key(row), row.axis): row
@@ -79,18 +76,18 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
     }
     intervals = {_kind(row): residual_interval(row, healthy.values()) for row in flown}
 
-    def with_health(row: FlightRow) -> FlightRow:
-        verdict = verdicts[_key(row)]
-        columns = {name: getattr(verdict, name) for name in ("health", *JUDGED)}
-        columns |= {"residual_mean": residual_mean(row, healthy.values())}
-        columns |= {
-            "residual_mean_interval": intervals[_kind(row)],
-            "health_reason": " ".join(map(str, verdict.facts)),
-            "health_code": verdict.facts[0].code,
-        }
-        return replace(row, **columns)
-
-    return [with_health(row) if row.status == OK else row for row in rows]
+    judged_rows = []
+    for row in rows:
+        columns = dict[str, Any]()
+        if row.status == OK:
+            assessment = assessments[_key(row)]
+            columns = {name: getattr(assessment, name) for name in OF_ASSESSMENT}
+            columns["residual_mean"] = residual_mean(row, healthy.values())
+            columns["residual_mean_interval"] = intervals[_kind(row)]
+            columns["health_reason"] = " ".join(map(str, assessment.facts))
+            columns["health_code"] = assessment.facts[0].code
+        judged_rows.append(replace(row, **columns))
+    return judged_rows
 
 
 def health_figures(row: FlightRow) -> HealthFigures:
@@ -158,11 +155,9 @@ def residual_interval(like: FlightRow, healthy: Collection[FlightRow]) -> float 
         row for row in healthy if row.residual_offset is not None and _kind(row) == _kind(like)
     ]
     left = [residual for row in models if (residual := residual_mean(row, models)) is not None]
-    return (
-        quantile(LEVEL, len(left) - 1) * float(np.sqrt(np.mean(np.square(left))))
-        if len(left) >= 3
-        else None
-    )
+    if len(left) < 3:
+        return None
+    return float(quantile(LEVEL, len(left) - 1) * np.sqrt(np.mean(np.square(left))))
 
 
 def track(

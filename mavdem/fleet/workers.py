@@ -7,6 +7,7 @@ by the thread that waits for outcomes, and killed when it waits no longer, whate
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import resource
@@ -36,14 +37,11 @@ from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, is_url
 
-MEGABYTE = 1 << 20
 PAGES = "pages"  # the folder of pages of flights, in the fleet's
 READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes rows of a log
 ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
 # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
 WAITING = 10
-# exit code of a process that reached its limit: what is left of its memory is in pieces
-WANT_OF_MEMORY = 77
 
 Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 """How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
@@ -141,7 +139,7 @@ class LogReader:
         if code == -signal.SIGXCPU:
             late = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
             return replace(failed(job, "time", late), seconds=limits.seconds)
-        if code == WANT_OF_MEMORY:
+        if code == errno.ENOMEM:
             big = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
             return replace(failed(job, "memory", big), megabytes=limits.megabytes)
         if self._attempts == ATTEMPTS:
@@ -262,11 +260,11 @@ def perform(job: Job, limits: Limits, read: str) -> Outcome:
     # Linux counts what is allocated; elsewhere the limit may do nothing. Not the address space: mapped files and
     # reserved stacks of threads take no memory.
     with suppress(ValueError, OSError):
-        _limit(resource.RLIMIT_DATA, limits.megabytes * MEGABYTE)
+        _limit(resource.RLIMIT_DATA, limits.megabytes << 20)
     try:
         outcome = outcome_of(job, resolve_name(read))
     except MemoryError:
-        os._exit(WANT_OF_MEMORY)
+        os._exit(errno.ENOMEM)  # what is left of its memory is in pieces
     kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
         1024 if sys.platform == "darwin" else 1
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fleet_rows import flight_row
 
+from mavdem.documents import whole
 from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.fleet.difference import (
     BETWEEN,
@@ -184,7 +185,7 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     why = {fact.figures.get("name", fact.code): reason for fact, reason in found.incomparable}
     inner = why[quantity].figures.get("reasons", (why[quantity],))
     assert [fact.code for fact in inner] == [reason]
-    document = found.as_dict()
+    document = whole("diff", {"a": "A", "b": "B", **found.as_dict()})
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
