@@ -153,13 +153,8 @@ def _assessment(
         )
     elif change >= PROBABLE:
         motor = int(weighed.motors.argmax())
-        causes = {
-            Explanation.LOAD: weighed.load,
-            Explanation.YAW: weighed.yaw,
-            Explanation.OTHER: weighed.other,
-            Explanation.MOTOR: float(weighed.motors[motor]),
-        }
-        likeliest = max(causes, key=lambda cause: causes[cause])
+        causes = {**weighed.shares, Explanation.MOTOR: float(weighed.motors[motor])}
+        likeliest = max(Explanation, key=lambda cause: causes[cause])
         drift = Fact(
             MotorsBetween.BALANCE_CHANGED,
             Level.WATCH,
@@ -256,11 +251,7 @@ class Candidates:
         self.change, self.spread, self.centre = np.zeros((3, len(self.prior), 3))
         self.centre[self.groups["healthy"]] = centres
         self.change[self.groups["motor"]] = motors
-        for name, axes in (
-            ("load", (1.0, 1.0, 0.0)),
-            ("yaw", (0.0, 0.0, 1.0)),
-            ("other", (1.0, 1.0, 1.0)),
-        ):
+        for name, axes in {"load": (1, 1, 0), "yaw": (0, 0, 1), "other": (1, 1, 1)}.items():
             self.spread[self.groups[name]] = np.outer(sizes, axes)
 
     def after(self, away: Deviation, before: Array | None = None) -> Explanations:
@@ -269,8 +260,7 @@ class Candidates:
             self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
         )
         # The candidates without a change carry the common error of the mean themselves, and so share it over flights.
-        changed = np.ones(len(prior), dtype=bool)
-        changed[self.groups["healthy"]] = False
+        changed = np.arange(len(prior)) >= self.groups["healthy"].stop
         spread = self.spread.copy()
         shifted = self.groups["load"]
         weak = self.groups["motor"]
@@ -283,9 +273,7 @@ class Candidates:
         posterior = prior * np.exp(likelihood - likelihood.max())
         posterior /= posterior.sum()
 
-        healthy, _, load, yaw, other = (
-            float(posterior[rows].sum()) for rows in self.groups.values()
-        )
+        by_name = {name: float(posterior[rows].sum()) for name, rows in self.groups.items()}
         joint = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
@@ -298,7 +286,7 @@ class Candidates:
         )
         harder = np.array([joint @ RISES / some, low, high]) * rise_share
         faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
-        return Explanations(healthy, motors, faults, load, yaw, other, harder, posterior)
+        return Explanations(by_name, motors, faults, harder, posterior)
 
     def shown(self, away: Deviation) -> float:
         """Probability of a change, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
@@ -316,16 +304,21 @@ class Candidates:
 class Explanations:
     """What may explain a flight's deviation, with probabilities that sum to 1."""
 
-    healthy: float  # nothing changed but what changes from flight to flight
+    # by the names in ``PRIORS``: that nothing changed but what changes from flight to flight; that a motor or propeller
+    # is weak; that roll and pitch changed, as a load shifted; that yaw changed alone; that all three did, not as one
+    # motor does
+    shares: dict[str, float]
     motors: Array  # (k,) that this motor, or its propeller, is weak
     faults: Array  # (k,) the same, and so weak that the motor must work 8 % harder or more
-    load: float  # that roll and pitch changed: a load shifted
-    yaw: float  # that yaw changed alone: an arm or motor twisted, or other propellers
-    other: float  # that all three changed, not as one motor does
     # (3, k) by how much each motor must work harder if it is the weak one, as a share of the mean command: the mean,
     # and the ends of the interval of 90 %
     harder: Array
     candidates: Array  # (S,) the probabilities of all candidates
+
+    @property
+    def healthy(self) -> float:
+        """That nothing changed."""
+        return self.shares["healthy"]
 
     @property
     def fault(self) -> float:

@@ -110,7 +110,7 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
         len(motors.layout.motors), motors.layout.positions, motors.layout.spins
     )
     runs = []
-    segments = sorted(settled_segments(signals), key=lambda found: (found.boot, found.start))
+    segments = sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start))
     for segment in segments:
         time = motors.time[within(motors, segment)]
         lean = np.full((len(time), 2), np.nan)
@@ -136,8 +136,7 @@ def balance_figures(
     balance, lean = (np.array(means) for means in zip(*blocks, strict=True))
     rest = balance - balance.mean(axis=0)
     leaned = lean - lean.mean(axis=0)
-    effect = np.full((3, 2), np.nan)
-    effect_variance = np.full((3, 2), np.nan)
+    effect, effect_variance = np.full((2, 3, 2), np.nan)
     freedom = len(blocks) - 1
     if np.isfinite(leaned).all() and np.linalg.matrix_rank(leaned) == 2:
         inverse = np.linalg.inv(leaned.T @ leaned)

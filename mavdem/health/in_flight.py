@@ -8,7 +8,7 @@ change may have begun they are a Shiryaev–Roberts statistic. Were the noise kn
 be A steps at least where it must reach A (M. Pollak, "Optimal detection of a change in distribution", Annals of
 Statistics 1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of Statistics in
 Data Science 2024). Its variance is estimated here, and the larger of several is taken, so that the ten hours that A is
-set for are a design value and no bound. What was measured, ``FALSE_ALARMS_PER_HOUR`` says. Which change it is, is
+set for are a design value and no bound. What was measured, ``FALSE_ALARMS`` says. Which change it is, is
 decided by the Bayes factors against each other, as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential
 change diagnosis", Mathematics of Operations Research 2008.
 
@@ -39,7 +39,8 @@ BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change m
 MIN_SAMPLES = 3  # In a block
 MIN_RATE = MIN_SAMPLES / BLOCK_SECONDS  # Hz of the samples
 PRESENT_SHARE = 0.8  # Of the blocks, at least: where more are missing, changes are not judged
-REFERENCE_SECONDS = 8.0  # Before the first change, at least
+# Before the first change, at least; and of a change in roll and pitch alone: a gust is over by then
+REFERENCE_SECONDS = 8.0
 NEXT_REFERENCE_SECONDS = 2.0  # Before another: the noise is known then
 SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: no reference
 # Over which the reference forgets: wind and battery change, and damage comes at once
@@ -61,7 +62,6 @@ OTHERS_BESIDE_LOADS = 0.05
 OTHERS_BESIDE_MOTORS = 0.1
 """How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
 beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
-LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by then
 STALE_SECONDS = 15.0  # Of any change: then what was before is no reference, whatever the cause
 NAMING_ODDS = 20.0  # Times as likely as all other causes together: from there on a cause is named
 # How often one weak motor recovers, or all do, beside that one more weakens
@@ -159,14 +159,8 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
     )
 
 
-FALSE_ALARMS_PER_HOUR = 0.54  # At most, with 95 % confidence (``tools/validation/alarms.py``)
-FALSE_ALARMS = Fact(
-    InFlight.FALSE_ALARMS,
-    Level.WATCH,
-    duration=5.55 * 3600,
-    alarms_per_hour=FALSE_ALARMS_PER_HOUR,
-)
-"""Of 5.55 h of flights without a fault."""
+FALSE_ALARMS = Fact(InFlight.FALSE_ALARMS, Level.WATCH, duration=5.55 * 3600, alarms_per_hour=0.54)
+"""Of 5.55 h of flights without a fault: so many at most, with 95 % confidence (``tools/validation/alarms.py``)."""
 TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_RATE)
 
 
@@ -236,14 +230,15 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
         for code in codes
     )
     figures = {"alarms": alarms, "recoveries": recoveries, "torque_changes": torques}
-    basis = {"at_most": FALSE_ALARMS_PER_HOUR, "basis": str(FALSE_ALARMS)}
+    at_most = FALSE_ALARMS.figures["alarms_per_hour"]
+    basis = {"at_most": at_most, "basis": str(FALSE_ALARMS)}
     return {**figures, "false_alarms_per_hour": basis}
 
 
 class MotorWatch:
     """The sequential test of one vehicle's motors, over the settled flights of one boot.
 
-    How often it is wrong, ``FALSE_ALARMS_PER_HOUR`` says. Slower samples than ``MIN_RATE`` are not judged.
+    How often it is wrong, ``FALSE_ALARMS`` says. Slower samples than ``MIN_RATE`` are not judged.
 
     Attributes:
         alarms: what was found so far.
@@ -351,7 +346,7 @@ class MotorWatch:
             return self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
         lasting, long = (
             np.where(windows * BLOCK_SECONDS >= s, 0.0, -inf)
-            for s in (LASTING_SECONDS, STALE_SECONDS)
+            for s in (REFERENCE_SECONDS, STALE_SECONDS)
         )
         loaded = _log_sum(load + lasting)
         strange = long + _log_sum([*rest, load, *by_window])
