@@ -105,6 +105,8 @@ class FailedLog(Document):
     """name of the log"""
     status: Said
     """why there is no flight"""
+    status_code: str | None
+    """the same as a code"""
 
 
 class SinceBaseline(Document):

@@ -451,8 +451,8 @@ def summary(rows: Iterable[FlightRow]) -> dict[str, Any]:
     """Returns counts of a fleet's flights as plain JSON values.
 
     A flight has a row for each axis, and counts by its better tier and its worse health; one that several logs have
-    counts once. ``vehicles`` are those with a name of their own: a system id is none. ``failed`` has file and status
-    of each log without a flight.
+    counts once. ``vehicles`` are those with a name of their own: a system id is none. ``failed`` has file, status and
+    its code of each log without a flight.
     """
     rows = list(rows)
     vehicles = vehicles_of(rows)
@@ -465,7 +465,10 @@ def summary(rows: Iterable[FlightRow]) -> dict[str, Any]:
         for flight in (flown_once if name in named else list)(vehicles[name])
     ]
     healths = Counter(map(worst_health, flown))
-    failed = dict.fromkeys((row.file, row.status) for row in rows if row.status != OK)
+    keys = ("file", "status", "status_code")
+    failed = dict.fromkeys(
+        tuple(getattr(row, key) for key in keys) for row in rows if row.status != OK
+    )
     return {
         "flights": len(flown),
         "vehicles": len(named),
@@ -473,5 +476,5 @@ def summary(rows: Iterable[FlightRow]) -> dict[str, Any]:
             sorted(Counter(tier for flight in flown if (tier := best_tier(flight))).items())
         ),
         "health": {health: healths[health] for health in HEALTHS if healths[health]},
-        "failed": [{"file": file, "status": status} for file, status in failed],
+        "failed": [dict(zip(keys, values, strict=True)) for values in failed],
     }

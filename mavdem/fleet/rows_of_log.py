@@ -89,6 +89,7 @@ def _rows_of_vehicle(
                     status=str(first.refusal.fact),
                     status_code=first.refusal.fact.code,
                     warnings=(),
+                    warning_codes=(),
                     **unknown,
                     **columns,
                 )
