@@ -293,8 +293,9 @@ def condition_of(signals: Signals) -> Condition:
         hover = None
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     lean, tilt = _leaning(signals, settled)
-    oscillation = oscillation_of(signals, settled) or oscillation_of(
-        signals, _parts(signals, phases.flying)
+    moving = signals.motors, dict(zip(TILT_AXES, signals.tilts, strict=False))
+    oscillation = oscillation_of(*moving, settled) or oscillation_of(
+        *moving, _parts(signals, phases.flying)
     )
     return Condition(
         duration=_seconds(span),

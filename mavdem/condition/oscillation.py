@@ -6,16 +6,16 @@ motors do is then in one narrow band of their spectra.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.align import Segment, mean_rate, within
-from mavdem.alignment.drive import TILT_AXES, Motors
+from mavdem.alignment.drive import Motors
 from mavdem.alignment.quality import at_limits
-from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals
+from mavdem.alignment.signals import MINIMUM_RATE, Attitude
 
 WINDOWS = (4.0, 8.0)
 FEWEST_SAMPLES = 32
@@ -52,13 +52,17 @@ class Oscillation(NamedTuple):
     seconds: float  # how long it oscillates
 
 
-def oscillation_of(signals: Signals, parts: Sequence[Segment]) -> Oscillation | None:
-    """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs."""
+def oscillation_of(
+    motors: Motors | None, tilts: Mapping[str, Attitude], parts: Sequence[Segment]
+) -> Oscillation | None:
+    """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs.
+
+    ``tilts``: the attitude by axis.
+    """
     found: list[Oscillation] = []
-    motors = signals.motors
     whole = sum(part.duration for part in parts)
     if motors is not None:
-        for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
+        for axis, tilt in tilts.items():
             for part, seconds in product(parts, WINDOWS):
                 found += _limit_cycles(axis, tilt, motors, part, seconds, whole)
     return max(found, key=lambda one: one.rate, default=None)

@@ -183,6 +183,14 @@ class InputChoice:
         return columns | {form.field: table}
 
 
+@dataclass(frozen=True, eq=False)
+class PhaseSignals(Signals):
+    """Signals of the last seconds, of which these two are not read from messages."""
+
+    armed: Signal | None = None
+    collective: Signal | None = None
+
+
 class Phase:
     """Whether one boot is armed, airborne and settled, from its messages so far."""
 
@@ -321,10 +329,8 @@ class Phase:
                 columns[kind] = {"time": time, "boot": boot, CLIMB_FIELDS[kind][0]: values}
             if kind == "landed_state" and reports:
                 columns["EXTENDED_SYS_STATE"] = {"time": time, "boot": boot, kind: values}
-        signals = Signals(Telemetry(0, 0, "UNKNOWN", "", columns, self.parameters))
-        # Two are not from messages here: they take the place of the cached properties.
-        vars(signals).update(armed=series["armed"], collective=series["collective"])
-        return signals
+        vehicle = Telemetry(0, 0, "UNKNOWN", "", columns, self.parameters)
+        return PhaseSignals(vehicle, armed=series["armed"], collective=series["collective"])
 
     def _settle(self, now: float, climb: Signal | None) -> None:
         """Decides since when the flight is settled; means are known half of their window later."""
@@ -366,8 +372,15 @@ class Phase:
         self._landing = since if self._landing is None else min(since, self._landing)
 
 
-def judged(learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]) -> Findings:
+def findings_on(learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]) -> Findings:
     """Returns the findings on a model whose inputs are those of ``setup``."""
+    return judged(learned, setup, alarms)[1]
+
+
+def judged(
+    learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]
+) -> tuple[Learned, Findings]:
+    """Returns a model whose inputs are those of ``setup``, its torque disowned where it oscillates, and findings."""
     inputs, outputs = max(learned.record.segments, key=lambda part: len(part[1]))
     time: Any = learned.dt * np.arange(len(inputs))
     scale = {"scale": asdict(setup.scale)}
@@ -377,18 +390,15 @@ def judged(learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]) -> Find
     )
     condition = Condition(duration=flight.duration, settled=flight.duration)
     if setup.motors != DEMAND_MESSAGE:
-        signals = Signals(Telemetry(0, 0, "UNKNOWN", "", {}))
         boot = np.zeros(len(time), dtype=np.int64)
         angle, rate = flight.outputs.T
         tilt = Attitude(setup.attitude, time, boot, angle, rate, rate, len(time), 0, 0)
         motors = Motors(
             setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0
         )
-        # They take the place of the cached properties: nothing is from messages here.
-        vars(signals).update(motors=motors, tilts=(tilt,))
-        swing = oscillation_of(signals, [Segment(0, 0.0, flight.duration)])
-        swing = swing and swing._replace(axis=names[1][0])
+        swing = oscillation_of(motors, {names[1][0]: tilt}, [Segment(0, 0.0, flight.duration)])
         condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
     learned = disown_torque(learned, condition)
     watched = condition.hover is not None and not setup.layout.positions_assumed
-    return findings_of(learned, None, condition, alarms, flights=[flight], watched=watched)
+    found = findings_of(learned, None, condition, alarms, flights=[flight], watched=watched)
+    return learned, found

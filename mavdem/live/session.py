@@ -12,7 +12,6 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ from mavdem.facts import Code, Fact, Level
 from mavdem.facts.session import LinkFact, RateFact, Rows, Session, Spent
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
-from mavdem.live.decisions import Setup, judged
+from mavdem.live.decisions import Setup, findings_on, judged
 from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import (
@@ -285,14 +284,17 @@ class LiveSession:
         _, model = self._models[-1]
         return self._named(model)
 
-    def judge(self, learned: Learned | None) -> None:
-        """Judges the model at the end, if there is one."""
+    def judge(self, learned: Learned | None) -> Learned | None:
+        """Judges the model at the end, if there is one, and returns what is to be shown of it."""
+        status = self.status
         with suppress(ValueError):
-            if learned is not None:
-                self.findings = self._judgement(learned)()
-            else:
-                status = self.status
+            if learned is None:
                 self.findings = findings_of(alarms=status.alarms, refusal=status.obstacle)
+            elif self._setup is None or learned.record.input_names != self._setup.layout.names:
+                self.findings = findings_of(learned, alarms=status.alarms)
+            else:
+                learned, self.findings = judged(learned, self._setup, status.alarms)
+        return learned
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -464,25 +466,21 @@ class LiveSession:
         self._landed = True
 
     def _named(self, learned: Learned) -> Learned:
-        """The model with names and units of the latest rows, and the physical parameters shown last, if it fits."""
+        """The model with names and units of the latest rows and what they identify, where it has their inputs."""
         setup = self._setup
-        record = learned.record
-        if setup is None or record.inputs.shape[1] != len(inputs := setup.layout.names):
+        if setup is None or learned.record.inputs.shape[1] != len(setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
-        units_of_inputs = (setup.scale.unit,) * len(inputs)
-        named = replace(record, input_names=inputs, output_names=names, output_units=units)
-        learned = replace(learned, record=replace(named, input_units=units_of_inputs))
-        physical = getattr(self._estimate, "physical", None)
-        return learned if physical is None else learned.with_physical(physical)
-
-    def _judgement(self, learned: Learned) -> Callable[[], Findings]:
-        """What judges a model with names, on its own."""
-        setup = self._setup
-        alarms = self.stream.status().alarms
-        if setup is None or setup.layout.names != learned.record.input_names:
-            return partial(findings_of, learned, alarms=alarms)
-        return partial(judged, learned, setup, alarms)
+        record = replace(
+            learned.record,
+            input_names=setup.layout.names,
+            output_names=names,
+            input_units=(setup.scale.unit,) * len(setup.layout.names),
+            output_units=units,
+        )
+        named = replace(learned, record=record)
+        known = None if self._estimate is None else self._estimate.physical
+        return named if known is None else named.with_physical(known)
 
     def _judge(self, now: float) -> None:
         """Takes the findings; judges the latest model again now and then, by the executor."""
@@ -492,15 +490,21 @@ class LiveSession:
                     self.findings = self._judging.result()
                 self._judging = None
         elif (
-            getattr(self._estimate, "physical", None) is None
-            or self._newest is None
-            or self.executor is None
+            self.executor is not None
+            and self._newest is not None
+            and self._setup is not None
+            and self._estimate is not None
+            and self._estimate.physical is not None
+            and now >= self._next_judging
+            and "physical fits" not in self._shed
         ):
-            return
-        elif now >= self._next_judging and "physical fits" not in self._shed:
             self._next_judging = now + JUDGING_SECONDS
+            named = self._named(self._newest)
+            if named.record.input_names != self._setup.layout.names:
+                return
             with suppress(RuntimeError):  # the executor's processes are gone
-                self._judging = self.executor.submit(self._judgement(self._named(self._newest)))
+                alarms = self.stream.status().alarms
+                self._judging = self.executor.submit(findings_on, named, self._setup, alarms)
 
     def _request_rates(self) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""

@@ -269,7 +269,7 @@ def test_dashboard_and_page_of_a_session_say_the_same():
         one._judge(1e9)
     one._judge(1e9)
     in_flight = one.status.findings
-    one.judge(model)
+    model = one.judge(model)
     assert model.physical is known and in_flight.purposes[:2] == one.findings.purposes[:2]
     status = one.status
     units = (("µs",) * 4, ("rad", "rad/s"))
