@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import os
 import sys
-from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from threading import Thread
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -30,7 +27,7 @@ from mavdem.cli.output import (
     say_aside,
     write_text,
 )
-from mavdem.dem import Settings
+from mavdem.dem import Learned, Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
@@ -40,19 +37,18 @@ from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import horizons
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
+from mavdem.live.running import in_background, run
 from mavdem.live.session import LiveSession
 from mavdem.report.flights import spent_on, whole_seconds
 from mavdem.report.page import live_page
 from mavdem.report.words import advised, go_on
 
-# between two status lines; on the ground, two collections of all garbage
+# between two status lines
 STATUS_SECONDS = 5.0
-CLEANING_SECONDS = 60.0
 # from a request to end until the page is given up; what follows takes less than a second
 ENDING_SECONDS = 9.0
 # m/s and degrees, of 90 %
 WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"
-SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 if TYPE_CHECKING:
     from mavdem.view.live_view import LiveView
@@ -201,15 +197,7 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
-    # What could not be written after the flight is refused before it.
-    check_file(rrd, "--rrd", (".rrd",))
-    check_file(record, "--record", tuple(STREAMS))
-    beside = rrd or record
-    model = model or (beside and beside.with_suffix(".model.json"))
-    check_file(model, "--model", (".json",))
-    beside = beside or model
-    html = html or (beside and beside.with_suffix(".html"))
-    check_file(html, "--html", (".html",))
+    files = Files.checked(rrd, record, model, html)
     earlier = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with suppress(Unreadable):  # a model without its report knows no drag
@@ -234,86 +222,152 @@ def live_command(
         if dashboard.advice:
             say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
-        if model is None:
+        if files.model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
-        asked = signals.enter_context(asked_to_end())
-        _run(session, asked, duration)
-        account = session.account()
-        ends_at = monotonic() + ENDING_SECONDS
-        whole = whole_seconds(account)
-        spent = ", ".join(
-            f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds
-        )
-        say_aside(f"Of {sum(whole.values())} s: {spent or 'nothing'}.")
+        run(session, signals.enter_context(asked_to_end()), duration, STATUS_SECONDS, _say_status)
+        ending = Ending(session, dashboard, files)
+        ending.write_model(restored)
+        executor.shutdown()
+        ending.judge()
+        ends.close()
+        ending.write_page()
+        if as_json:
+            print_json(ending.document(recording))
+    lost = session.recording is not recording or ending.has_lost
+    code = UNUSABLE if lost else ending.code
+    if not ending.last.done():  # Python would end in the middle of what its thread computes
+        sys.stdout.flush()
+        os._exit(code)
+    click.get_current_context().exit(code)
+
+
+class Files(NamedTuple):
+    """What a session writes, each where it was asked for or beside the others."""
+
+    rrd: Path | None
+    record: Path | None
+    model: Path | None
+    html: Path | None
+
+    @classmethod
+    def checked(
+        cls, rrd: Path | None, record: Path | None, model: Path | None, html: Path | None
+    ) -> Files:
+        """Refuses before the flight what could not be written after it."""
+        check_file(rrd, "--rrd", (".rrd",))
+        check_file(record, "--record", tuple(STREAMS))
+        beside = rrd or record
+        model = model or (beside and beside.with_suffix(".model.json"))
+        check_file(model, "--model", (".json",))
+        beside = beside or model
+        html = html or (beside and beside.with_suffix(".html"))
+        check_file(html, "--html", (".html",))
+        return cls(rrd, record, model, html)
+
+
+class Ending:
+    """Completes what a session leaves: the model first, since what follows may fail or take its time.
+
+    Attributes:
+        account: seconds by what they were.
+        status: at the end, with the findings once the model is judged.
+        code: of the exit, while nothing else is lost.
+        last: what may still be computed.
+    """
+
+    last: Future[Any]
+
+    def __init__(self, session: LiveSession, dashboard: Dashboard, files: Files) -> None:
+        self.account = session.account()
+        self.status = session.status
+        self.code = UNSUPPORTED
+        self._until = monotonic() + ENDING_SECONDS
+        self._session = session
+        self._dashboard = dashboard
+        self._files = files
+        self._learned: Learned | None = None
+        self._has_page = False
+        whole = whole_seconds(self.account)
+        spent = [f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds]
+        say_aside(f"Of {sum(whole.values())} s: {', '.join(spent) or 'nothing'}.")
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
-        status = session.status
-        learned = None
-        code = UNSUPPORTED
-        fitting = _in_background(session.final_model)
+
+    def write_model(self, restored: ExitStack) -> None:
+        """Writes the last model; the vehicle's rates are ``restored`` meanwhile."""
+        fitting = in_background(self._session.final_model)
         restored.close()
-        # The model is written first: what follows may fail or take its time.
         try:
-            learned = fitting.result()
-            code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
+            self._learned = fitting.result()
         except ValueError as error:
             say_aside(f"There is no model: {go_on(error)}.")
-        executor.shutdown()
-        judging = _in_background(partial(session.judge, learned))
+            return
+        text = self._learned.to_json() + "\n"
+        self.code = DONE if _written(self._files.model, text, "model") else UNUSABLE
+
+    def judge(self) -> None:
+        """Judges the model, for as long as there is time."""
+        self.last = in_background(partial(self._session.judge, self._learned))
+        wait([self.last], (self._until - monotonic()) / 2)
+        self.status = replace(self.status, findings=self._session.findings)
+        self._dashboard.report(self.status)
+        if self.status.findings:
+            say_aside(str(self.status.findings.headline or ""))
+
+    def write_page(self) -> None:
+        """Writes the page, where the model was judged in time."""
         page = None
-        wait([judging], (ends_at - monotonic()) / 2)
-        dashboard.report(status := replace(status, findings=session.findings))
-        if status.findings:
-            say_aside(str(status.findings.headline or ""))
-        if html is not None and judging.done():
-            page = _in_background(
-                partial(live_page, link, axis, session.history, status, account, learned)
-            )
-        ends.close()
-        last: Future[Any] = page or judging
-        wait([last], ends_at - monotonic())
-        if html is not None and not (page and page.done()):
+        if self._files.html is not None and self.last.done():
+            session = self._session
+            about = session.link.name, session.stream.axis, session.history
+            shown = self.status, self.account, self.last.result()
+            page = self.last = in_background(partial(live_page, *about, *shown))
+        wait([self.last], self._until - monotonic())
+        if page is not None and page.done():
+            self._has_page = _written(self._files.html, page.result(), "page")
+        elif self._files.html is not None:
             say_aside("The page is lost: this computer is too slow.")
-        has_page = page is not None and page.done() and _written(html, page.result(), "page")
-        broken = dashboard.file is not None and dashboard.file.broken
-        kept = dashboard.file is not None and dashboard.file.complete > 0
-        if dashboard.file is not None and not kept and not broken:
-            say_aside(f"There was nothing to show, so {rrd} was not written.")
-        if as_json:
-            figures = {
-                "link": link,
-                "vehicle": status.vehicle,
-                "seconds": round(sum(account.values()), 3),
-                "account": {kind: round(spent, 3) for kind, spent in account.items()},
-                "samples": {"learnt": status.learned, "shown": status.shown},
-                "rates": status.rates,
-                "lost": status.lost,
-                "missing": round(status.missing, 3),
-                "behind": {
-                    "most": round(session.most_behind, 3),
-                    "datagrams_dropped": opened.dropped,
-                },
-                "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
-                "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
-                "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-                "obstacle": advised(status.obstacle) if status.obstacle else "",
-                "wind": status.wind
-                and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
-                **(status.findings.as_dict() if status.findings else {}),
-                **alarm_figures(status.alarms),
-                "events": [event.sentence for event in session.history.events],
-                "rrd": str(rrd) if kept else None,
-                "record": None
-                if recording is None
-                else {"file": str(record), "frames": recording.frames},
-                "model": str(model) if code == DONE and model is not None else None,
-                "html": str(html) if has_page else None,
-            }
-            print_json(figures)
-    lost = session.recording is not recording or broken or (html is not None and not has_page)
-    if not last.done():  # Python would end in the middle of what its thread computes
-        sys.stdout.flush()
-        os._exit(UNUSABLE if lost else code)
-    click.get_current_context().exit(UNUSABLE if lost else code)
+        file = self._dashboard.file
+        if file is not None and not file.complete and not file.broken:
+            say_aside(f"There was nothing to show, so {self._files.rrd} was not written.")
+
+    @property
+    def has_lost(self) -> bool:
+        """Whether a file could not be written."""
+        file = self._dashboard.file
+        is_broken = file is not None and file.broken
+        return is_broken or (self._files.html is not None and not self._has_page)
+
+    def document(self, recording: RawRecording | None) -> dict[str, Any]:
+        """Returns what ``--json`` prints."""
+        session, status, files = self._session, self.status, self._files
+        file = self._dashboard.file
+        has_model = self.code == DONE and files.model is not None
+        return {
+            "link": session.link.name,
+            "vehicle": status.vehicle,
+            "seconds": round(sum(self.account.values()), 3),
+            "account": {kind: round(spent, 3) for kind, spent in self.account.items()},
+            "samples": {"learnt": status.learned, "shown": status.shown},
+            "rates": status.rates,
+            "lost": status.lost,
+            "missing": round(status.missing, 3),
+            "behind": {
+                "most": round(session.most_behind, 3),
+                "datagrams_dropped": session.link.dropped,
+            },
+            "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
+            "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
+            "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
+            "obstacle": advised(status.obstacle) if status.obstacle else "",
+            "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
+            **(status.findings.as_dict() if status.findings else {}),
+            **alarm_figures(status.alarms),
+            "events": [event.sentence for event in session.history.events],
+            "rrd": str(files.rrd) if file is not None and file.complete else None,
+            "record": recording and {"file": str(files.record), "frames": recording.frames},
+            "model": str(files.model) if has_model else None,
+            "html": str(files.html) if self._has_page else None,
+        }
 
 
 def _written(path: Path | None, text: str, what: str) -> bool:
@@ -330,39 +384,16 @@ def _written(path: Path | None, text: str, what: str) -> bool:
     return True
 
 
-def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> None:
-    """Runs until the time is over or the user asks to end."""
-    # No sample waits for a long collection, which only goes through what is new, nor for another thread.
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    interval = sys.getswitchinterval()
-    line = ""
-    began = reported = cleaned = monotonic()
-    sys.setswitchinterval(SWITCH_SECONDS)
-    try:
-        while not asked() and (duration is None or monotonic() - began < duration):
-            session.step()
-            if monotonic() - reported >= STATUS_SECONDS:
-                status = session.status
-                reported = monotonic()
-                before = line
-                line = _status_line(status, session.stream.axis)
-                if line not in ("", before):
-                    say_aside(line)
-                if not status.flying and reported - cleaned >= CLEANING_SECONDS:
-                    cleaned = reported
-                    gc.unfreeze()
-                gc.collect()
-                gc.freeze()
-    finally:
-        gc.unfreeze()
-        gc.enable()
-        sys.setswitchinterval(interval)
+def _say_status(session: LiveSession, before: str) -> str:
+    """Says the status where it is another one than ``before``; returns it."""
+    line = status_line(session.status, session.stream.axis)
+    if line not in ("", before):
+        say_aside(line)
+    return line
 
 
-def _status_line(status: SessionStatus, axis: str) -> str:
-    """Empty before there is a vehicle: the session has reported that."""
+def status_line(status: SessionStatus, axis: str) -> str:
+    """Returns the status in a line; empty before there is a vehicle: the session has reported that."""
     if status.vehicle is None:
         return ""
     rates = (
@@ -389,17 +420,3 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     end = f". {advised(status.obstacle)}" if status.obstacle else "; learning."
     told = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end}"
     return " ".join(map(str, filter(None, [told, status.slow, *status.alarm])))
-
-
-def _in_background(work: Callable[[], Any]) -> Future[Any]:
-    """Starts ``work`` in a thread; the process ends without waiting for it."""
-    future: Future[Any] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:  # whoever waits for the result gets it
-            future.set_exception(error)
-
-    Thread(target=run, daemon=True).start()
-    return future

@@ -96,7 +96,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     folder = tmp_path / "gone"
     folder.mkdir()
 
-    def fly(session, asked, duration):
+    def fly(session, *_):
         folder.rmdir()
         # What takes its time at the end is no silence of the link's.
         session.learner = Mock(obstacle=None, **{"learn_now.side_effect": lambda _: late(session)})
@@ -105,7 +105,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
         session._heard -= 60
         return Mock(**{"to_json.return_value": "{}"})
 
-    monkeypatch.setattr("mavdem.cli.live._run", fly)
+    monkeypatch.setattr("mavdem.cli.live.run", fly)
     monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
     monkeypatch.setattr("mavdem.cli.live.LiveSession.judge", lambda *_: None)
     assert (
@@ -130,12 +130,12 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.0.0.1", 0))
 
-        def run(session, asked, duration):
+        def run(*arguments):
             stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", port))
-            return listen(session, asked, duration)
+            return listen(*arguments)
 
-        listen = live._run
-        monkeypatch.setattr(live, "_run", run)
+        listen = live.run
+        monkeypatch.setattr(live, "run", run)
         words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --duration 0.3 --json"
         assert main(words.split()) == 1
         stranger.settimeout(0.1)
@@ -153,7 +153,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
         told["samples"] == {"learnt": 0, "shown": 0}
         and told["headline"] == "No model: No vehicle found yet."
     )
-    monkeypatch.setattr(live, "_run", listen)
+    monkeypatch.setattr(live, "run", listen)
     closed = Event()
     wait = live.wait
     # A slow computer: judging ends too late for a page, once the dashboard is closed.

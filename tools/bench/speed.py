@@ -30,7 +30,7 @@ from pymavlink.dialects.v20 import all as dialect
 from threadpoolctl import threadpool_limits
 
 from mavdem.alignment import drive, signals
-from mavdem.cli.live import Dashboard, _run
+from mavdem.cli.live import Dashboard
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess, stay_in_this_process
 from mavdem.errors import Unreadable
@@ -40,6 +40,7 @@ from mavdem.ingest import read_log
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
+from mavdem.live.running import run
 from mavdem.live.session import LiveSession
 from mavdem.report.page import flight_page
 
@@ -213,7 +214,7 @@ def over_udp(rate: float, folder: Path) -> str:
         used = time.process_time()
         main = time.thread_time()
         began = time.monotonic()
-        _run(session, lambda: not vehicle.is_alive(), None)
+        run(session, lambda: not vehicle.is_alive(), None, 5.0, lambda *_: "")
         spent = time.monotonic() - began
         used = time.process_time() - used
         main = time.thread_time() - main
