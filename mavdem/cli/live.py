@@ -286,6 +286,7 @@ class Ending:
         self._dashboard = dashboard
         self._files = files
         self._learned: Learned | None = None
+        self._page: Future[str] | None = None
         self._has_page = False
         whole = whole_seconds(self.account)
         spent = [f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds]
@@ -305,25 +306,24 @@ class Ending:
         self.code = DONE if _written(self._files.model, text, "model") else UNUSABLE
 
     def judge(self) -> None:
-        """Judges the model, for as long as there is time."""
-        self.last = in_background(partial(self._session.judge, self._learned))
+        """Judges the model, for as long as there is time, and begins the page of what was judged in time."""
+        session = self._session
+        self.last = in_background(partial(session.judge, self._learned))
         wait([self.last], (self._until - monotonic()) / 2)
-        self.status = replace(self.status, findings=self._session.findings)
+        self.status = replace(self.status, findings=session.findings)
         self._dashboard.report(self.status)
         if self.status.findings:
             say_aside(str(self.status.findings.headline or ""))
-
-    def write_page(self) -> None:
-        """Writes the page, where the model was judged in time."""
-        page = None
         if self._files.html is not None and self.last.done():
-            session = self._session
             about = session.link.name, session.stream.axis, session.history
             shown = self.status, self.account, self.last.result()
-            page = self.last = in_background(partial(live_page, *about, *shown))
+            self._page = self.last = in_background(partial(live_page, *about, *shown))
+
+    def write_page(self) -> None:
+        """Writes the page, where it is made in time."""
         wait([self.last], self._until - monotonic())
-        if page is not None and page.done():
-            self._has_page = _written(self._files.html, page.result(), "page")
+        if self._page is not None and self._page.done():
+            self._has_page = _written(self._files.html, self._page.result(), "page")
         elif self._files.html is not None:
             say_aside("The page is lost: this computer is too slow.")
         file = self._dashboard.file
