@@ -16,6 +16,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
+from mavdem.live.rows import STAMP_RESOLUTION_SECONDS
 from mavdem.live.wind import WindRow
 
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
@@ -25,7 +26,6 @@ MAX_ROWS = 20_000
 REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
 # s between two learned samples from which on they belong to different parts of the flight
 SETTLED_GAP = 1.0
-SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
 
 
 def horizons(dt: float) -> tuple[int, ...]:
@@ -227,9 +227,9 @@ class LiveHistory:
         shown = (nan, nan)
         nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
         for seconds, waiting in self._pending.items():
-            while waiting and waiting[0][0] < time + SAME_TIME:
+            while waiting and waiting[0][0] < time + STAMP_RESOLUTION_SECONDS:
                 ahead, predicted, band, last = waiting.popleft()
-                if ahead < time - SAME_TIME:
+                if ahead < time - STAMP_RESOLUTION_SECONDS:
                     continue
                 error = outputs - predicted
                 sums = np.stack([error**2, (outputs - last) ** 2, np.abs(error) <= band])

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
@@ -30,24 +31,19 @@ from mavdem.live.messages import Message
 GROUND_STATION = FrameSender(255, 190)
 # Of HEARTBEATs: when those of 255 end, autopilots may fly home for a lost link
 GREETER = FrameSender(254, 190)
-# MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, and the version in every HEARTBEAT
-GCS = 6
-NO_AUTOPILOT = 8
-VERSION = 3
-# MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL
-GET_INTERVAL = 510
-SET_INTERVAL = 511
+GET_INTERVAL = dialect.MAV_CMD_GET_MESSAGE_INTERVAL
+SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 EVERYONE = 0  # Target id of messages to all, and of those without a target
 # The interval, µs, of a message that is not sent. 0, the default, is never sent: autopilots differ in it
 STOPPED = -1
 SHORTEST_INTERVAL = 1000  # µs: shorter ones, also 0, which means an unknown message, are ignored
-# MAV_RESULT: done, and a reply that the result follows
-ACCEPTED = 0
-IN_PROGRESS = 5
-ATTITUDE = 30
-SERVO_OUTPUT_RAW = 36
-# EXTENDED_SYS_STATE, LOCAL_POSITION_NED, VFR_HUD: what distinguishes flight from landing
-EVIDENCE = (245, 32, 74)
+MOTION = dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+EVIDENCE = (
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    dialect.MAVLINK_MSG_ID_VFR_HUD,
+)
+"""What distinguishes flight from landing."""
 EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
 REPLY_SECONDS = 1.0  # Until a request without a reply is sent again
 MAX_TRIES = 3
@@ -130,7 +126,7 @@ class RateRequest:
         self,
         vehicle: FrameSender,
         rate: float,
-        messages: Sequence[int] = (ATTITUDE, SERVO_OUTPUT_RAW),
+        messages: Sequence[int] = MOTION,
         evidence: Sequence[int] = EVIDENCE,
         parameters: Sequence[str] = (),
     ) -> None:
@@ -215,34 +211,37 @@ class RateRequest:
                 ):
                     interval.before = second
                     interval.last = -np.inf
-        elif first != SET_INTERVAL or second == IN_PROGRESS or not ours:
+        elif first != SET_INTERVAL or second == dialect.MAV_RESULT_IN_PROGRESS or not ours:
             return
         elif self._restoring:
             if self.unconfirmed:  # in the order of the requests
-                self.unconfirmed.popleft().restored = second == ACCEPTED
+                self.unconfirmed.popleft().restored = second == dialect.MAV_RESULT_ACCEPTED
         elif waiting := [
             interval for interval in self._intervals if interval.settings and not interval.done
         ]:
             # It does not contain the message: take the one that was set last.
             latest = max(waiting, key=lambda interval: interval.last)
             latest.done = True
-            latest.refused = second != ACCEPTED
+            latest.refused = second != dialect.MAV_RESULT_ACCEPTED
             latest.unrefused -= latest.refused
             if latest.refused and not latest.least:
                 self.events.append(Fact(RateFact.RATE_REFUSED, subject=latest.name, result=second))
 
     def restart(self) -> None:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
-        for each in self._intervals:
-            vars(each).update(
+        self._intervals = [
+            replace(
+                each,
                 settings=0,
+                last=-np.inf,
                 done=False,
                 refused=False,
-                last=-np.inf,
                 reached=0.0,
                 again=0,
                 came=False,
             )
+            for each in self._intervals
+        ]
         if any(each.unrefused for each in self._intervals):
             self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
 
@@ -302,10 +301,10 @@ class RateRequest:
 def greeting() -> bytes:
     """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
     fields = {
-        "type": GCS,
-        "autopilot": NO_AUTOPILOT,
+        "type": dialect.MAV_TYPE_GCS,
+        "autopilot": dialect.MAV_AUTOPILOT_INVALID,
         "system_status": ACTIVE,
-        "mavlink_version": VERSION,
+        "mavlink_version": dialect.WIRE_PROTOCOL_VERSION_NUMBER,
     }
     return _frame("HEARTBEAT", GREETER, fields)
 

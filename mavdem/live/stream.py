@@ -49,7 +49,6 @@ from mavdem.live.wind import LiveWind
 
 # Events, and replies, kept until they are fetched
 MAX_EVENTS = 256
-MAX_REPLIES = 64
 # Of the boot clock, between two reviews of the phase, and two of the inputs
 REVIEW_SECONDS = 0.1
 CHOICE_SECONDS = 0.5
@@ -88,7 +87,7 @@ class LiveStream:
         self._frames, self._senders = FrameReader(), Senders(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
-        self._replies: deque[Message] = deque(maxlen=MAX_REPLIES)
+        self._replies: deque[Message] = deque(maxlen=MAX_EVENTS)
         # by message and port, which attitude has none of: 0
         self._streams: dict[tuple[str, int], Samples] = {}
         self._choice, self._phase, self._grid, self.alarms = (

@@ -32,7 +32,7 @@ from mavdem.facts.session import Session
 
 # s from row to row, and between samples that are kept, at least
 ROW = 0.1
-SAMPLE = 0.05
+SAMPLE = ROW / 2
 # s: of free flight before a row, without velocity, of weighing sizes of gusts
 START = 8.0
 LOST = 3.0

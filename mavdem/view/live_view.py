@@ -32,10 +32,7 @@ from mavdem.view.sinks import Sink
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
 # that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
 MAX_ROWS = 8192
-MAX_LINES = 1000
-# between two status documents, and two attempts to reach a viewer
-STATUS_SECONDS = 1.0
-RETRY_SECONDS = 1.0
+STATUS_SECONDS = 1.0  # between two status documents, and two attempts to reach a viewer
 FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
 
 
@@ -47,7 +44,7 @@ class SinkThread(threading.Thread):
         self.sink = sink
         self._id = recording_id
         self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
-        self._lines: deque[Event] = deque(maxlen=MAX_LINES)
+        self._lines: deque[Event] = deque(maxlen=MAX_ROWS)
         self._lock = threading.Lock()  # held for an append or a swap only
         self.dropped = 0  # rows
         self.held = False  # whether rows wait until it closes or is let go
@@ -113,7 +110,7 @@ class SinkThread(threading.Thread):
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
             return
-        self._next_try = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
+        self._next_try = wall.monotonic() + STATUS_SECONDS if self.sink.retried else inf
         recording = rr.RecordingStream("mavdem", recording_id=self._id)
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
