@@ -291,6 +291,7 @@ def test_the_demand_is_the_input_where_motors_come_too_slowly_or_it_is_asked_for
     made = replay(frames, inputs=wanted)
     assert made.setups[0].motors == drive.DEMAND_MESSAGE
     assert made.setups[0].layout.names == ("roll demand",)
+    assert Rows.ONLY_DEMAND in made.codes
     settled = [row for row in made.rows if row.settled]
     expected = Flight().hover.roll_command(np.array([row.time for row in settled])) / 100
     np.testing.assert_allclose([row.inputs[0] for row in settled], expected, atol=1e-6)

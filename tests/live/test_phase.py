@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mavdem.alignment.phases import TRANSIENT_SECONDS
+from mavdem.facts.session import Session
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, CUSTOM_MODE, IN_AIR, ON_GROUND, PX4
 from mavdem.live.decisions import Phase
 
@@ -59,6 +60,13 @@ def test_a_mode_that_lands_is_no_settled_flight_where_nothing_better_tells(autop
     assert not one.fly(3.5, autopilot=autopilot) and one.fly(2.5, autopilot=autopilot), (
         "it was called off"
     )
+
+
+def test_what_shows_nothing_is_not_called_the_ground():
+    assert Phase().obstacle.code is Session.FLIGHT_UNKNOWN
+    vehicle = Vehicle()
+    vehicle.fly(3.0, collective=ON_THE_GROUND, landed=ON_GROUND)
+    assert vehicle.phase.obstacle.code is Session.NOT_FLYING
 
 
 def test_the_vertical_speed_is_better_evidence_than_the_mode():

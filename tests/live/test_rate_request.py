@@ -221,6 +221,7 @@ def test_what_is_not_sent_for_a_while_after_a_reboot_is_set_back_by_nobody():
     vehicle.rates = {}
     vehicle.late = 32
     vehicle.request.restart()
+    assert vehicle.request.events[-1].code is RateFact.RATES_ASKED_AGAIN
     vehicle.run(40.0)
     vehicle.late = 0
     vehicle.run(20.0)

@@ -86,7 +86,7 @@ def test_the_one_that_is_named_is_followed():
     for name in ("4", "4:1"):
         made = replay(TWO, vehicle=name)
         assert made.stream.status().vehicle == "4:1"
-        assert made.rows
+        assert made.rows and {VehicleFact.OTHER_VEHICLE, Rows.ROWS_BEGIN} <= {*made.codes}
 
 
 def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_asked_for_more():
@@ -126,6 +126,7 @@ def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=16.0), values))
     assert made.segments().keys() == {0, 1} and made.setups[1].layout.channels == (4, 3, 2, 1)
+    assert Rows.INPUTS_CHANGED in made.codes
     before = made.segments()[0][-1]
     after = made.segments()[1][-1]
     assert before.inputs[0] != before.inputs[1]

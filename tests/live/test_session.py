@@ -174,6 +174,26 @@ def test_every_row_is_shown_however_long_the_analysis_is_blocked(now, monkeypatc
     assert (one.most_behind >= 1.0) == (blocked > 0.0)
 
 
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (TimeoutError(), Session.NOT_LEARNED_IN_TIME),
+        (RuntimeError("the process ended"), Session.PROCESS_FAILED),
+        (NotLearnable(TOO_FEW), TOO_FEW.code),
+    ],
+)
+def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
+    one, _, _ = session_of([])
+    assert one.status.obstacle == Fact(VehicleFact.NO_VEHICLE_YET)
+    with pytest.raises(NotLearnable) as refusal:
+        one.final_model()
+    assert refusal.value.fact.code is Session.NO_LIVE_FLIGHT
+    one.learner = Mock(**{"learn_now.side_effect": error})
+    with pytest.raises(NotLearnable) as refusal:
+        one.final_model()
+    assert refusal.value.fact.code is code
+
+
 @pytest.mark.slow
 def test_rates_are_asked_for_and_given_back(now):
     script = batches(8.0)
