@@ -167,11 +167,9 @@ class InputChoice:
         rows = [*self._extremes.get((name, port), ()), *recent]
         table = np.array([values for _, values in rows])
         sent = (table != 0) & np.isfinite(table)  # 0 is "no output yet"
-        extremes = (
-            np.where(sent, table, inf).argmin(axis=0),
-            np.where(sent, table, -inf).argmax(axis=0),
-        )
-        self._extremes[name, port] = [rows[row] for row in np.unique(extremes)]
+        lowest = np.where(sent, table, inf).argmin(axis=0)
+        highest = np.where(sent, table, -inf).argmax(axis=0)
+        self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
         columns = {
             "time": np.array([time for time, _ in rows]),
             "boot": np.zeros(len(rows), dtype=np.int64),

@@ -84,18 +84,17 @@ class LiveStream:
         self.axis = axis
         self._wanted = inputs
         self._can_ask = not asked
-        self._frames, self._senders = FrameReader(), Senders(vehicle, self._report)
+        self._frames = FrameReader()
+        self._senders = Senders(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_EVENTS)
         # by message and port, which attitude has none of: 0
         self._streams: dict[tuple[str, int], Samples] = {}
-        self._choice, self._phase, self._grid, self.alarms = (
-            InputChoice(),
-            Phase(),
-            Grid(),
-            MotorAlarms(),
-        )
+        self._choice = InputChoice()
+        self._phase = Phase()
+        self._grid = Grid()
+        self.alarms = MotorAlarms()
         self.air = LiveWind()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
@@ -340,9 +339,10 @@ class LiveStream:
         running = self._grid.running
         self._phase.parameters = parameters = self.parameters
         self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
-        ids = sender.system, sender.component, sender.kind, sender.autopilot
         staying = before.message if running and before else None
-        vehicle = Telemetry(*ids, {}, parameters)
+        vehicle = Telemetry(
+            sender.system, sender.component, sender.kind, sender.autopilot, {}, parameters
+        )
         rates = self._rates(self._clock.now)
         inputs = self._choice.choose(
             self._streams, vehicle, self.axis, self._wanted, staying, rates
@@ -408,7 +408,9 @@ class LiveStream:
         self._streams.clear()
         self._choice.restart()
         self.air.restart()
-        self._attitude, self._inputs, self._phase = None, None, Phase()
+        self._attitude = None
+        self._inputs = None
+        self._phase = Phase()
         self.alarms.standing = ()
         self.alarms.weak_since = nan
         self._grid.restart()

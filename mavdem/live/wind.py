@@ -101,9 +101,9 @@ class LiveWind:
         self.flags = VELOCITY_FLAGS[0]
         self._said = False
         self._last: tuple[float, Sequence[float], Sequence[float]] = -inf, (), ()
-        self._attitudes, self._velocities = (
-            deque[Sequence[float]](maxlen=round(2 * START / SAMPLE)) for _ in "av"
-        )
+        kept = round(2 * START / SAMPLE)
+        self._attitudes = deque[Sequence[float]](maxlen=kept)
+        self._velocities = deque[Sequence[float]](maxlen=kept)
         self._filters: list[Filter] = []
         self._tick = 0
         self._step = STEP
@@ -158,7 +158,9 @@ class LiveWind:
             [one for one in self._velocities if since - LONGEST_STEP <= one[0]]
         ).reshape(-1, 4)
         after = np.searchsorted(known[:, 0], rows[:, 0])
-        rows, after = rows[inside := (after > 0) & (after < len(known))], after[inside]
+        inside = (after > 0) & (after < len(known))
+        rows = rows[inside]
+        after = after[inside]
         rows = rows[known[after, 0] - known[after - 1, 0] <= LONGEST_STEP]
         moved = [np.interp(rows[:, 0], known[:, 0], part) for part in known.T[1:]]
         return rows[:, 0], rows[:, 1:], np.column_stack(moved)

@@ -149,7 +149,8 @@ class Plot:
         margin = 0.05 * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
         # The legend stands beside the lines.
         end = first + 1.16 * (last - first)
-        start, stop = (rr.TimeRangeBoundary.absolute(seconds=second) for second in (first, end))
+        start = rr.TimeRangeBoundary.absolute(seconds=first)
+        stop = rr.TimeRangeBoundary.absolute(seconds=end)
         x = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=stop))
         y = rrb.ScalarAxis(range=(low - margin, high + margin))
         legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=len(self.lines) > 1)
@@ -167,15 +168,17 @@ def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
 
 def faint(colour: str, opacity: float) -> str:
     """Returns the colour of the palette that one with this opacity has on the viewer's dark ground."""
-    over, under = (np.array(palette.channels(one)) for one in (colour, palette.PAPER_DARK))
+    over = np.array(palette.channels(colour))
+    under = np.array(palette.channels(palette.PAPER_DARK))
     return "#" + bytes(np.round(opacity * over + (1 - opacity) * under).astype(np.uint8)).hex()
 
 
 def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
     """Returns a layout of one container with all panels beside it collapsed; ``options`` are of the time panel."""
     time = rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)
-    beside = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
-    return rrb.Blueprint(view, time, *beside, auto_views=False, auto_layout=False)
+    left = rrb.BlueprintPanel(state="collapsed")
+    right = rrb.SelectionPanel(state="collapsed")
+    return rrb.Blueprint(view, time, left, right, auto_views=False, auto_layout=False)
 
 
 Target = str | os.PathLike[str] | rr.RecordingStream
@@ -309,10 +312,10 @@ def _plots(pose: Pose) -> list[Plot]:
     """What was flown, and the errors of what the autopilot knew of it; ranges are those in the air."""
     rows = pose.at(np.inf)
     carried = pose.time[pose.carries()]
-    roll, known = (
-        np.degrees(euler_angles(attitude)[0]) for attitude in (pose.attitude, pose.known_attitude)
-    )
-    rate, known_rate = (np.degrees(rates[:, 0]) for rates in (pose.rates, pose.known_rates))
+    roll = np.degrees(euler_angles(pose.attitude)[0])
+    known = np.degrees(euler_angles(pose.known_attitude)[0])
+    rate = np.degrees(pose.rates[:, 0])
+    known_rate = np.degrees(pose.known_rates[:, 0])
     motors = pose.outputs - pose.outputs.mean(axis=1, keepdims=True)
     errors = {"roll rate": known_rate - rate, "roll": known - roll}
     tables = (
@@ -357,7 +360,8 @@ def _scene(pose: Pose) -> rrb.View:
     wind = 100 * WIND_SCALE * pose.arm
     arrows = f"Thrust arrows: {thrust:.2g} cm at hover. Wind arrow: {wind:.2g} cm for 1 m/s"
     # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
-    eye, target = (pose.arm * np.array(place) for place in ((-5.2, 2.2, -3.5), (0.0, 0.9, -0.2)))
+    eye = pose.arm * np.array((-5.2, 2.2, -3.5))
+    target = pose.arm * np.array((0.0, 0.9, -0.2))
     controls = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1)
     )
@@ -379,7 +383,8 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) 
     attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
     recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
     hubs = np.column_stack([pose.rotors, np.full(count, -0.12 * arm)])
-    discs = ([0.02 * arm] * count, [0.48 * arm] * count)
+    heights = [0.02 * arm] * count
+    radii = [0.48 * arm] * count
     parts = {
         "body": rr.Boxes3D(
             half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY, fill_mode="solid"
@@ -390,7 +395,7 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) 
         "nose": rr.Arrows3D(
             vectors=[[0.75 * arm, 0, 0]], origins=[[0.3 * arm, 0, 0]], radii=0.04 * arm, colors=NOSE
         ),
-        "rotors": rr.Cylinders3D(lengths=discs[0], radii=discs[1], centers=hubs, fill_mode="solid"),
+        "rotors": rr.Cylinders3D(lengths=heights, radii=radii, centers=hubs, fill_mode="solid"),
         "thrust": rr.Arrows3D.from_fields(
             origins=hubs, radii=[0.025 * arm], labels=pose.motors, show_labels=True
         ),

@@ -298,9 +298,8 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     def plot(name: str, origin: str, seconds: float = FLIGHT_SECONDS) -> rrb.TimeSeriesView:
         """A plot of the last seconds before the time cursor; only these are queried."""
         right = 0.22 if seconds == FLIGHT_SECONDS else 0.35  # left free for the legend
-        start, end = (
-            rr.TimeRangeBoundary.cursor_relative(seconds=at * seconds) for at in (-1, right)
-        )
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
+        end = rr.TimeRangeBoundary.cursor_relative(seconds=right * seconds)
         axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
         shown = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)
         legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
@@ -372,8 +371,8 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
             f"{seconds:.2g} s ahead (90 %){useful}",
         )
     if now is not None and isfinite(now.wind_torque):
-        sizes = unit.scale * now.wind_torque, unit.scale * now.wind_torque_band
-        torque = f"{plus_minus(*sizes)} {unit.name}", "now, steady part included (90 %)"
+        size = plus_minus(unit.scale * now.wind_torque, unit.scale * now.wind_torque_band)
+        torque = f"{size} {unit.name}", "now, steady part included (90 %)"
     elif now is not None and now.physical is not None:
         torque = "not identifiable", ""
     if now is not None and now.physical is not None:

@@ -109,8 +109,9 @@ class FlightSeries:
         unit = readable(self.labels.output_units[i])
         measured = unit.scale * self._outputs[:, i]
         time = with_gaps(self.windows, last=True)
-        windows = self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band
-        in_windows, forecast, half = (unit.scale * with_gaps(values[:, :, i]) for values in windows)
+        in_windows = unit.scale * with_gaps(self.held_out.measured[:, :, i])
+        forecast = unit.scale * with_gaps(self.held_out.forecasts[FORECAST][:, :, i])
+        half = unit.scale * with_gaps(self.held_out.band[:, :, i])
         low, high = range_of(measured)
         span = high - low
         forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
@@ -163,7 +164,8 @@ class FlightSeries:
         unit = TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
-        torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
+        torque = self._with_gaps(unit.scale * wind.torque)
+        band = self._with_gaps(unit.scale * wind.band)
         time = self.clock
         clock = np.concatenate(self.times)
         colour = palette.DISTURBANCE
