@@ -386,13 +386,13 @@ def _written(path: Path | None, text: str, what: str) -> bool:
 
 def _say_status(session: LiveSession, before: str) -> str:
     """Says the status where it is another one than ``before``; returns it."""
-    line = status_line(session.status, session.stream.axis)
+    line = _status_line(session.status, session.stream.axis)
     if line not in ("", before):
         say_aside(line)
     return line
 
 
-def status_line(status: SessionStatus, axis: str) -> str:
+def _status_line(status: SessionStatus, axis: str) -> str:
     """Returns the status in a line; empty before there is a vehicle: the session has reported that."""
     if status.vehicle is None:
         return ""

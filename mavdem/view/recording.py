@@ -109,9 +109,8 @@ class FlightSeries:
         unit = readable(self.labels.output_units[i])
         measured = unit.scale * self._outputs[:, i]
         time = with_gaps(self.windows, last=True)
-        in_windows = unit.scale * with_gaps(self.held_out.measured[:, :, i])
-        forecast = unit.scale * with_gaps(self.held_out.forecasts[FORECAST][:, :, i])
-        half = unit.scale * with_gaps(self.held_out.band[:, :, i])
+        windows = self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band
+        in_windows, forecast, half = (unit.scale * with_gaps(values[:, :, i]) for values in windows)
         low, high = range_of(measured)
         span = high - low
         forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
@@ -164,8 +163,7 @@ class FlightSeries:
         unit = TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
-        torque = self._with_gaps(unit.scale * wind.torque)
-        band = self._with_gaps(unit.scale * wind.band)
+        torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
         time = self.clock
         clock = np.concatenate(self.times)
         colour = palette.DISTURBANCE

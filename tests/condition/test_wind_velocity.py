@@ -15,8 +15,8 @@ from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, wind_of
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow.model import Drag, Filtered, motion
 from mavdem.errors import NotLearnable
+from mavdem.facts import session
 from mavdem.facts.identifiability import Status
-from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.ingest import read_log
 from mavdem.live.stream import LiveStream
@@ -249,9 +249,9 @@ def test_live_rows_are_of_free_flight_only(scale, why):
         fact = live.velocity("LOCAL_POSITION_NED", at, (down, north, east, *xy))
         reported |= {fact.code} if fact else set()
     assert why in str(live.obstacle or "") and (live.row is None) == bool(why)
-    assert why or Session.WIND_KNOWN in reported
+    assert why or session.Session.WIND_KNOWN in reported
     codes = [fact.code for fact in live.row.facts] if live.row else []
-    assert why or codes == [Session.WIND_SPEED, Session.WIND_FROM]
+    assert why or codes == [session.Session.WIND_SPEED, session.Session.WIND_FROM]
     assert why or np.all(
         np.abs(live.row.velocity - air[time > live.row.time][0]) < 2 * live.row.band
     )

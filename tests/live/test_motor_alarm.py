@@ -12,7 +12,7 @@ from mavlink_streams import SHARED, message
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
-from mavdem.cli.live import status_line
+from mavdem.cli.live import _status_line
 from mavdem.facts.session import Session, Spent
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
@@ -70,10 +70,10 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     assert [alarm[:4]] == [one[:4] for one in offline]
     np.testing.assert_allclose([alarm[4:6]], [one[4:6] for one in offline], atol=0.01)
     status = stream.status()
-    assert status.alarm and status_line(status, "roll").endswith(str(status.alarm[0]))
+    assert status.alarm and _status_line(status, "roll").endswith(str(status.alarm[0]))
     blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
-    assert not SessionStatus().alarm and "motor 3" not in status_line(
+    assert not SessionStatus().alarm and "motor 3" not in _status_line(
         SessionStatus(vehicle="1:1"), "roll"
     )
 
