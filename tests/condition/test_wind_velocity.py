@@ -15,7 +15,6 @@ from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, wind_of
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow.model import Drag, Filtered, motion
 from mavdem.errors import NotLearnable
-from mavdem.facts import session
 from mavdem.facts.identifiability import Status
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.ingest import read_log
@@ -238,7 +237,6 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
-    reported = set()
     live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
     # it is reset once
     place = np.cumsum(scale * velocity[:, :2], axis=0) / 10 + 30.0 * (time > 60)[:, None]
@@ -246,12 +244,8 @@ def test_live_rows_are_of_free_flight_only(scale, why):
         time, attitude, scale * velocity, place, strict=True
     ):
         live.attitude(at, angles)
-        fact = live.velocity("LOCAL_POSITION_NED", at, (down, north, east, *xy))
-        reported |= {fact.code} if fact else set()
+        live.velocity("LOCAL_POSITION_NED", at, (down, north, east, *xy))
     assert why in str(live.obstacle or "") and (live.row is None) == bool(why)
-    assert why or session.Session.WIND_KNOWN in reported
-    codes = [fact.code for fact in live.row.facts] if live.row else []
-    assert why or codes == [session.Session.WIND_SPEED, session.Session.WIND_FROM]
     assert why or np.all(
         np.abs(live.row.velocity - air[time > live.row.time][0]) < 2 * live.row.band
     )

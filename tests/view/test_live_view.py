@@ -28,6 +28,7 @@ import mavdem
 from mavdem.dem import Estimate, LinearModel
 from mavdem.facts import Level
 from mavdem.facts.prose import prose
+from mavdem.facts.session import Session
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.wind import WindRow
@@ -465,6 +466,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     ):
         assert words in shown
     assert "5.7 ± 0.6 °/s² per µs\nrate damping not identifiable" in shown
+    assert [fact.code for fact in WIND.facts] == [Session.WIND_SPEED, Session.WIND_FROM]
     assert "Wind\n### 5.0 m/s (4.5 to 5.5) ↖\nfrom SE (127°) ↖, ± 7° (90 %), 0.8 s ago" in shown
 
 
