@@ -167,20 +167,25 @@ class LogAnalysis:
         }
 
 
-def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
-    """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
-    first = flights[0]
+def one_step_errors(learned: Learned) -> dict[str, Any]:
+    """Returns the mean squared errors one step ahead in the training data, as :func:`model_figures` has them."""
     measured = learned.record.outputs
-    fit = learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
     one_step = {
         MethodName.JOINT: learned.one_step()[after_first],
         HOLD_LAST: measured[after_first - 1],
         CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
     }
-    one_step_errors = {
+    errors = {
         name: mspe(measured[after_first], values).per_output for name, values in one_step.items()
     }
+    return _ranked(errors, measured.var(axis=0))
+
+
+def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
+    """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
+    first = flights[0]
+    fit = learned.simulation_fit
     names: dict[StrEnum, HeldOutForecast] = {
         MethodName.JOINT: FORECAST,
         **dict(zip(BASELINES, BASELINES, strict=True)),
@@ -201,7 +206,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "inputs": list(first.input_names),
         "outputs": list(first.output_names),
         "dt": first.dt,
-        "training_samples": len(measured),
+        "training_samples": len(learned.record.outputs),
         "forecast_samples": held_out.time.shape[1],
         "order": learned.settings.order,
         "converged": learned.converged,
@@ -217,7 +222,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
             "terms": {name: float(term[-1]) for name, term in energy.terms.items()},
         },
         "held_out": held_out.as_dict(),
-        "one_step_mspe": _ranked(one_step_errors, measured.var(axis=0)),
+        "one_step_mspe": one_step_errors(learned),
         "forecast_mspe": ranked,
         "forecast_over_constant_mean": ranked[MethodName.JOINT]["relative"],
         "expected_error": float((held_out.expected / held_out.variance).mean()),

@@ -16,7 +16,7 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
 from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
-from mavdem.report.flights import difference_blocks
+from mavdem.report.difference import difference_blocks
 
 
 @click.command("diff")

@@ -49,9 +49,9 @@ from mavdem.export.conversion import write_channels
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import wind_blocks
-from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, detail_blocks, title, vehicle_blocks
+from mavdem.report.truth import truth_blocks
 
 if TYPE_CHECKING:
     from mavdem.view import Target
@@ -191,7 +191,7 @@ def learn_command(
             else []
         )
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
-        details = detail_blocks(learned, report)
+        details = detail_blocks(learned, analysis.findings)
     explained = _torque_blocks(analysis, air, report)
     blocks[-1:-1] = [*wind_blocks(air), *explained]  # what to do next stays last
     if not as_json:

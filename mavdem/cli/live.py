@@ -39,7 +39,7 @@ from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import in_background, run
 from mavdem.live.session import LiveSession
-from mavdem.report.flights import spent_on, whole_seconds
+from mavdem.report.live import spent_on, whole_seconds
 from mavdem.report.page import live_page
 from mavdem.report.words import advised, go_on
 

@@ -31,8 +31,9 @@ from mavdem.fleet.tracking import Progress as LogProgress
 from mavdem.fleet.tracking import track
 from mavdem.fleet.workers import Limits, Reader, WorkerPool
 from mavdem.report.blocks import Sentence
+from mavdem.report.difference import baseline_blocks
+from mavdem.report.fleet import fleet_blocks
 from mavdem.report.fleet_page import fleet_page
-from mavdem.report.flights import baseline_blocks, fleet_blocks
 from mavdem.report.words import advised
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte

@@ -24,17 +24,18 @@ from mavdem.condition.wind_of_log import air_of
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable, require
-from mavdem.evaluate.held_out import FORECAST, HeldOut
+from mavdem.evaluate.held_out import HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import GOOD, Progress, no_progress
-from mavdem.ingest.mcap.records import MAX_STAMP, Series, write_mcap, write_series
+from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap, write_series
 from mavdem.ingest.telemetry import rows_by
 from mavdem.ingest.tlog import write_tlog
-from mavdem.report.labels import AxisCommand, Labels, state_names, states_are_outputs
+from mavdem.report.labels import Labels, state_names, states_are_outputs
 from mavdem.report.numbers import short
+from mavdem.report.series import series_of
 
 if TYPE_CHECKING:
     import control
@@ -387,67 +388,19 @@ def write_channels(
     ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
     other flights.
     """
-    first = flights[0]
-    time = np.concatenate([flight.time for flight in flights])
-    if time[0] < 0:
+    if flights[0].time[0] < 0:
         raise ValueError("time must not be negative: MCAP counts from 0")
     series = {
-        "flight/outputs": _series(
-            time, first.output_names, np.vstack([flight.outputs for flight in flights])
-        ),
-        "flight/inputs": _series(
-            time, first.input_names, np.vstack([flight.inputs for flight in flights])
-        ),
+        name: (one.time, dict(zip(_keys(one.names), one.values.T, strict=True)))
+        for name, one in series_of(flights, learned, held_out, wind).items()
     }
-    if learned is not None:
-        series |= _learned(first, time, learned)
-    if held_out is not None:
-        inside = held_out.time.ravel()
-        measured = held_out.measured
-        forecast = held_out.forecasts[FORECAST]
-        windows = {
-            "measured": measured,
-            "forecast": forecast,
-            "residual": measured - forecast,
-            "band": held_out.band,
-        }
-        for name, values in windows.items():
-            series[f"held_out/{name}"] = _series(
-                inside, first.output_names, values.reshape(len(inside), -1)
-            )
-    if wind is not None:
-        for name, values in (("velocity", wind.velocity), ("band", wind.band)):
-            series[f"wind/{name}"] = _series(wind.time, ("north", "east"), values)
     with atomic_write(path) as file:
         write_series(file, series)
 
 
-def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]:
-    if len(learned.record) != len(time):
-        raise ValueError(
-            f"the model was learned from {len(learned.record)} samples, not these {len(time)}"
-        )
-    (places, noise) = learned.process_noise()
-    command = AxisCommand.of(learned)
-    series = {
-        "learned/one_step": _series(time, flight.output_names, learned.one_step()),
-        "learned/process_noise": _series(
-            time[places], state_names(flight.output_names, learned), noise
-        ),
-        "learned/free_energy": (time[places], {"free_energy": learned.free_energy_of_samples}),
-        "learned/command": _series(
-            time, [command.name], command.series(learned.record.inputs)[:, None]
-        ),
-    }
-    if learned.wind_torque is not None:
-        torque = np.stack([learned.wind_torque.torque, learned.wind_torque.band], axis=1)
-        series["learned/wind_torque"] = _series(time, ("torque", "band"), torque)
-    return series
-
-
-def _series(time: Array, names: Sequence[str], values: Array) -> Series:
-    """By the names as a viewer's paths can have them: "motor_1" for "motor 1 (front right)"; apart in any case."""
+def _keys(names: Sequence[str]) -> list[str]:
+    """The names as a viewer's paths can have them: "motor_1" for "motor 1 (front right)"; apart in any case."""
     keys = [re.sub(r"\W+", "_", short(name)).strip("_") for name in names]
     if len(set(keys)) < len(keys):
         keys = [f"{key}_{i + 1}" for i, key in enumerate(keys)]
-    return time, dict(zip(keys, values.T, strict=True))
+    return keys

@@ -16,8 +16,8 @@ from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
 from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Sentence, Table, caution
-from mavdem.report.numbers import listed, named, readable
-from mavdem.report.words import advised, bare
+from mavdem.report.numbers import named, readable
+from mavdem.report.words import section
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 Summary = dict[str, Any]
@@ -45,49 +45,38 @@ def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[B
             for flight in comparison.flights
             for block in _flight(comparison, flight, questions)
         ),
-        _legend(comparison.methods[0], from_zero, several, UNKNOWN in questions),
+        *section(
+            "comparison_legend",
+            reference=comparison.methods[0],
+            from_zero=from_zero,
+            several=several,
+            predicted=UNKNOWN in questions,
+            significance=SIGNIFICANCE,
+        ),
     ]
 
 
 def _verdict(comparison: Comparison, question: Question) -> str:
     """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
-    silent = [
-        row["method"]
-        for row in comparison.over_flights(question)
-        if row["failed"] == row["windows"]
-    ]
-    tests = {
-        method: test
-        for method, test in comparison.verdicts(question).items()
-        if method not in silent
+    rows = comparison.over_flights(question)
+    silent = [row["method"] for row in rows if row["failed"] == row["windows"]]
+    tests = comparison.verdicts(question)
+    tests = {method: test for method, test in tests.items() if method not in silent}
+    by_result = {
+        result: {name: test for name, test in tests.items() if test.verdict is result}
+        for result in (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
     }
-    without = f" No forecast was made by {listed(silent)}." if silent else ""
-    if not tests:
-        return without.strip()
-    flights = len(comparison.flights)
-    pairs = min(test.tested for test in tests.values())
-    error = f"{comparison.methods_of(question)[0]}'s error{f' on {flights} flights' if flights > 1 else ''}"
-    if pairs < FEWEST_PAIRS:
-        few = f"only {'1 window does' if pairs == 1 else f'{pairs} windows do'} not overlap"
-        return f"{error} is not distinguishable from another method's: {few}, and it takes {FEWEST_PAIRS}.{without}"
-    parts = []
-    for result, than in (
-        (TestResult.HIGHER, "than"),
-        (TestResult.NOT_DISTINGUISHABLE, "from"),
-        (TestResult.LOWER, "than"),
-    ):
-        if names := [name for name, test in tests.items() if test.verdict == result]:
-            which = (
-                f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
-            )
-            if result is TestResult.HIGHER:
-                found = [(name, tests[name]) for name in names]
-                which = listed(
-                    f"{name} ({_ratio(test.ratio)} times, p = {test.p_value:.2g})"
-                    for name, test in found
-                )
-            parts.append(f"{result} {than} that of {which}")
-    return f"{error} over the whole test part is {'; '.join(parts)}.{without}"
+    (said,) = section(
+        "comparison_verdict",
+        reference=comparison.methods_of(question)[0],
+        flights=len(comparison.flights),
+        pairs=min((test.tested for test in tests.values()), default=0),
+        fewest=FEWEST_PAIRS,
+        tests=tests,
+        results={result: known for result, known in by_result.items() if known},
+        silent=silent,
+    )
+    return said.lead
 
 
 def _failed_bands(comparison: Comparison, question: Question) -> list[Block]:
@@ -210,11 +199,9 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[Question]) 
     train = windows[0].train
     test = windows[0].test
     summaries = comparison.summaries(flight, questions[0])
-    text = (
-        f"{len(windows)} window{'s' if len(windows) > 1 else ''} of {len(train)} training and {len(test)} test "
-        f"samples, at {1 / train.dt:.0f} Hz. The paired test uses the "
-        f"{summaries[0]['horizons'][-1]['reference'].tested} that do not overlap."
-    )
+    reference = summaries[0]["horizons"][-1]["reference"]
+    known = {"flight": flight, "windows": len(windows), "train": train, "test": test}
+    heading = section("comparison_flight", **known, tested=reference.tested)
     units = [readable(unit) for unit in train.output_units]
     columns = [named(name, unit.name) for name, unit in zip(train.output_names, units, strict=True)]
     head = f"RMSE, {len(test)} step{'s' if len(test) > 1 else ''} ahead"
@@ -232,7 +219,7 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[Question]) 
         for row in summaries
     ]
     header = [head, *columns, "error ratio", "worst", *_count_columns(comparison)]
-    blocks: list[Block] = [Sentence(text, f"{flight}:"), Table(header, errors)]
+    blocks: list[Block] = [*heading, Table(header, errors)]
     for question in (question for question in questions if question in WORDS):
         rows = comparison.summaries(flight, question)
         steps = [str(at["steps"]) for at in rows[0]["horizons"]]
@@ -244,43 +231,8 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[Question]) 
         )
         blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
     for row in summaries:
-        counts = (
-            (
-                "failed",
-                "made no forecast",
-                f": {bare(advised(row['failure'])) if row['failure'] else ''}",
-            ),
-            ("diverged", "diverged to infinity or NaN", ""),
-        )
-        parts = [
-            f"{what} in {row[key]} of {row['windows']} windows{why}"
-            for key, what, why in counts
-            if row[key]
-        ]
-        blocks += [Sentence(f"{row['method']} {'; and '.join(parts)}.")] if parts else []
+        blocks += section("comparison_failures", **row)
     return blocks
-
-
-def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> Sentence:
-    start = (
-        "state 0, as in the paper's figures" if from_zero else "the state at the end of training"
-    )
-    overall = (
-        " Over flights: the geometric mean of these medians; each flight is one pair."
-        if several
-        else ""
-    )
-    unknown = " Inputs unknown: only what came before each prediction is used." if predicted else ""
-    return Sentence(
-        f"Forecasts start from {start}. Error ratio: mean squared error over the baseline's (the constant mean of the "
-        "training data), with each output in units of its training variance; below 1 is better than the baseline. "
-        "The tables have the median over windows, the worst window and the number of windows above 1. “unstable” "
-        "counts models with a growing mode. At k steps, the test part is forecast in pieces of k steps, each from the "
-        f"data before it. {reference} / method: the median over windows of the ratio of their errors. p: Wilcoxon's "
-        f"signed-rank test on these ratios, two-sided, for each method by itself; from {SIGNIFICANCE:g} on, the two "
-        f"errors are not distinguishable (≈).{overall}{unknown} In its 90 % "
-        "band: the share of the first k samples after training, mean over windows."
-    )
 
 
 STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
@@ -288,23 +240,14 @@ STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
 
 def order_advice(choice: OrderChoice, known_inputs: bool = True) -> str:
     """Returns what to do with the order of a ``choice``, one sentence; ``known_inputs`` as for ``choose_order``."""
-    order = choice.chosen
-    same = "forecasts, physical parameters and wind torque do not depend on it."
-    if not choice.saturated and order < LARGEST_ORDER:
-        more = (
-            "Fly longer, with more motion"
-            if choice.remarks
-            else f"Try more states with --max-order {LARGEST_ORDER}"
-        )
-        return f"{more}: F̄ still increases at the highest order."
-    if not known_inputs:
-        return (
-            "Keep the standard order of `mavdem learn`: it knows the motors, and this order "
-            "is of a model without them."
-        )
-    if order > STANDARD_ORDER:
-        return f"Use `mavdem learn --order {order}` where A, B and C must have these states; {same}"
-    return f"Keep the standard order of `mavdem learn`, {STANDARD_ORDER} (angle, rate, and the motors' lag); {same}"
+    (said,) = section(
+        "order_advice",
+        choice=choice,
+        known_inputs=known_inputs,
+        largest=LARGEST_ORDER,
+        standard=STANDARD_ORDER,
+    )
+    return said.text
 
 
 def order_report(

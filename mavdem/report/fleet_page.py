@@ -24,15 +24,14 @@ from mavdem.fleet.row import (
     vehicles_of,
     worst_health,
 )
-from mavdem.report import flights as words
+from mavdem.report import fleet as words
 from mavdem.report.blocks import Block, Rated, Table
-from mavdem.report.flights import TROUBLE, cut, doubt, urgency, vehicle_health
-from mavdem.report.numbers import TORQUE, plus_minus, rounded
+from mavdem.report.fleet import TROUBLE, cut, doubt, urgency, vehicle_health
+from mavdem.report.numbers import MOST_NAMED, TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
 
 # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 MAX_DRAWN = 20
-MAX_OPEN = 4  # vehicles in trouble whose figures are open
 # lines of the table until more are asked for: a browser lays out so many while one types
 FIRST_SHOWN = 50
 MAX_NOTE = 320  # letters of what is said of a flight: its page has all
@@ -64,7 +63,7 @@ def fleet_page(
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
             "figure": _svg(flights, name) if name in drawn else "",
-            "is_open": place < MAX_OPEN and (health in TROUBLE or bool(doubt(flights))),
+            "is_open": place < MOST_NAMED and (health in TROUBLE or bool(doubt(flights))),
         }
         for place, (name, flights) in enumerate((name, vehicles[name]) for name in ranked)
     ]

@@ -9,7 +9,7 @@ from mavdem.condition.loop.margins import OpenLoop
 from mavdem.facts import Fact
 from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.numbers import rounded
-from mavdem.report.words import go_on
+from mavdem.report.words import section
 
 FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "crossover": ("crossover (Hz)", 1.0),
@@ -22,10 +22,6 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 }
 # of the log's rate: the crossover up to which delay and time constant are known well enough
 FASTEST = 0.15
-NOT_CHECKED = (
-    "bending of the frame, notch filters against it, and another battery voltage, load or propeller: the margins are "
-    "those of this flight."
-)
 
 
 def tune_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
@@ -43,29 +39,12 @@ def tune_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
             *margin_tables({"now": loop, **after}),
         ]
         if loop.crossover * loop.record.dt > FASTEST:
-            slow = f"A crossover at {loop.crossover:.0f} Hz is fast for a log at {1 / loop.record.dt:.0f} Hz"
-            blocks.append(caution(f"{slow}: record faster, for delay and time constant."))
-        blocks += [_measured(loop), *map(caution, loop.cautions)]
+            (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
+            blocks.append(caution(slow.text))
+        blocks += [*section("loop_measured", loop=loop), *map(caution, loop.cautions)]
         blocks += _gains(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
-    return [*blocks, *([Sentence(NOT_CHECKED, "Not checked:")] if named else [])]
-
-
-def _measured(loop: Loop) -> Sentence:
-    """How the response of the rate in flight fits the predicted one."""
-    found = loop.measured
-    lead = "Measured response:"
-    if found is None:
-        ask = "record ATTITUDE_TARGET, RATE or vehicle_rates_setpoint for 20 s of settled flight"
-        return Sentence(f"too few setpoints of the rate to check the margins against: {ask}.", lead)
-    if loop.agrees is None:
-        return Sentence(f"{go_on(found.reason)}. The margins are not checked against it.", lead)
-    low, high = found.band
-    text = f"the flight's response of the rate to its setpoint fits the predicted one by {found.agreement:.0f} % from "
-    text += (
-        f"{low:g} to {high:.1f} Hz (100 % − NRMSE; {found.fit:.0f} % with the wind's part in it)."
-    )
-    return Sentence(text, lead)
+    return [*blocks, *section("loop_not_checked", named=named)]
 
 
 def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
@@ -92,19 +71,5 @@ def _gains(advice: Advice) -> list[Block]:
         [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{gain.set / gain.now:.2f}"]
         for name, gain in advice.gains.items()
     ]
-    before, after = (rounded(loop.lean_in_wind) for loop in (advice.before, advice.after))
-    does = "the heading moves" if advice.before.axis == "yaw" else "it leans"
-    expected = f"in the wind of this flight {does} by {after}° instead of {before}° "
-    expected += "(standard deviation about the mean)."
-    noise = "the log is too slow to show what the gyro's noise does to the motors: feel how warm they become."
-    if advice.noise is not None:
-        lowest, highest, now, then, by_d, heat = advice.noise
-        noise = f"from {lowest:.0f} to {highest:.0f} Hz, the highest that the log shows, the gyro moves the demand by "
-        noise += f"{100 * now:.2g} % of its range (D alone by {100 * by_d:.2g} %), "
-        noise += f"with these gains by {100 * then:.2g} %. "
-        noise += f"That heats the motors {heat:.2g} times as much: feel how warm they become."
-    return [
-        Table(["gain", "now", "set", "times"], rows),
-        Sentence(expected, "To expect:"),
-        Sentence(noise, "Noise:"),
-    ]
+    table = Table(["gain", "now", "set", "times"], rows)
+    return [table, *section("loop_gains", advice=advice)]

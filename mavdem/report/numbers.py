@@ -60,6 +60,11 @@ def few(names: Sequence[str]) -> str:
     return listed([*names[:MOST_NAMED], f"{more} more"] if more > 0 else names)
 
 
+def counted(number: int, noun: str) -> str:
+    """Returns "1 flight" or "2 flights"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def plus_minus(value: float, half: float) -> str:
     """Returns an estimate and the ``half`` width of its interval, with the digits that it bears; a dash without one.
 

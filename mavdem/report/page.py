@@ -36,9 +36,9 @@ from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
-from mavdem.report.flights import live_report, truth_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, live_figures
 from mavdem.report.labels import Labels
+from mavdem.report.live import live_report
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
@@ -46,6 +46,7 @@ from mavdem.report.screen import (
     conclusion,
     detail_blocks,
     graded,
+    has_trims,
     motor_blocks,
     prediction_blocks,
     residual_blocks,
@@ -55,6 +56,7 @@ from mavdem.report.screen import (
     vehicle_blocks,
 )
 from mavdem.report.timeline import Timeline, live_timeline, timeline_of
+from mavdem.report.truth import truth_blocks
 from mavdem.report.words import advised, section
 
 if TYPE_CHECKING:
@@ -226,10 +228,11 @@ def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     blocks = list[Block]()
     pictures = list[Picture]()
     if learned is not None:
-        blocks += motor_blocks(Labels.of(learned), learned.physical, vehicle.hover)
+        labels = Labels.of(learned)
+        blocks += motor_blocks(labels, learned.physical, vehicle.hover)
         pictures = model_pictures(learned, analysis.findings, ["motors"] if whole else [], analysis)
-    if any(isinstance(one, Table) and "headroom (%)" in one.header for one in blocks):
-        vehicle = vehicle._replace(hover=None)
+        if has_trims(labels, vehicle.hover):
+            vehicle = vehicle._replace(hover=None)
     blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
     if learned is None or analysis.tier.name != "a":
         blocks += [
@@ -291,7 +294,7 @@ def _model(
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
     """How a model was learned, folded."""
-    blocks = detail_blocks(learned, analysis.as_dict())
+    blocks = detail_blocks(learned, analysis.findings)
     methods = ["learning"] if whole else []
     settings = (
         [[name, str(value)] for name, value in asdict(learned.settings).items()] if whole else []

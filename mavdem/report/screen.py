@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import isfinite, pi, sqrt
+from math import isfinite, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
+from mavdem.analysis.figures import one_step_errors
 from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind
 from mavdem.analysis.residuals import BOUND_LEVEL, residuals
 from mavdem.condition.condition import HoverFigures
@@ -58,7 +58,7 @@ MOTION = (
     ("lag", "motor time constant", 1e3, "ms"),
     ("delay", "delay", 1e3, "ms"),
 )
-INTERVAL = f"± is the half width of the {100 * LEVEL:.0f} % interval."
+INTERVAL = "± is the half width of the 90 % interval."
 
 
 def screen(
@@ -169,7 +169,7 @@ def motor_blocks(
             rest.append(
                 f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}"
             )
-    if hover is not None and hover.motors == labels.input_names:
+    if hover is not None and has_trims(labels, hover):
         columns |= _hover_columns(hover)
     if columns:
         rows = zip(labels.input_names, *columns.values(), strict=True)
@@ -178,6 +178,11 @@ def motor_blocks(
         rest.append(f"mean lean {leaning}")
     text = f"{'; '.join(rest)}.{f' {INTERVAL}' if '±' in f'{columns}{rest}' else ''}"
     return [*blocks, Sentence(text[:1].upper() + text[1:])] if rest else blocks
+
+
+def has_trims(labels: Labels, hover: HoverFigures | None) -> bool:
+    """Returns whether the motors' ``hover`` figures are of the inputs, so that one table has both."""
+    return hover is not None and hover.motors == labels.input_names
 
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
@@ -201,29 +206,10 @@ def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> list[Bl
     """Returns the wind torque: its level, share and gusts; nothing where it is not known."""
     if physical is None or (wind := known_wind(wind, physical)) is None:
         return []
-    unit = TORQUE.name
-    scale = TORQUE.scale
-    count = len(wind.gusts)
-    text = (
-        f"{rounded(scale * wind.sd)} {unit} (standard deviation), {100 * physical.wind_share:.0f} % of the variance of "
-        f"all torque; steady part {plus_minus(scale * wind.mean, scale * wind.mean_band)} {unit}, if motors are equal "
-        "and the load is centred."
-    )
-    if wind.scale_error > HALF_WIDTH["wind"]:
-        text += f" The standard deviation is uncertain by {100 * wind.scale_error:.0f} %."
-    text += f" {count or 'No'} gust{'' if count == 1 else 's'} beyond {rounded(scale * wind.gust_threshold)} {unit}"
-    if wind.gusts:
-        largest = max(wind.gusts, key=lambda gust: abs(gust.size))
-        text += (
-            f"; the largest {rounded(scale * largest.size)} {unit}, {largest.length:.2g} s long, "
-        )
-        text += f"{largest.start:.1f} s after the first sample"
-    return [
-        Sentence(
-            f"{text} (by chance {wind.false_gusts_per_minute:.1g} a minute).",
-            "Wind torque on this axis:",
-        )
-    ]
+    largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
+    is_uncertain = wind.scale_error > HALF_WIDTH["wind"]
+    known = {"wind": wind, "largest": largest, "is_uncertain": is_uncertain}
+    return [*section("torque", **known, share=physical.wind_share)]
 
 
 def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
@@ -236,19 +222,18 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
         rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
         rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
-    text = f"The 90 % band holds {100 * held_out.coverage:.0f} % of the samples."
-    if len(held_out) > 1:
-        low, median, high = (
-            rounded(value) for value in np.percentile(held_out.error_ratios(), [25, 50, 75])
-        )
-        shares = (
-            (name, float((held_out.error_ratios(baseline=name) > 1).mean())) for name in BASELINES
-        )
-        worse = ", ".join(f"{100 * share:.0f} % worse than “{name}”" for name, share in shares)
-        text = f"Error ratio by window: median {median}, interquartile range {low} to {high}; {worse}. {text}"
+    worse = {name: (held_out.error_ratios(baseline=name) > 1).mean() for name in BASELINES}
+    quartiles = np.percentile(held_out.error_ratios(), [25, 50, 75])
+    windows = len(held_out)
     return [
         Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows),
-        Sentence(text),
+        *section(
+            "prediction",
+            windows=windows,
+            quartiles=quartiles,
+            worse=worse,
+            coverage=held_out.coverage,
+        ),
     ]
 
 
@@ -340,44 +325,42 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items()]
 
 
-def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
-    """Returns cautions, errors one step ahead by ``report``, ``LogAnalysis.as_dict()``, and the ``learned`` model."""
+def detail_blocks(learned: Learned, findings: Findings | None = None) -> list[Block]:
+    """Returns cautions, the ``learned`` model and how it was learned; with ``findings`` also errors one step ahead."""
     labels = Labels.of(learned)
     energy = learned.free_energy
-    converged = "Converged." if learned.converged else "Not converged."
-    end = "" if learned.simulation_fit is not None else f" {converged}"
+    fit = learned.simulation_fit
+    start, end = (sum(term[i] for term in fit.terms.values()) if fit else 0.0 for i in (0, -1))
     return [
         *map(caution, learned.cautions),
-        *([] if report is None else _one_step(report, labels)),
+        *([] if findings is None else _one_step(learned, labels)),
         *_model(labels, learned),
-        *_physical(learned.physical, bool((report or {}).get("overrides"))),
-        Sentence(
-            f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{end}",
-            "Free energy action F̄ of A, B and C:",
+        *_physical(learned.physical, findings is not None and bool(findings.overrides)),
+        *section(
+            "learning",
+            learned=learned,
+            gained=energy.gained,
+            iterations=len(energy) - 1,
+            end=energy[-1],
+            fit=fit,
+            fit_gained=end - start,
         ),
-        *_simulation_fit(learned, converged),
         *_joint(labels, learned),
     ]
 
 
-def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
+def _one_step(learned: Learned, labels: Labels) -> list[Block]:
     """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
     names, units = outputs_of(labels)
     rows = []
-    for name, error in report["one_step_mspe"].items():
-        rmse = (
-            unit.scale * sqrt(square)
-            for unit, square in zip(units, error["per_output"], strict=True)
-        )
+    for name, error in one_step_errors(learned).items():
+        squares = zip(units, error["per_output"], strict=True)
+        rmse = (unit.scale * sqrt(square) for unit, square in squares)
         rows.append([name, *(f"{value:.3g}" for value in (*rmse, error["relative"]))])
-    seconds = zip(labels.output_names, report["prediction"]["half_explained_seconds"], strict=True)
-    ahead = ", ".join(
-        f"{name} up to {s:.2g} s ahead" if s else f"{name} at no horizon" for name, s in seconds
-    )
-    text = f"they explain at least half of the variance of {ahead}, by predictions inside the training data."
+    horizons = zip(labels.output_names, learned.useful_steps * learned.dt, strict=True)
     return [
         Table(["RMSE, one step ahead, training data", *names, "error ratio"], rows),
-        Sentence(text, "Predictions without the inputs:"),
+        *section("useful", horizons=horizons),
     ]
 
 
@@ -405,33 +388,17 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         B.header.append("d")
         for row, value in zip(B.rows, model.offset, strict=True):
             row.append(f"{value:.3g}")
-    units = ", ".join(
-        dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit)
+    units = (*labels.output_units, *labels.input_units)
+    heading, *below = section(
+        "model",
+        constant=constant,
+        outputs=outputs,
+        units=", ".join(dict.fromkeys(filter(None, units))),
+        has_lag=outputs and len(states) == len(labels.output_names) + 1,
+        output_trim=_trim(labels.output_names, model.output_trim, labels.output_units),
+        input_trim=_trim(labels.input_names, model.input_trim, labels.input_units),
     )
-    blocks: list[Block] = [
-        Sentence(
-            f"ẋ = A x + B (u − u₀){' + d' if constant else ''}, y = C x + y₀{', C = [I 0]' if outputs else ''}, in "
-            f"{units or 'the units of the arrays'} and s. ± is the half width of the {100 * LEVEL:.0f} % interval, "
-            "without the bias of the closed loop. Entries without ± are held by the prior.",
-            "Model:",
-        ),
-        A,
-        B,
-    ]
-    if outputs and len(states) == len(labels.output_names) + 1:
-        lag = (
-            "hidden 1 is the motors' lag, without which the plant forecasts worse, also "
-            "where `mavdem order` counts 2."
-        )
-        blocks.append(Sentence(lag, "States:"))
-    if not outputs:
-        blocks.append(C)
-    return [
-        *blocks,
-        Sentence(f"{_trim(labels.output_names, model.output_trim, labels.output_units)}.", "y₀:"),
-        Sentence(f"{_trim(labels.input_names, model.input_trim, labels.input_units)}.", "u₀:"),
-        Sentence(_poles(model.A), "Poles of A (1/s):"),
-    ]
+    return [heading, A, B, *([] if outputs else [C]), *below, *poles_of(model.A)]
 
 
 def _entry(value: float, half: float, fixed: bool) -> str:
@@ -449,24 +416,13 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
     return ", ".join(shown)
 
 
-def _poles(A: Array) -> str:
-    """The eigenvalues of A, the slowest first, one of each complex pair, and whether the model is stable."""
-    poles = sorted(
-        (value for value in np.linalg.eigvals(A) if value.imag >= 0), key=lambda value: -value.real
-    )
-    return f"{'; '.join(map(_pole, poles))}. The model is {'unstable' if poles[0].real > 0 else 'stable'}."
+def poles_of(A: Array) -> list[Sentence]:
+    """Returns the eigenvalues of A, the slowest first, one of each complex pair, and whether the model is stable.
 
-
-def _pole(pole: complex) -> str:
-    """With natural frequency |p|/2π and damping ratio −Re p/|p| if complex, else with the time constant 1/|p|."""
-    size = abs(pole)
-    if pole.imag:
-        damping = -pole.real / size + 0.0
-        return f"{pole.real:.3g} ± {pole.imag:.3g}j: {size / (2 * pi):.2g} Hz, damping ratio {damping:.2g}"
-    if not pole.real:
-        return "0: integrator"
-    seconds = float(f"{1 / size:.2g}")
-    return f"{pole.real:.3g}: {'grows with ' if pole.real > 0 else ''}time constant {seconds:g} s"
+    With natural frequency |p|/2π and damping ratio −Re p/|p| if complex, else with the time constant 1/|p|.
+    """
+    upper = (value for value in np.linalg.eigvals(A) if value.imag >= 0)
+    return section("poles", poles=sorted(upper, key=lambda value: -value.real))
 
 
 def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
@@ -474,16 +430,14 @@ def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
     if physical is None:
         return []
     windows = physical.windows
-    reasons = parameter_reasons(physical, doubted)
-    refinements = listed(physical.refinements)
-    refined = f" Unseen windows are predicted better with: {refinements}." if refinements else ""
-    count = (
-        f"{len(windows.start)} windows, fitted together,"
-        if len(windows.start) > 1
-        else "one window"
-    )
-    text = f"{count} by a model of these parameters and the wind only, beside DEM's.{refined} {' '.join(reasons)}"
-    blocks: list[Block] = [Sentence(text.rstrip(), "Physical parameters (gray-box model):")]
+    blocks: list[Block] = [
+        *section(
+            "physical",
+            windows=len(windows.start),
+            refinements=physical.refinements,
+            reasons=parameter_reasons(physical, doubted),
+        )
+    ]
     if physical.differs_over_time:
         columns = (windows.start, TORQUE.scale * windows.effect, windows.damping, 1e3 * windows.lag)
         rows = [
@@ -505,35 +459,17 @@ def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
 def _joint(labels: Labels, learned: Learned) -> list[Block]:
     """What F̄ chose of the joint model, and which motors it takes to turn the axis."""
     joint = learned.joint
-    record = learned.record
-    form = "smooth" if joint.choice.smooth else "plain"
-    text = (
-        f"each sample from the {joint.choice.lags} before it ({1e3 * joint.choice.lags * learned.dt:.0f} ms), {form} "
-        f"prior of precision {joint.choice.ridge:g}; F̄ {joint.free_energy:,.0f} nats, the highest of those tried."
-    )
-    blocks: list[Block] = [Sentence(text, "Joint model of outputs and motors:")]
-    if joint.combinations.shape[1] < record.inputs.shape[1]:
-        up, down = (
-            " and ".join(
-                short(name)
-                for name, way in zip(labels.input_names, joint.combinations[:, 0], strict=True)
-                if sign * way > np.abs(joint.combinations).max() / 4
-            )
-            for sign in (1, -1)
+    turning = joint.combinations[:, 0]
+    limit = np.abs(joint.combinations).max() / 4
+    names = [short(name) for name in labels.input_names]
+    return [
+        *section(
+            "joint",
+            joint=joint,
+            seconds=joint.choice.lags * learned.dt,
+            is_fewer=joint.combinations.shape[1] < len(names),
+            up=[name for name, way in zip(names, turning, strict=True) if way > limit],
+            down=[name for name, way in zip(names, turning, strict=True) if -way > limit],
+            is_chosen=learned.record.effect_directions is None,
         )
-        source = "Chosen by F̄" if record.effect_directions is None else "Known for these inputs"
-        blocks.append(Sentence(f"{up} against {down}. {source}.", "Motors that turn the axis:"))
-    return blocks
-
-
-def _simulation_fit(learned: Learned, converged: str) -> list[Block]:
-    """The simulation-error fit after DEM."""
-    fit = learned.simulation_fit
-    if fit is None:
-        return []
-    start, end = (sum(term[i] for term in fit.terms.values()) for i in (0, -1))
-    text = (
-        f"over {fit.horizon * learned.dt:.2g} s: {len(fit.free)} parameters, effective sample size "
-        f"{fit.effective_samples:.0f}; F̄ increased by another {end - start:.3g} nats. {converged}"
-    )
-    return [Sentence(text, "Simulation-error (output-error) fit of A, B and C")]
+    ]

@@ -9,14 +9,23 @@ from __future__ import annotations
 import tomllib
 from functools import cache
 from importlib.resources import files
-from math import degrees
+from math import degrees, tau
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 
 from mavdem.facts import Code, Fact, Words
 from mavdem.report.blocks import Sentence
-from mavdem.report.numbers import few, listed, plus_minus, rounded, short
+from mavdem.report.numbers import (
+    counted,
+    few,
+    listed,
+    plus_minus,
+    readable,
+    rounded,
+    short,
+    with_unit,
+)
 
 PARAMETERS = {
     "effect": "control effectiveness",
@@ -67,7 +76,7 @@ def _paragraphs(section: str) -> list[dict[str, Template]]:
     path = files("mavdem.report") / "sections" / f"{section}.toml"
     told = tomllib.loads(path.read_text("utf-8"))["paragraph"]
     make = _environment().from_string
-    return [{part: make(text) for part, text in paragraph.items()} for paragraph in told]
+    return [{part: make(str(text)) for part, text in paragraph.items()} for paragraph in told]
 
 
 def section(name: str, /, **known: Any) -> list[Sentence]:
@@ -75,7 +84,7 @@ def section(name: str, /, **known: Any) -> list[Sentence]:
     sentences = []
     for paragraph in _paragraphs(name):
         parts = {part: template.render(known).strip() for part, template in paragraph.items()}
-        if any(parts.values()) and parts.get("text", parts["lead"]):
+        if parts.get("text") or "text" not in parts or "always" in parts:
             sentences.append(Sentence(parts.get("text", ""), parts.get("lead", "")))
     return sentences
 
@@ -89,7 +98,7 @@ def _template(code: Code, part: str) -> Template:
 @cache
 def _environment() -> Environment:
     environment = Environment(undefined=StrictUndefined, finalize=_shown, autoescape=False)
-    environment.globals |= {"comma": comma, "zip": zip}
+    environment.globals |= {"comma": comma, "counted": counted, "tau": tau, "zip": zip}
     environment.filters |= {
         "advised": advised,
         "bare": bare,
@@ -104,9 +113,11 @@ def _environment() -> Environment:
         "listed": listed,
         "parameter": PARAMETERS.get,
         "percent": lambda share, digits=0: f"{100 * share:.{digits}f} %",
+        "plus_minus": plus_minus,
         "rounded": rounded,
         "sentence": sentence,
         "short": short,
+        "with_unit": lambda value, unit: with_unit(value, readable(unit)),
     }
     return environment
 

@@ -21,9 +21,17 @@ from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Table, markdown
-from mavdem.report.labels import AxisCommand, Labels, state_names
+from mavdem.report.labels import Labels
 from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable
 from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
+from mavdem.report.series import (
+    COMMAND,
+    FREE_ENERGY,
+    INPUTS,
+    PROCESS_NOISE,
+    WIND_TORQUE,
+    series_of,
+)
 from mavdem.view.flown import (
     Plot,
     Target,
@@ -89,6 +97,7 @@ class FlightSeries:
 
     def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
         self.flights = flights
+        self.series = series_of(flights, learned, held_out)
         self.learned = learned
         self.held_out = held_out
         self.windows = held_out.time
@@ -138,16 +147,15 @@ class FlightSeries:
 
     def command(self) -> Plot:
         """Returns by how much the motors that turn the vehicle one way run above the others."""
-        command = AxisCommand.of(self.learned)
-        inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
-        heading = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        return Plot.series(
-            "command", heading, self.clock, {command.name: self._with_gaps(inputs)}, palette.COMMAND
-        )
+        _, (name,), values = self.series[COMMAND]
+        named_so = named(name.capitalize(), self.labels.input_units[0])
+        heading = f"{named_so}: the motors' difference, about its mean"
+        commands = {name: self._with_gaps(values[:, 0])}
+        return Plot.series("command", heading, self.clock, commands, palette.COMMAND)
 
     def motors(self) -> Plot:
         """Returns what drives the vehicle: several inputs, as deviations from their mean, by their places."""
-        inputs = np.vstack([flight.inputs for flight in self.flights])
+        inputs = self.series[INPUTS].values
         unit = self.labels.input_units[0]
         several = inputs.shape[1] > 1
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
@@ -163,7 +171,7 @@ class FlightSeries:
         unit = TORQUE
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
-        torque, band = (self._with_gaps(unit.scale * values) for values in (wind.torque, wind.band))
+        torque, band = self._with_gaps(unit.scale * self.series[WIND_TORQUE].values).T
         time = self.clock
         clock = np.concatenate(self.times)
         colour = palette.DISTURBANCE
@@ -178,20 +186,15 @@ class FlightSeries:
 
     def dem(self) -> list[Plot]:
         """Returns what DEM makes of each sample: F(t) and the process noise w."""
-        places, noise = self.learned.process_noise()
-        clock = np.concatenate(self.times)[places]
-        energy = self.learned.free_energy_of_samples
-        states = dict(
-            zip(
-                state_names(self.labels.output_names, self.learned),
-                np.degrees(noise).T,
-                strict=True,
-            )
-        )
+        clock, names, noise = self.series[PROCESS_NOISE]
+        states = dict(zip(names, np.degrees(noise).T, strict=True))
+        samples, _, energy = self.series[FREE_ENERGY]
         heading = "Free energy F(t) of each sample, nats"
         return [
             Plot.series("process_noise", "Process noise w of DEM, ° and s", clock, states),
-            Plot.series("free_energy_of_samples", heading, clock, {"F(t)": energy}, palette.BOUND),
+            Plot.series(
+                "free_energy_of_samples", heading, samples, {"F(t)": energy[:, 0]}, palette.BOUND
+            ),
         ]
 
     def _with_gaps(self, values: Array) -> Array:

@@ -147,28 +147,14 @@ def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
     )
     one_step_error = evaluate.mspe(train.outputs[1:], one_step[1:]).total
     assert report["one_step_mspe"][MethodName.JOINT]["total"] == pytest.approx(one_step_error)
-    assert report["held_out"]["error_ratio"]["forecast"] == report["forecast_over_constant_mean"]
     variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
     assert report["expected_error"] == pytest.approx(variance.mean())
     parameters = report["physical"]
-    wind = report["wind"]
-    assert parameters["effect"] == learned.physical.effect.tolist()
     for name, status in parameters["status"].items():
         assert (parameters["interval_90_percent"][name] is None) == (status == "not identifiable")
-    assert (wind["mean"], wind["sd"], wind["resolved"]) == (
-        learned.wind.mean,
-        learned.wind.sd,
-        learned.wind.resolved,
-    )
     ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
     assert report["prediction"]["error_ratio"] == pytest.approx(ahead)
-    assert report["free_energy"]["end"] == pytest.approx(
-        sum(report["free_energy"]["terms"].values())
-    )
     assert sum(report["joint"]["free_energy"].values()) == pytest.approx(learned.joint.free_energy)
-    np.testing.assert_array_equal(
-        np.transpose(report["joint"]["combinations"]), learned.joint.combinations
-    )
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from mavdem.evaluate.truth import TruthComparison, compare_with_truth, read_trut
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 from mavdem.paper.runner import hover
-from mavdem.report.flights import truth_blocks
+from mavdem.report.truth import truth_blocks
 from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth

@@ -19,7 +19,7 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.tlog import write_tlog
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import LiveHistory
-from mavdem.report.flights import live_report
+from mavdem.report.live import live_report
 from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec

@@ -89,7 +89,12 @@ def fleet_rows(flights: int, seed: int = 1) -> list[FlightRow]:
     return [
         *rows,
         *(
-            FlightRow(file=f"/logs/{i}.bin", key=f"bad{i}", status=f"It is cut off at {i}.")
+            FlightRow(
+                file=f"/logs/{i}.bin",
+                key=f"bad{i}",
+                status=f"It is cut off at {i}.",
+                status_code="log_cut_off",
+            )
             for i in range(3)
         ),
     ]

@@ -9,9 +9,10 @@ from scipy.ndimage import gaussian_filter1d
 
 import mavdem
 from mavdem.analysis.figures import model_figures
+from mavdem.analysis.findings import findings_of
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.screen import _poles, detail_blocks
+from mavdem.report.screen import detail_blocks, poles_of
 
 pytestmark = pytest.mark.slow
 DT = 0.01
@@ -43,8 +44,7 @@ def altered(learned: mavdem.Learned, **fields: object) -> mavdem.Learned:
 
 def told(learned: mavdem.Learned) -> list[Block]:
     """The details of a model of ``TRAIN``."""
-    report = model_figures([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
-    return detail_blocks(learned, report)
+    return detail_blocks(learned, findings_of(learned))
 
 
 def words(blocks: list[Block]) -> str:
@@ -93,19 +93,24 @@ def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
     assert "control effectiveness" in notebook and "3 states, from 4 s at 100 Hz" in notebook
 
 
+def shown(A: np.ndarray) -> str:
+    (poles,) = poles_of(A)
+    return poles.text
+
+
 def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
     swing = 2 * np.pi * 1.5
     assert (
-        _poles(np.diag([-2.0, -0.1]))
+        shown(np.diag([-2.0, -0.1]))
         == "-0.1: time constant 10 s; -2: time constant 0.5 s. The model is stable."
     )
-    assert _poles(np.array([[-4.0, swing], [-swing, -4.0]])) == (
+    assert shown(np.array([[-4.0, swing], [-swing, -4.0]])) == (
         "-4 ± 9.42j: 1.6 Hz, damping ratio 0.39. The model is stable."
     )
-    assert _poles(np.array([[0.5, swing], [-swing, 0.5]])) == (
+    assert shown(np.array([[0.5, swing], [-swing, 0.5]])) == (
         "0.5 ± 9.42j: 1.5 Hz, damping ratio -0.053. The model is unstable."
     )
-    assert _poles(np.diag([0.5, 0.0, -1.0])) == (
+    assert shown(np.diag([0.5, 0.0, -1.0])) == (
         "0.5: grows with time constant 2 s; 0: integrator; -1: time constant 1 s. The model is unstable."
     )
 
@@ -113,11 +118,9 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
 def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_something(learned):
     report = model_figures([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
     assert report["prediction"]["half_explained_seconds"] == (learned.useful_steps * DT).tolist()
-    report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
-    said = words(detail_blocks(learned, report))
-    assert (
-        "half of the variance of roll up to 0.2 s ahead, roll rate at no horizon, by predictions inside"
-        in said
+    first, second = learned.useful_steps * DT
+    assert f"half of the variance of roll up to {first:.2g} s ahead, roll rate" in words(
+        told(learned)
     )
 
 

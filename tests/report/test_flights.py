@@ -9,13 +9,8 @@ from fleet_rows import flight_row
 from mavdem.fleet.difference import since_baseline, vehicle_difference
 from mavdem.fleet.row import summary
 from mavdem.report.blocks import text_of
-from mavdem.report.flights import (
-    baseline_blocks,
-    difference_blocks,
-    fleet_blocks,
-    vehicle_health,
-    vehicle_words,
-)
+from mavdem.report.difference import baseline_blocks, difference_blocks
+from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
 
 
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():

@@ -27,7 +27,7 @@ from mavdem.live.history import Event, LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.figures.series import still
 from mavdem.report.figures.style import band, picture
-from mavdem.report.flights import live_report
+from mavdem.report.live import live_report
 from mavdem.report.page import Chapter, Picture, document, flight_page, live_page, log_page
 from mavdem.report.palette import PREDICTED
 from mavdem.report.screen import analysis_blocks

@@ -23,10 +23,10 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, Table, markdown, text_of
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
-from mavdem.report.flights import truth_blocks
 from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks
+from mavdem.report.truth import truth_blocks
 
 NAN = float("nan")
 

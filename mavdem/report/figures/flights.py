@@ -11,12 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from mavdem.alignment.drive import TILT_AXES
 from mavdem.condition import WindVelocity
 from mavdem.condition.wind_velocity import POINTS, by_compass
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
-from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
+from mavdem.fleet.row import NOT_IDENTIFIABLE, Flight, worst_health
 from mavdem.report import palette
 from mavdem.report.figures.style import HAIRLINE, WIDTH, Room, band, not_blown_up, picture, plain
 from mavdem.report.numbers import TORQUE, short
@@ -26,7 +27,6 @@ FEW = 25  # flights, up to which each has a dot and its own interval
 COLUMNS = 3
 MARKS = {"fault": ("o", palette.BAD), "drift": ("^", palette.LIMITED)}
 """Above the flights in which they were found; the shapes differ too, so that colour is not needed."""
-AXES = AXIS_ORDER[:2]
 
 
 class Panel(NamedTuple):
@@ -242,7 +242,7 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
     yield Panel("Motor shares (1: all alike)", shares, 1.0)
     kinds = sorted({row.per_input for row in with_model})
     for unit in kinds:
-        for axis in AXES:
+        for axis in TILT_AXES:
             count = max(
                 (len(row.effect) for row in with_model if row.effect and row.per_input == unit),
                 default=0,
@@ -266,19 +266,19 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
         ):
             yield Panel(
                 f"{title}{beside}",
-                {axis: scale * _line(flights, name, axis, unit) for axis in AXES},
+                {axis: scale * _line(flights, name, axis, unit) for axis in TILT_AXES},
             )
-    torque = {axis: TORQUE.scale * _line(flights, "wind_torque_sd", axis) for axis in AXES}
+    torque = {axis: TORQUE.scale * _line(flights, "wind_torque_sd", axis) for axis in TILT_AXES}
     yield Panel(f"Wind torque, sd ({TORQUE.name})", torque)
-    residual = {axis: TORQUE.scale * _line(flights, "residual_mean", axis) for axis in AXES}
-    for axis in AXES:
+    residual = {axis: TORQUE.scale * _line(flights, "residual_mean", axis) for axis in TILT_AXES}
+    for axis in TILT_AXES:
         # That of healthy flights: about 0, and how far from it.
         usual = TORQUE.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
         residual[f"usual on {axis}"] = np.column_stack([0.0 * usual, usual])
     yield Panel(f"Residual mean ({TORQUE.name})", residual, 0.0)
     yield Panel(
         "Error ratio (1: as the mean)",
-        {axis: _line(flights, "error_ratio", axis) for axis in AXES},
+        {axis: _line(flights, "error_ratio", axis) for axis in TILT_AXES},
         1.0,
     )
 

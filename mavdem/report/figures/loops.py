@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.dem.engine.linalg import Array
 from mavdem.report.figures.style import HAIRLINE, Room, legend_above, note, picture
@@ -25,7 +25,8 @@ CLOUD = 40
 SPARSE = 4
 ROOM = Room(left=0.66, bottom=0.5, columns=0.5, rows=0.45)
 LABELS = "gain (dB)", "phase (°)", "sensitivity |S|", "imaginary part", "share of the step"
-MS = 2.0  # drawn as the limit
+MS = TARGETS["default"].ms
+"""Drawn as the limit."""
 
 
 def loops(loop: Loop, after: Loop | None = None) -> Figure:

@@ -1,0 +1,134 @@
+"""What changed between two states of a vehicle, what is the same, and what cannot be said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import degrees, hypot
+from pathlib import PurePath
+
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Outcome
+from mavdem.fleet import difference
+from mavdem.fleet.difference import (
+    BETWEEN,
+    FAMILY_ERROR,
+    Conditions,
+    QuantityChange,
+    VehicleDifference,
+)
+from mavdem.fleet.row import UNKNOWN, FlightRow
+from mavdem.report.blocks import Block, Sentence, caution
+from mavdem.report.numbers import counted, listed, plus_minus, rounded, short
+from mavdem.report.words import section
+
+QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
+    difference.SHARE: ("share", 100.0, "%"),
+    difference.EFFECT: ("control effectiveness", 100.0, "%"),
+    difference.MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
+    difference.DAMPING: ("rate damping", 1.0, "1/s"),
+    difference.LAG: ("motor time constant", 1e3, "ms"),
+}
+
+
+def difference_blocks(found: VehicleDifference) -> list[Block]:
+    """Returns what changed, the same, uncertain, not comparable, conditions, and how sure that is, in sentences."""
+    reasons: dict[Fact, list[Fact]] = {}
+    for name, reason in found.incomparable:
+        reasons.setdefault(reason, []).append(name)
+    missing = [
+        Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()
+    ]
+    conditions, *sure = section(
+        "difference",
+        **_of_conditions(*found.conditions),
+        is_allowed=any(change.allowance for change in found.changes),
+        changes=len(found.changes),
+        family_error=FAMILY_ERROR,
+        flights=found.flights,
+        share=BETWEEN[difference.SHARE],
+        effect=BETWEEN[difference.EFFECT],
+    )
+    return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
+
+
+def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
+    """Returns what differs between a vehicle's ``latest`` flight and its flights of the baseline."""
+    lead = "Since the baseline:"
+    if found is None:
+        return [Sentence("the baseline has no flight of this vehicle.", lead)]
+    when = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
+    text = f"the latest flight, {PurePath(latest.file).name}{when}, beside {counted(found.flights[0], 'flight')}."
+    return [Sentence(text, lead), *_changes(found), *_vehicles(found)]
+
+
+def _changes(found: VehicleDifference) -> list[Block]:
+    """What changed, what is the same, and what was compared without a result."""
+    if not found.changes:
+        return [Sentence("", "Nothing can be compared.")]
+    changed, unknown = (
+        [_change(one, found) for one in found.of(kind)]
+        for kind in (Outcome.CHANGED, Outcome.UNCERTAIN)
+    )
+    same = _grouped(found.of(Outcome.SAME))
+    return [*section("difference_changes", changed=changed, same=same, unknown=unknown)]
+
+
+def _change(change: QuantityChange, found: VehicleDifference) -> str:
+    """As in "motor 3's share −18 % ± 6 %"."""
+    (kind, motor, axis) = change.quantity
+    motors = found.motors
+    noun, scale, unit = QUANTITIES[kind]
+    name = f"{noun} on {axis}"
+    if motor:
+        name = f"{short(motors[motor - 1]) if motor <= len(motors) else f'motor {motor}'}'s {noun}"
+    more = scale * change.difference
+    half = scale * change.half_width
+    if change.before is None or change.after is None:
+        decimals = 0 if half >= 3 else 1
+        return f"{name} {_signed(f'{more:.{decimals}f}')} % ± {half:.{decimals}f} %"
+    values = f"{rounded(scale * change.before)} → {rounded(scale * change.after)} {unit}"
+    return f"{name} {values} ({_signed(plus_minus(more, half))})"
+
+
+def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
+    """Names with the widest half width, those of motors together: "the shares of motors 1, 2 and 4 (± 2 %)"."""
+    words = []
+    for kind, ending in ((difference.SHARE, "s"), (difference.EFFECT, "")):
+        if ours := [change for change in changes if change.quantity.kind == kind]:
+            noun = QUANTITIES[kind][0] + ending * (len(ours) > 1)
+            motors = (
+                f"motor{'s' * (len(ours) > 1)} {listed(change.quantity.motor for change in ours)}"
+            )
+            words.append(
+                f"the {noun} of {motors} (± {rounded(100 * max(change.half_width for change in ours))} %)"
+            )
+    for change in changes:
+        if not change.quantity.motor:
+            noun, scale, unit = QUANTITIES[change.quantity.kind]
+            words.append(
+                f"{noun} on {change.quantity.axis} (± {rounded(scale * change.half_width)} {unit})"
+            )
+    return words
+
+
+def _signed(number: str) -> str:
+    return number.replace("-", "−") if number.startswith(("-", "(-")) else f"+{number}"
+
+
+def _of_conditions(before: Conditions, after: Conditions) -> dict[str, object]:
+    """What the words about two states' conditions take: lean in degrees, and the axes whose wind torque is known."""
+    leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
+    roll, pitch = (None if a is None or b is None else degrees(b - a) for a, b in leans)
+    lean = None if roll is None or pitch is None else (roll, pitch, hypot(roll, pitch))
+    # roll first
+    axes = sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True)
+    return {"before": before, "after": after, "lean": lean, "axes": axes}
+
+
+def _vehicles(found: VehicleDifference) -> list[Block]:
+    before, after = found.vehicles
+    if UNKNOWN in (*before, *after):
+        return [*section("difference_unnamed")]
+    others = before and after and set(before) != set(after)
+    doubts = section("difference_vehicles", before=before, after=after, others=others, found=found)
+    return [caution(doubt.text) for doubt in doubts]

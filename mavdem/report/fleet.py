@@ -1,0 +1,193 @@
+"""What is said of many flights: which vehicles need a look, what was flown, and which logs could not be used."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+
+from mavdem.facts import Level
+from mavdem.facts.motors import MotorHealth
+from mavdem.facts.prose import Prose
+from mavdem.fleet import row as fleet_row
+from mavdem.fleet.difference import Flights
+from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
+from mavdem.report.blocks import Block, Table
+from mavdem.report.condition import TIER_WORDS
+from mavdem.report.numbers import few, listed
+from mavdem.report.words import section
+
+TROUBLE = MotorHealth.FAULT, MotorHealth.DRIFT
+LEVELS = {
+    MotorHealth.FAULT: Level.BAD,
+    MotorHealth.DRIFT: Level.WATCH,
+    MotorHealth.OK: Level.GOOD,
+    MotorHealth.UNKNOWN: Level.UNKNOWN,
+}
+"""The level by which the health of motors is shown."""
+MAX_REASONS = 8  # rows of logs that could not be used
+
+
+def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
+    """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
+    vehicles = fleet_row.vehicles_of(rows)
+    named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
+    once = {
+        name: fleet_row.flown_once(flights)
+        for name, flights in named.items()
+        if not is_shared(flights)
+    }
+    flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
+    unjudged = [flights for flights in named.values() if vehicle_health(flights) == UNKNOWN]
+    blocks: list[Block] = [
+        *section(
+            "fleet",
+            **_needs_a_look(named),
+            vehicles=len(named),
+            flown=_flown(flown),
+            of_vehicles=len(once),
+            twice=sum(len(vehicles[name]) - len(flights) for name, flights in once.items()),
+            unjudged=len(unjudged),
+            nameless=sum(len(flights) for name, flights in vehicles.items() if name not in named),
+        )
+    ]
+    return blocks + _unused(
+        [flight[0] for flight in fleet_row.flights_of(row for row in rows if row.status != OK)]
+    )
+
+
+def is_one_vehicle(name: str, flights: Flights) -> bool:
+    """Returns whether these are a vehicle's: of a system id, which many share, only if they were judged as such."""
+    return name != UNKNOWN and (not is_shared(flights) or vehicle_health(flights) != UNKNOWN)
+
+
+def vehicle_health(flights: Flights) -> str:
+    """Returns what was found in a vehicle's latest flight that was judged; "unknown" if none was."""
+    return next(
+        (health for flight in reversed(flights) if (health := worst_health(flight)) != UNKNOWN),
+        UNKNOWN,
+    )
+
+
+def had_trouble(flights: Flights) -> bool:
+    """Returns whether any flight showed a fault or a drift."""
+    return any(worst_health(flight) in TROUBLE for flight in flights)
+
+
+def doubt(flights: Flights) -> str:
+    """Returns what overrides all else in a vehicle's latest flight, as an oscillation; empty where nothing does."""
+    return next((row.headline or "" for row in flights[-1] if row.overrides), "")
+
+
+def urgency(flights: Flights) -> tuple[float, float]:
+    """Returns by what vehicles are sorted: the worst first, of these the one with the newest flight."""
+    worst = HEALTHS.index(vehicle_health(flights))
+    newest = flights[-1][0].date
+    return min(worst, 1.5) if doubt(flights) else worst, -newest.timestamp() if newest else 0.0
+
+
+def vehicle_name(name: str, flights: Flights) -> str:
+    """Returns a name to read: beside the number of a board what vehicle it is, and its firmware."""
+    known = listed(filter(None, (flights[-1][0].frame, flights[-1][0].firmware)))
+    return f"{name} [{known}]" if known and flights[-1][0].vehicle_basis == "board" else name
+
+
+def conclusion(flights: Flights) -> str:
+    """Returns what one vehicle's latest flight that was judged shows, in a sentence."""
+    health = vehicle_health(flights)
+    rows = next((flight for flight in reversed(flights) if worst_health(flight) == health), ())
+    (said,) = section(
+        "fleet_conclusion",
+        health=health,
+        in_trouble=health in TROUBLE,
+        had_trouble=had_trouble(flights),
+        doubt=doubt(flights),
+        headline=next((row.headline for row in flights[-1] if row.headline), None),
+        motor=next((row.suspect_motor for row in rows if row.suspect_motor is not None), None),
+        sure=next(
+            (row.fault_probability for row in rows if row.fault_probability is not None), None
+        ),
+    )
+    return said.text
+
+
+def vehicle_words(flights: Flights) -> str:
+    """Returns what was found of one vehicle, in a sentence or two."""
+    counts = Counter(map(worst_health, flights))
+    reasons = (row.health_reason for flight in reversed(flights) for row in flight)
+    latest = [flight for flight in reversed(flights) if worst_health(flight) in TROUBLE]
+    row = min(latest[0], key=lambda row: HEALTHS.index(row.health)) if latest else None
+    (said,) = section(
+        "fleet_vehicle",
+        flights=len(flights),
+        counts=counts,
+        kinds=[kind for kind in TROUBLE if counts[kind]],
+        reason=next(filter(None, reasons), ""),
+        row=row,
+        log="" if row is None else PurePath(row.file).name,
+        is_shared=is_shared(flights),
+        is_well=vehicle_health(flights) == OK,
+    )
+    return said.text
+
+
+def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
+    """The vehicles that need a look, the worst first, those that recovered, and how many show nothing."""
+    healths = {name: vehicle_health(flights) for name, flights in named.items()}
+    urgent = {name: urgency(flights) for name, flights in named.items()}
+    ill = []
+    for name in sorted(named, key=lambda name: (urgent[name], name)):
+        if urgent[name][0] >= 2:
+            continue
+        judged = (flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN)
+        suspects = {row.suspect_motor for row in next(judged, ()) if row.health == healths[name]}
+        found = [healths[name]] if healths[name] in TROUBLE else []
+        if motors := sorted(motor for motor in suspects if motor):
+            found.append(f"motor {listed(motors)}")
+        found += filter(None, [doubt(named[name]).rstrip(".")])
+        ill.append(f"{vehicle_name(name, named[name])} ({', '.join(found)})")
+    recovered = [name for name in named if healths[name] == OK and had_trouble(named[name])]
+    return {
+        "ill": len(ill),
+        "named": few(ill),
+        "recovered": few(sorted(recovered)),
+        "judged": sum(health == OK for health in healths.values()),
+    }
+
+
+def _flown(flown: Flights) -> dict[str, object] | None:
+    """How much was flown, when, and at which tiers."""
+    if not flown:
+        return None
+    seconds = (max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown)
+    tiers = Counter(map(fleet_row.best_tier, flown))
+    kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
+    dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
+    return {"flights": len(flown), "hours": sum(seconds) / 3600, "dates": dates, "kinds": kinds}
+
+
+def _unused(refused: Sequence[FlightRow]) -> list[Block]:
+    """Why logs could not be used, the most frequent reason first."""
+    by_reason = dict[str, list[FlightRow]]()
+    for row in refused:
+        by_reason.setdefault(_reason(row), []).append(row)
+    ranked = sorted(by_reason.values(), key=lambda rows: (-len(rows), rows[0].status))
+    shown = ranked if len(ranked) <= MAX_REASONS else ranked[: MAX_REASONS - 1]
+    cells = [
+        [cut(rows[0].status, 140), str(len(rows)), cut(PurePath(rows[0].file).name, 60)]
+        for rows in shown
+    ]
+    if others := len(refused) - sum(map(len, shown)):
+        cells.append(["other reasons: see the table of flights", str(others), ""])
+    table = Table(["reason", "logs", "for example"], cells, words=True)
+    return [*section("fleet_unused", logs=len(refused)), *([table] if refused else [])]
+
+
+def _reason(row: FlightRow) -> str:
+    """By what rows of logs that could not be used are grouped: the code, or else the text."""
+    return row.status if row.status_code in (None, Prose.PROSE) else row.status_code or ""
+
+
+def cut(text: str, longest: int) -> str:
+    """Returns the text, shortened to so many letters."""
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"

@@ -1,0 +1,76 @@
+"""What is said of a live flight: how well it was predicted, and what the link brought."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import sqrt
+
+import numpy as np
+
+from mavdem.facts import Fact
+from mavdem.facts.session import Session, Spent
+from mavdem.health.in_flight import FALSE_ALARMS
+from mavdem.live.history import AHEAD, HorizonErrors, LiveHistory, SessionStatus
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import named, readable
+from mavdem.report.words import begin, go_on, section
+
+
+def spent_on(kind: Spent) -> Fact:
+    """Returns the fact of what seconds of this ``kind`` were."""
+    return Fact(Session.SECONDS_SPENT, kind=kind)
+
+
+def whole_seconds(account: Mapping[Spent, float]) -> dict[Spent, int]:
+    """Returns an account in whole seconds, whose sum is that of the account."""
+    ends = np.rint(np.cumsum(list(account.values()))).astype(int)
+    return dict(zip(account, np.diff(ends, prepend=0).tolist(), strict=True))
+
+
+def live_report(
+    history: LiveHistory,
+    status: SessionStatus,
+    account: Mapping[Spent, float],
+    axis: str,
+    seconds: float = 0.0,
+) -> list[Block]:
+    """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
+
+    ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by what they
+    were; ``seconds`` of the last ones are in the model.
+    """
+    errors = history.errors()
+    best = min(errors, key=lambda one: abs(one.seconds - AHEAD), default=None)
+    headline, *state = section("live_state", best=best, axis=axis, status=status)
+    made = list[Block]()
+    if errors:
+        how = "in flight, without the motors of the time ahead. Baseline: the last sample held."
+        made = [_errors(errors, axis), Sentence(how, "How they were made:")]
+    whole = whole_seconds(account)
+    spent = [[begin(spent_on(kind)), f"{whole[kind]} s"] for kind in Spent if whole[kind]]
+    parts = history.learned
+    total = float(np.diff(parts).sum()) if parts else 0.0
+    is_weak = any(alarm.weak for alarm in status.alarms)
+    return [
+        headline,
+        *(Sentence(f"{go_on(alarm.fact)}.", "Motors:") for alarm in status.alarms),
+        *([Sentence(str(FALSE_ALARMS), "False alarms:")] if is_weak else []),
+        *state,
+        *made,
+        *section("live_learned", parts=parts, total=total, seconds=seconds),
+        Table([f"of {sum(whole.values())} s", "time"], spent),
+        *section("live_link", status=status),
+    ]
+
+
+def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
+    header = ["RMSE of predictions"]
+    rows = [[f"{one.seconds:.2g} s ahead"] for one in errors]
+    for i, (name, unit) in enumerate(
+        [(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]
+    ):
+        header += [named(name, unit.name), "baseline", "in its 90 % band"]
+        for row, one in zip(rows, errors, strict=True):
+            errors_of = (f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held))
+            row += [*errors_of, f"{100 * one.inside[i]:.0f} %"]
+    return Table(header, rows)

@@ -1,0 +1,51 @@
+"""Estimates of a simulated flight beside its truth."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from mavdem.evaluate.truth import ComparedParameter, TruthComparison
+from mavdem.facts import Level
+from mavdem.facts.identifiability import Status
+from mavdem.report.blocks import Block, Rated, Table
+from mavdem.report.numbers import plus_minus, readable, rounded
+from mavdem.report.words import section
+
+NAMES = {
+    "mean effect": "mean effectiveness",
+    "damping": "rate damping",
+    "lag of the motors": "motor time constant",
+}
+"""What a parameter is called where it is shown."""
+
+
+def truth_blocks(found: TruthComparison) -> list[Block]:
+    """Returns a row a parameter with the truth beside it, and how the wind torque compares, of what was ``found``."""
+    wind = found.wind
+    compared = list(found.parameters)
+    if wind is not None and wind.resolved:
+        compared.append(wind.mean)
+    held = [one.inside for one in compared if one.inside is not None]
+    heading, *torque = section("truth", source=found.source, held=held, wind=wind)
+    header = ["", "estimate", "truth", "error", "unit", "inside"]
+    return [heading, *([Table(header, list(map(_row, compared)))] if compared else []), *torque]
+
+
+def _row(one: ComparedParameter) -> list[str]:
+    """Degrees for radians, ms for s; the error in percent of the truth, where that is no number near 0."""
+    angle, per, rest = one.unit.partition(" per ")
+    unit, scale = ("ms", 1e3) if one.unit == "s" else readable(angle)
+    estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
+    near = abs(estimate - truth) < 10.0 * abs(truth)
+    inside: str = Rated(one.status, Level.BAD)  # without an interval
+    if one.inside is not None:
+        biased = ", biased" if Status(one.status) is Status.BIASED else ""
+        inside = f"{'yes' if one.inside else 'no'}{biased}"
+    return [
+        NAMES.get(one.name, one.name.replace("effect of", "effectiveness of")),
+        plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
+        rounded(truth, 3),
+        f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",
+        f"{unit}{per}{rest}",
+        inside,
+    ]
