@@ -29,8 +29,9 @@ from pydantic import (
 
 from mavdem.dem.record import LABELS, STRICT, first_problem
 from mavdem.dem.settings import Settings
+from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
-from mavdem.facts.model import ModelCaution
+from mavdem.facts.model import ModelCaution, ModelFile
 from mavdem.heading import heading
 
 _PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text("utf-8"))
@@ -61,15 +62,15 @@ def from_text(kind: type[Kind], text: str) -> Kind:
         else None
     )
     if later and int(later[1]) > VERSION:
-        raise ValueError("it is of a later version of mavdem: update this one")
+        raise Unreadable(Fact(ModelFile.OF_LATER_VERSION))
     try:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text)
     except (ValidationError, TypeError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
         # before documents said what they are
-        if isinstance(text, str) and text.startswith('{"settings"'):
-            problem += "; where it is of an earlier version of mavdem, learn anew from the log"
-        raise ValueError(f"not the document of a learned model: {problem}") from None
+        is_old = isinstance(text, str) and text.startswith('{"settings"')
+        fact = Fact(ModelFile.NO_MODEL_DOCUMENT, error=problem, is_old=is_old)
+        raise Unreadable(fact) from None
     _require_shapes(result)
     return result
 

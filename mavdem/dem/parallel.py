@@ -19,6 +19,9 @@ from multiprocessing.connection import Connection
 from threading import Thread, current_thread, main_thread
 from typing import Any, TypeVar
 
+from mavdem.facts import Fact
+from mavdem.facts.model import Workers
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -73,10 +76,7 @@ def _map_on(
     except BrokenExecutor as error:
         # A broken pool breaks these off itself, and before Python 3.13 it cannot where they are cancelled.
         sent.clear()
-        raise type(error)(
-            "a worker died: for want of memory, killed, or unable to start. Ask for fewer at a time with an executor "
-            "of fewer workers; and where a script calls this, do so below `if __name__ == '__main__':`"
-        ) from error
+        raise type(error)(str(Fact(Workers.WORKER_DIED))) from error
     finally:
         # Workers that a signal to the whole group has ended break a pool, which before Python 3.13 waits for ever
         # where jobs are cancelled.
@@ -117,9 +117,7 @@ def pool(workers: int) -> Iterator[Pool]:
     Processes are started afresh ("spawn"): a fork of a process with threads may wait for one of their locks for ever.
     """
     if _importing_main():
-        sys.exit(
-            "mavdem starts processes, which import this script: make that call below `if __name__ == '__main__':`"
-        )
+        sys.exit(str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)))
     context = get_context("spawn")
     stop_pipe, parents_end = context.Pipe(duplex=False)
     # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for

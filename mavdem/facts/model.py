@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from enum import auto
 
-from mavdem.facts.fact import Code
+from mavdem.facts.fact import Code, InWords
+
+
+class Refinement(InWords):
+    """A parameter of the gray-box model that some flights have, where it predicts unseen windows better."""
+
+    JUMPS = auto()
+    THRUST_CURVE = auto()
 
 
 class ParameterDoubt(Code):
@@ -68,3 +75,17 @@ class OrderFact(Code):
     ORDER_CHOSEN = auto()
     ORDER_BROKE_DOWN = auto()
     ORDERS_NOT_FITTED = auto()
+
+
+class ModelFile(Code):
+    """Why the document of a model cannot be opened."""
+
+    OF_LATER_VERSION = auto()
+    NO_MODEL_DOCUMENT = auto()
+
+
+class Workers(Code):
+    """Why processes that share the work of many fits ended, or cannot begin."""
+
+    WORKER_DIED = auto()
+    SCRIPT_IMPORTED_BY_WORKER = auto()

@@ -28,9 +28,9 @@ from mavdem.dem.graybox.likelihood import (
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
-from mavdem.facts.model import NoPhysical, ParameterDoubt
+from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.paper.runner import hover
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
@@ -344,6 +344,7 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
         assert (reasons[name] is None) == (expected == "reported")
         if reasons[name] is not None:
             doubts = reasons[name].figures.get("because", [reasons[name]])
+            assert (reasons[name].level is Level.WATCH) == (expected == "biased")
             assert DOUBTS[figure] & {doubt.code for doubt in doubts}
 
 
@@ -374,8 +375,10 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
     curved = Flight(
         flight.time, 1500 + unit * (np.sqrt(1 + 0.2 * off / unit) - 1) / 0.1, flight.outputs
     )
-    assert "thrust curve" in physical(curved).refinements
-    assert physical(flight).refinements.get("thrust curve", 0.0) == pytest.approx(0.0, abs=0.05)
+    assert Refinement.THRUST_CURVE in physical(curved).refinements
+    assert physical(flight).refinements.get(Refinement.THRUST_CURVE, 0.0) == pytest.approx(
+        0.0, abs=0.05
+    )
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
 
@@ -123,11 +123,10 @@ def identifiability(
         worst = Status.NOT_IDENTIFIABLE if Status.NOT_IDENTIFIABLE in obstacles else Status.BIASED
         doubts = obstacles.get(worst, [])
         statuses[name] = worst if doubts else Status.REPORTED
-        reasons[name] = (
-            Fact(ParameterDoubt.SEVERAL_DOUBTS, because=doubts)
-            if len(doubts) > 1
-            else next(iter(doubts), None)
-        )
+        level = Level.WATCH if worst is Status.BIASED else Level.UNKNOWN
+        reasons[name] = doubts[0].but(level) if doubts else None
+        if len(doubts) > 1:
+            reasons[name] = Fact(ParameterDoubt.SEVERAL_DOUBTS, level, because=doubts)
     return statuses, reasons
 
 

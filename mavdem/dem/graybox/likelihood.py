@@ -25,6 +25,7 @@ from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_covari
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
 from mavdem.dem.graybox.identifiability import RESOLVED_LAG
+from mavdem.facts.model import Refinement
 
 
 class Coloured(NamedTuple):
@@ -96,7 +97,7 @@ mixer's direction. The effect's mean is that of a first estimate."""
 TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
-REFINEMENTS = {"jumps": (0.0, 0.3), "thrust curve": (0.0, 0.3)}
+REFINEMENTS = {Refinement.JUMPS: (0.0, 0.3), Refinement.THRUST_CURVE: (0.0, 0.3)}
 """Refinements, each a parameter: by what share of a step inputs that jump between two samples did so sooner than half
 way; and the relative change of the effect for one standard deviation of the inputs."""
 
@@ -130,7 +131,7 @@ class Parameters(NamedTuple):
     deviation: float  # standard deviation beforehand of each motor's effect from its direction
     wind: tuple[Coloured, ...]
     least_noise: float  # rad/s
-    refinements: tuple[str, ...] = ()
+    refinements: tuple[Refinement, ...] = ()
 
     @property
     def motors(self) -> int:
@@ -216,7 +217,8 @@ class Parameters(NamedTuple):
         """(W, N, r) the inputs with refinements of these ``values``."""
         inputs = windows.inputs
         for name, value in zip(self.refinements, values, strict=True):
-            inputs = jumping(inputs, value) if name == "jumps" else inputs + value * inputs**2 / 2
+            jumps = name is Refinement.JUMPS
+            inputs = jumping(inputs, value) if jumps else inputs + value * inputs**2 / 2
         return inputs
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
-from mavdem.facts.model import NoPhysical, ParameterDoubt
+from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 
 
 class WindComponent(NamedTuple):
@@ -83,7 +83,7 @@ class Physical(NamedTuple):
     wind_share: float
     components: tuple[WindComponent, ...]
     noise: float
-    refinements: dict[str, float]
+    refinements: dict[Refinement, float]
     windows: WindowTable
 
     def __repr__(self) -> str:

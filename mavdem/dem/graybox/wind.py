@@ -32,7 +32,7 @@ from mavdem.dem.graybox.likelihood import plant
 from mavdem.dem.graybox.parameters import Physical, rate_column, slopes_of, wind_density
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
-from mavdem.facts.model import NoPhysical
+from mavdem.facts.model import NoPhysical, Refinement
 
 # of the cancelled share: with more, the motors do too much else for it to be known
 MAX_SCATTER = 0.1
@@ -217,7 +217,11 @@ def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _
     effect = theta[:-3]
     (damping, lag, delay) = theta[-3:].tolist()
     axis = plant(
-        damping, lag, physical.components, record.dt, physical.refinements.get("jumps", 0.0)
+        damping,
+        lag,
+        physical.components,
+        record.dt,
+        physical.refinements.get(Refinement.JUMPS, 0.0),
     )
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)

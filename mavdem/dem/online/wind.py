@@ -25,6 +25,7 @@ from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.graybox.wind import balanced, steady
 from mavdem.dem.online.memory import Memory, MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
+from mavdem.facts.model import Refinement
 
 DELAY_SECONDS = 0.25  # of the wind's torque, behind the latest sample
 MEMORY_SECONDS = 60.0  # of the latest samples, which the physical parameters are fitted to
@@ -64,7 +65,7 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
     if isinstance(found, NotIdentifiable):
         raise ValueError(found.reason)
     axis = plant(
-        found.damping, found.lag, found.components, dt, found.refinements.get("jumps", 0.0)
+        found.damping, found.lag, found.components, dt, found.refinements.get(Refinement.JUMPS, 0.0)
     )
     filtered = axis.filter(found.noise)
     (inputs, outputs) = record.segments[-1]
