@@ -405,6 +405,19 @@ def test_too_few_samples_for_an_order_are_refused(method, train, order, samples)
     assert (fact.code, fact.figures["samples"]) == (Forecasts.TOO_FEW_FOR_ORDER, samples)
 
 
+def test_more_states_than_the_data_have_are_refused(monkeypatch):
+    sine = np.sin(0.3 * np.arange(700))[:, None]
+    fact = refused(baselines.subspace, Flight(TRAIN.time, 0 * sine, sine), 4)
+    assert fact.code is Forecasts.TOO_FEW_STATES
+    assert fact.figures == {"order": 4, "states": 2}
+
+    def unobservable(*arguments):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(subspace_identification, "steady_gain", unobservable)
+    assert refused(baselines.subspace, TRAIN, 2).code is Forecasts.NOT_OBSERVABLE
+
+
 DT = 0.01
 
 
