@@ -12,10 +12,17 @@ from mavdem.cli.options import file_option, read_source, vehicle_option
 from mavdem.cli.output import print_result
 from mavdem.condition.inventory import identity_of
 from mavdem.condition.wind_of_log import wind_of
-from mavdem.dem.airflow.model import SOURCES
+from mavdem.facts.online import DragSource
 from mavdem.fleet.priors import earlier_drag
 from mavdem.report.blocks import Table
 from mavdem.report.condition import wind_blocks
+
+SOURCES = {
+    DragSource.POPULATION: "other vehicles",
+    DragSource.PARAMETERS: "the autopilot's parameters",
+    DragSource.FLIGHT: "flight",
+    DragSource.CALIBRATION: "calibration",
+}
 
 
 @click.command("wind")

@@ -21,6 +21,7 @@ from mavdem.dem.airflow.model import TOTAL, Drag
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
+from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
 from mavdem.ingest.telemetry import Array
 
@@ -211,7 +212,7 @@ def estimate_wind(
     moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
     sd = found.relative_sd(moved)
     known = found.relative_sd(moved) / prior.relative_sd(moved)
-    found = replace(found, source=prior.source if known > DRAG_LEFT else "flight")
+    found = replace(found, source=prior.source if known > DRAG_LEFT else DragSource.FLIGHT)
     doubts = list(_doubts(speed, low, high, turned, sd, known, steered, prior.source))
     return WindVelocity(
         speed=speed,
@@ -282,7 +283,7 @@ def _doubts(
     sd: float,
     known: float,
     steered: float,
-    source: str,
+    source: DragSource,
 ) -> Iterator[tuple[str, Status, Fact]]:
     """Status and reason of drag, speed and direction where they are not reported."""
     if sd > DRAG_ERROR:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import auto
+from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code
 
@@ -14,6 +14,15 @@ class Online(Code):
     FIRST_LEARNING = auto()
     SAMPLES_MISPLACED = auto()
     LEARNING_FAILED = auto()
+
+
+class DragSource(StrEnum):
+    """What a vehicle's drag is known from, by the names that documents have."""
+
+    POPULATION = auto()
+    PARAMETERS = auto()
+    FLIGHT = auto()
+    CALIBRATION = auto()
 
 
 class Airflow(Code):

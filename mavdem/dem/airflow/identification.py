@@ -27,7 +27,7 @@ from mavdem.dem.airflow.model import (
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.online import Airflow
+from mavdem.facts.online import Airflow, DragSource
 
 # of a flight: a day
 LONGEST_SECONDS = 1e5
@@ -267,4 +267,4 @@ def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) ->
         covariance = np.linalg.inv(weight * flat.T @ flat + precision)
         pull = weight * flat.T @ errors.ravel() + precision @ (mean - prior.mean)
         mean = mean - np.clip(covariance @ pull, -0.5, 0.5)
-    return Drag(mean, covariance, "calibration").of_next_flight()
+    return Drag(mean, covariance, DragSource.CALIBRATION).of_next_flight()

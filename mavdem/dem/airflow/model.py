@@ -22,6 +22,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, require_positive_definite
+from mavdem.facts.online import DragSource
 
 POPULATION = np.log([0.3, 0.014, 1.0, 1.0])
 POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])
@@ -53,12 +54,6 @@ def coefficients(logs: Array) -> tuple[Array, Array]:
 
 # from the population's means: factors of 50 to 400, and m/s²
 FARTHEST = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])
-SOURCES = {
-    "population": "other vehicles",
-    "parameters": "the autopilot's parameters",
-    "flight": "flight",
-    "calibration": "calibration",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +63,12 @@ class Drag:
     Attributes:
         mean: (6,) of ln c and ln q, geometric over both axes, of ln c_y/c_x and ln q_y/q_x, and of :attr:`lean`.
         covariance: (6, 6) of these.
-        source: a key of ``SOURCES``.
+        source: what it is known from.
     """
 
     mean: Array
     covariance: Array
-    source: str = "population"
+    source: DragSource = DragSource.POPULATION
 
     @classmethod
     def of_parameters(
@@ -90,15 +85,15 @@ class Drag:
         m, x, y = (changed.get(name, 0.0) for name in names)
         logs = POPULATION.copy()
         sd = POPULATION_SD.copy()
-        source = "population"
+        source = DragSource.POPULATION
         if m > 0.001:  # below, EKF2 takes the part for switched off
             logs[0] = np.log(m)
             sd[0] = SET_SD
-            source = "parameters"
+            source = DragSource.PARAMETERS
         if x > 1 and y > 1:
             logs[[1, 3]] = np.log([HALF_AIR_DENSITY / np.sqrt(x * y), x / y])
             sd[[1, 3]] = SET_SD
-            source = "parameters"
+            source = DragSource.PARAMETERS
         return cls(
             np.append(logs, [0.0, 0.0]), np.diag(np.append(sd, [LEAN_SD, LEAN_SD]) ** 2), source
         )
@@ -169,12 +164,13 @@ class Drag:
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
         """Returns the drag whose ``values`` :meth:`as_dict` made; ``ValueError`` or ``KeyError`` for others."""
         mean, covariance = (np.array(values[name], np.float64) for name in ("mean", "covariance"))
-        return cls(mean.reshape(6), covariance.reshape(6, 6), str(values["source"])).required()
+        source = DragSource(values["source"])
+        return cls(mean.reshape(6), covariance.reshape(6, 6), source).required()
 
     def required(self) -> Drag:
         """Returns it; ``ValueError`` where no vehicle can have it."""
-        if np.shape(self.mean) != (6,) or self.source not in SOURCES:
-            raise ValueError(f"a drag has a mean of 6 and a source of {', '.join(SOURCES)}")
+        if np.shape(self.mean) != (6,):
+            raise ValueError(f"a drag has a mean of 6 numbers, not {np.shape(self.mean)}")
         if not (np.abs(self.mean - np.append(POPULATION, np.zeros(2))) <= FARTHEST).all():
             raise ValueError("no vehicle has such a drag")
         require_positive_definite(self.covariance, "covariance", 6)
@@ -189,7 +185,7 @@ class Drag:
         return cls(
             np.array(mean),
             np.diag([*sd.mean(axis=1), *POPULATION_SD[2:], LEAN_SD, LEAN_SD]) ** 2,
-            "flight",
+            DragSource.FLIGHT,
         )
 
 
