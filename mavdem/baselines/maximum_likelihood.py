@@ -243,7 +243,7 @@ MAX_ITERATIONS = 300
 # least variance of w at the start: EM converges slowly from a motion that is taken to be exact
 START_NOISE = 0.1
 
-RANK_TOLERANCE = 1e-12
+SQUARES_TOLERANCE = 1e-12
 """Sums of squares of regressors below this of the largest count as zero, in whatever combination they are so small."""
 
 # smallest variance of w and v in any direction, states and outputs being of size 1
@@ -347,7 +347,7 @@ def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array,
     zz = total[:-targets, :-targets]
     yz = total[-targets:, :-targets]
     yy = total[-targets:, -targets:]
-    coefficients = yz @ np.linalg.pinv(zz, rcond=RANK_TOLERANCE, hermitian=True)
+    coefficients = yz @ np.linalg.pinv(zz, rcond=SQUARES_TOLERANCE, hermitian=True)
     explained = coefficients @ yz.T
     left = (yy - explained - explained.T + coefficients @ zz @ coefficients.T) / number
     variances, axes = np.linalg.eigh((left + left.T) / 2)

@@ -10,7 +10,6 @@ import numpy as np
 
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.identification import (
-    IDENTIFYING_STEPS,
     STEPS,
     checked,
     courses,
@@ -180,9 +179,7 @@ def estimate_wind(
         raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
     prior = Drag.of_parameters() if drag is None else drag.required()
     with one_thread():
-        coarse, fine = (
-            gridded(stamps, angles, speeds, most=most) for most in (IDENTIFYING_STEPS, STEPS)
-        )
+        coarse, fine = (gridded(stamps, angles, speeds, most=most) for most in (STEPS // 2, STEPS))
         mean, covariance, steered = identified(coarse, prior)
         states, spreads = courses(fine, mean, covariance)
     found = Drag(mean[:6], covariance[:6, :6])

@@ -32,10 +32,9 @@ from mavdem.facts.online import Airflow, DragSource
 # of a flight: a day
 LONGEST_SECONDS = 1e5
 LEAST_SECONDS = 15.0  # of motion with attitude and velocity
-# s, or the samples' own step; longer flights have so many longer steps
+# s, or the samples' own step; longer flights have so many longer steps, half of them to identify the drag
 STEP = 0.5
 STEPS = 1200
-IDENTIFYING_STEPS = 600  # of the drag: enough for a quarter of the time
 # of means, where the wind was measured beside the vehicle: only its slow part is the same air
 BESIDE_SECONDS = 3.0
 STEERED_SECONDS = 2.0
@@ -266,5 +265,5 @@ def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) ->
         flat = np.stack([*parts, *(part * AXES for part in parts), *ones], 2).reshape(-1, 6)
         covariance = np.linalg.inv(weight * flat.T @ flat + precision)
         pull = weight * flat.T @ errors.ravel() + precision @ (mean - prior.mean)
-        mean = mean - np.clip(covariance @ pull, -0.5, 0.5)
+        mean = mean - np.clip(covariance @ pull, -LARGEST, LARGEST)
     return Drag(mean, covariance, DragSource.CALIBRATION).of_next_flight()
