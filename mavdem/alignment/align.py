@@ -13,6 +13,8 @@ from mavdem.alignment import phases
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
+from mavdem.facts import Fact
+from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameter_values
 from mavdem.ingest.telemetry import Array, Telemetry, selected
@@ -210,7 +212,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "messages": {"attitude": attitude.message, "motors": motors.message},
             "rates": {name: round(rate, 3) for name, rate in rates.items()},
             "dt": dt,
-            "resampling": {"attitude": attitude_way, "motors": motors_way},
+            "resampling": {"attitude": str(attitude_way), "motors": str(motors_way)},
             "motors": {
                 "channels": list(layout.channels),
                 "positions": [list(position) for position in layout.positions],
@@ -286,18 +288,18 @@ def mean_rate(time: Array) -> float:
     return float((len(time) - 1) / (time[-1] - time[0]))
 
 
-def sample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, str]:
+def sample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, Fact]:
     """Columns of ``values`` (N, k), sampled at ``time`` (N,), at ``grid`` (T,) of step ``dt``, and how they were made.
 
-    "samples kept", "linear" between the neighbours, or, from a stream at ``LOW_PASS_RATIO`` times the rate of the grid
-    or more, "low-passed at … Hz, linear": else a vibration at 49 Hz, on a grid of 50, would look slow.
+    Kept, interpolated linearly between the neighbours or, from a stream at ``LOW_PASS_RATIO`` times the rate of the
+    grid or more, low-passed before: else a vibration at 49 Hz, on a grid of 50, would look slow.
     """
-    way = "linear"
+    way = Fact(Resampling.INTERPOLATED)
     if is_low_passed(time, dt):
         time, values = _low_passed(time, values, CUTOFF_RATIO / dt)
-        way = f"low-passed at {CUTOFF_RATIO / dt:.3g} Hz, linear"
+        way = Fact(Resampling.LOW_PASSED, rate=CUTOFF_RATIO / dt)
     elif (rows := kept_rows(grid, time)) is not None:
-        return values[rows], "samples kept"
+        return values[rows], Fact(Resampling.SAMPLES_KEPT)
     return np.column_stack([np.interp(grid, time, column) for column in values.T]), way
 
 

@@ -11,7 +11,8 @@ from mavdem.cli.options import read_source, source_options
 from mavdem.cli.output import complain, print_blocks, print_json
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
-from mavdem.facts.prose import prose
+from mavdem.facts import Fact
+from mavdem.facts.learnability import Reason
 from mavdem.health.in_flight import alarm_figures
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents, wind_blocks
@@ -29,7 +30,7 @@ def info_command(
     inputs: str | None,
     as_json: bool,
 ) -> None:
-    """Reports what a log holds and if a model can be learnt.
+    """Reports what a log holds and if a model can be learned.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints what the
     flight says of it, if a model can be learned (a model of the slow motion too; if not, why and what to change), the
@@ -75,11 +76,12 @@ def info_command(
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.
-            because = [
-                f"; {sender(shown)}: {shown['verdict']['reason']}" for shown in held["vehicles"]
-            ]
-            because.append(": there is no vehicle in this log.")
-            complain(
-                prose(f"No {axis} model can be learned from {source}{because[0]}"), as_json=False
+            because = Fact(
+                Reason.LOG_NOT_LEARNABLE,
+                axis=axis,
+                path=source,
+                names=[sender(shown) for shown in held["vehicles"]],
+                because=next((one.verdict.reason for one in analyses.values()), None),
             )
+            complain(because, as_json=False)
         context.exit(1)

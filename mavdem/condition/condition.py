@@ -79,11 +79,7 @@ class HoverFigures:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values, ``imbalance`` too."""
-        values = {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in asdict(self).items()
-        }
-        return values | {"imbalance": list(self.imbalance)}
+        return asdict(self) | {"imbalance": self.imbalance}
 
 
 def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> HoverFigures:
@@ -275,11 +271,12 @@ class Condition:
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values; angles in rad, but for those of ``hover``."""
-        hover = None if self.hover is None else self.hover.as_dict()
-        intervals = list(self.share_interval)
-        oscillation = None if self.oscillation is None else self.oscillation._asdict()
-        shown = {"hover": hover, "share_interval": intervals, "oscillation": oscillation}
-        return {**asdict(self), **shown, "collective": self.collective}
+        return {
+            **asdict(self),
+            "hover": self.hover and self.hover.as_dict(),
+            "oscillation": self.oscillation and self.oscillation._asdict(),
+            "collective": self.collective,
+        }
 
 
 def condition_of(signals: Signals) -> Condition:

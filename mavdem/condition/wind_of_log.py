@@ -65,8 +65,8 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         (name for name in VELOCITIES if len(telemetry.messages.get(name, {}).get("vx", ())) > 1), ""
     )
     if len(angles) < len(AXES) or not name:
-        missing = "velocity over ground" if len(angles) == len(AXES) else "attitude"
-        raise NotLearnable(Fact(NoWind.NO_VELOCITY, name=missing))
+        missing = AXES[len(angles) :]
+        raise NotLearnable(Fact(NoWind.NO_VELOCITY, missing=missing))
     columns = telemetry.messages[name]
     factor = VELOCITIES[name]
     moving = factor * np.column_stack([floats(columns, field) for field in ("vx", "vy", "vz")])

@@ -32,6 +32,7 @@ class Reason(Code):
     OUTPUT_ROUNDED = auto()
     COMMAND_ROUNDED = auto()
     RATE_CONTRADICTS_ANGLE = auto()
+    LOG_NOT_LEARNABLE = auto()
 
 
 class MotorObstacle(Code):
@@ -57,6 +58,14 @@ class Caution(Code):
     RATE_EXPLAINS_LITTLE = auto()
     SEGMENTS_LEFT_OUT = auto()
     ONLY_SLOWER_TIER = auto()
+
+
+class Resampling(Code):
+    """How a stream came onto the clock of a flight."""
+
+    SAMPLES_KEPT = auto()
+    INTERPOLATED = auto()
+    LOW_PASSED = auto()
 
 
 class Remedy(Code):

@@ -23,7 +23,8 @@ from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, settled_segm
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
-from mavdem.facts.learnability import Caution, Reason, Remedy
+from mavdem.facts import Fact
+from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import OFF_GROUND
@@ -327,7 +328,9 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     assert flight.dt == 0.02
     errors = np.abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time))
     assert errors.max() < 0.01 * 0.2
-    assert flight.provenance["resampling"]["attitude"].startswith("low-passed at 20 Hz")
+    assert flight.provenance["resampling"]["attitude"] == str(
+        Fact(Resampling.LOW_PASSED, rate=20.0)
+    )
 
 
 def test_lost_messages_and_jitter_part_nothing():
