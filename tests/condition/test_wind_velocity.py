@@ -298,11 +298,12 @@ def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refu
         )
     known = telemetry.messages
     blind = {name: known[name] for name in known if name not in VELOCITIES}
-    still = known["LOCAL_POSITION_NED"] | {"vx": 0 * known["LOCAL_POSITION_NED"]["vx"]}
+    still = dict(known["LOCAL_POSITION_NED"])
+    still["vx"] = 0 * still["vx"]
     for messages, code in (
         (late, NoWind.CLOCK_JUMPS),
         (blind, NoWind.NO_VELOCITY),
-        (known | {"LOCAL_POSITION_NED": still}, NoWind.NOT_MEASURED),
+        ({**known, "LOCAL_POSITION_NED": still}, NoWind.NOT_MEASURED),
     ):
         assert refused(wind_of, Signals(replace(telemetry, messages=messages))) is code
 
