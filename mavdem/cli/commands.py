@@ -50,7 +50,7 @@ class _Commands(click.Group):
 @click.group(
     cls=_Commands,
     commands=[
-        click.Command("info", help="Reports what a log holds and if a model can be learnt."),
+        click.Command("info", help="Reports what a log holds and if a model can be learned."),
         click.Command(
             "learn", help="Learns a linear model, and reports what the vehicle does in wind."
         ),
