@@ -89,6 +89,22 @@ class RateFact(Code):
     RATES_NOT_RESTORED = auto()
 
 
+class Task(StrEnum):
+    """What waits where the computer is too slow."""
+
+    PHYSICAL_FITS = auto()
+    PLOTS = auto()
+    REFITS = auto()
+    STATUS = auto()
+
+
+class Missing(StrEnum):
+    """What does not come over a link: anything, or attitude and motor outputs."""
+
+    MESSAGES = auto()
+    MOTION = auto()
+
+
 class Session(Code):
     """What a live session learns, and what keeps it from learning."""
 
@@ -111,7 +127,6 @@ class Session(Code):
     WIND_KNOWN = auto()
     WIND_SPEED = auto()
     WIND_FROM = auto()
-    WIND_NOT_MEASURED = auto()
 
 
 class Spent(StrEnum):

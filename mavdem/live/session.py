@@ -21,7 +21,7 @@ from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, Refusal
 from mavdem.facts import Code, Fact, Level
-from mavdem.facts.session import LinkFact, RateFact, Rows, Session, Spent
+from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live.decisions import Setup, findings_on, judged
@@ -52,7 +52,12 @@ FIT_SECONDS = 3.0
 STEP_SECONDS = 0.02
 TOGETHER_SECONDS = 0.01
 # What waits, from so many s behind on
-SHED = {"physical fits": 0.5, "plots": 1.0, "refits": 2.0, "status": 3.0}
+SHED = {
+    Task.PHYSICAL_FITS: 0.5,
+    Task.PLOTS: 1.0,
+    Task.REFITS: 2.0,
+    Task.STATUS: 3.0,
+}
 MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
 
@@ -114,7 +119,7 @@ class LiveSession:
         self._waiting: deque[_Piece] = deque()
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
-        self._shed: set[str] = set()
+        self._shed = set[Task]()
         # s, datagrams
         self.most_behind = 0.0
         self._dropped = 0
@@ -143,7 +148,7 @@ class LiveSession:
             self._judge(now)
             self._reported = now
             status = self.status
-            if "status" not in self._shed:
+            if Task.STATUS not in self._shed:
                 self.report(status)
             self._settled &= status.flying
             if status.obstacle != self._obstacle:
@@ -187,16 +192,16 @@ class LiveSession:
         behind = now - self.now
         self._shed = {what for what, limit in SHED.items() if behind >= limit}
         if self._display is not None:
-            self._display.hold("plots" in self._shed)
+            self._display.hold(Task.PLOTS in self._shed)
         self.most_behind = max(self.most_behind, behind)
         if self.learner is not None:
-            self.learner.fits_physical = "physical fits" not in self._shed
-            self.learner.refits = "refits" not in self._shed or self.learner.learned is None
+            self.learner.fits_physical = Task.PHYSICAL_FITS not in self._shed
+            self.learner.refits = Task.REFITS not in self._shed or self.learner.learned is None
         if behind > MAX_BEHIND_SECONDS:
-            while self._waiting and now - self._waiting[0].arrival > SHED["physical fits"]:
+            while self._waiting and now - self._waiting[0].arrival > SHED[Task.PHYSICAL_FITS]:
                 self._waiting.popleft()
             self._leave_out(now - behind)
-        if behind >= SHED["plots"]:
+        if behind >= SHED[Task.PLOTS]:
             if self._late is None:
                 self._log(
                     Fact(
@@ -241,7 +246,7 @@ class LiveSession:
         together = []
         while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
             together.append(self._waiting.popleft())
-        resumed = {"messages": first.arrival - self._heard}
+        resumed = {Missing.MESSAGES: first.arrival - self._heard}
         self._arrival = first.arrival
         self._heard = together[-1].arrival
         for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
@@ -251,7 +256,7 @@ class LiveSession:
         if landing is not None and self.learner is not None:
             self._take_back(self.learner, landing)
         if self.stream.samples != self._samples:
-            resumed["attitude and motor outputs"] = self._heard - self._sampled
+            resumed[Missing.MOTION] = self._heard - self._sampled
             self._samples = self.stream.samples
             self._sampled = self._heard
         for what, after in resumed.items():
@@ -333,7 +338,7 @@ class LiveSession:
         )
         behind = time.monotonic() - self.now
         rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
-        rows = replace(rows, behind=behind if behind >= SHED["plots"] else 0.0)
+        rows = replace(rows, behind=behind if behind >= SHED[Task.PLOTS] else 0.0)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> Fact | None:
@@ -342,10 +347,9 @@ class LiveSession:
         if self._lost:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
         if self._heard < since:
-            return Fact(Rows.NOTHING_RECEIVED, duration=SILENCE_SECONDS)
+            return Fact(Rows.NOTHING_RECEIVED, subject=Missing.MESSAGES, duration=SILENCE_SECONDS)
         if self._samples and self._sampled < since:
-            missing = "attitude and no motor outputs"
-            return Fact(Rows.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+            return Fact(Rows.NOTHING_RECEIVED, subject=Missing.MOTION, duration=SILENCE_SECONDS)
         return None
 
     def _receive(self, timeout: float) -> list[_Piece]:
@@ -496,7 +500,7 @@ class LiveSession:
             and self._estimate is not None
             and self._estimate.physical is not None
             and now >= self._next_judging
-            and "physical fits" not in self._shed
+            and Task.PHYSICAL_FITS not in self._shed
         ):
             self._next_judging = now + JUDGING_SECONDS
             named = self._named(self._newest)

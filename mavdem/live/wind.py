@@ -29,6 +29,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
+from mavdem.facts.wind import NoWind
 
 # s from row to row, and between samples that are kept, at least
 ROW = 0.1
@@ -171,8 +172,10 @@ class LiveWind:
         if len(stamps) < 10 or stamps[-1] - stamps[0] < START / 2:
             return
         try:
-            if 0 in np.ptp(np.column_stack([angles[:, 2], speeds[:, :2]]), axis=0):
-                raise NotLearnable(Fact(Session.WIND_NOT_MEASURED))
+            still = [np.ptp(angles[:, 2]), *np.ptp(speeds[:, :2], axis=0)]
+            if 0 in still:
+                name = "velocity" if still[0] else "yaw"
+                raise NotLearnable(Fact(NoWind.NOT_MEASURED, name=name))
             checked(stamps, angles, speeds)
         except NotLearnable as error:
             self.obstacle = error.fact

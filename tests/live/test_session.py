@@ -21,7 +21,7 @@ from mavdem.dem.online.learner import TOO_FEW
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
-from mavdem.facts.session import LinkError, LinkFact, RateFact, Rows, Session, VehicleFact
+from mavdem.facts.session import LinkError, LinkFact, Missing, RateFact, Rows, Session, VehicleFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.link import LinkLost
@@ -342,7 +342,9 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         now[0] += 0.25
         one.step(0.0)
     assert set(screen.statuses[-1].rates.values()) == {0.0}
-    assert screen.statuses[-1].obstacle == Fact(Rows.NOTHING_RECEIVED, duration=3.0)
+    assert screen.statuses[-1].obstacle == Fact(
+        Rows.NOTHING_RECEIVED, subject=Missing.MESSAGES, duration=3.0
+    )
     assert said.count(screen.statuses[-1].obstacle) == 1
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
@@ -350,11 +352,11 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         one.link.script = [batch]
         now[0] += 0.25
         one.step(0.0)
-    assert set(one.status.rates.values()) == {0.0} and one.status.obstacle.subject.startswith(
-        "attitude"
-    )
+    assert set(one.status.rates.values()) == {0.0} and one.status.obstacle.subject == Missing.MOTION
     (resumed,) = (
-        fact for fact in said if fact.code is Rows.MESSAGES_RESUMED and fact.subject == "messages"
+        fact
+        for fact in said
+        if fact.code is Rows.MESSAGES_RESUMED and fact.subject == Missing.MESSAGES
     )
     assert resumed.figures["duration"] == pytest.approx(600.0, abs=1.0)
     one.link.script = batches(2.0, start=11.0)
