@@ -34,6 +34,7 @@ from mavdem.facts.assessment import (
 )
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
+from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 
@@ -268,9 +269,12 @@ def _grade(name: str, share: float, status: Status = Status.REPORTED) -> Grade:
 
 
 def _because(reason: Fact | None) -> Fact:
-    """The ``reason`` of what is not reported: there always is one."""
+    """The ``reason`` of what is not reported: there always is one; the first of several."""
     assert reason is not None
-    return reason
+    first: Fact = reason
+    if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
+        first = reason.figures["because"][0]
+    return first
 
 
 def _effect(physical: Physical) -> Finding:
@@ -290,7 +294,8 @@ def _motion(physical: Physical) -> Finding:
     grades = {_grade(name, share, statuses[name]) for name, share in shares.items()}
     if grades == {Grade.NOT_IDENTIFIABLE}:
         reason = _because(physical.reasons["damping"] or physical.reasons["lag"])
-        if reason == physical.reasons["effect"]:
+        effect = physical.reasons["effect"]
+        if effect is not None and reason == _because(effect):
             reason = Fact(Because.SAME_AS_EFFECT)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
     doubts = dict[tuple[Status, Fact], list[str]]()
