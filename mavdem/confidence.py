@@ -30,7 +30,11 @@ def quantile(level: float = LEVEL, freedom: ArrayLike = np.inf) -> Any:
         level: the probability of the interval.
         freedom: degrees of freedom that the standard deviation was estimated with (Student's t); infinite, the normal
             distribution, where it is known.
+
+    Raises:
+        ValueError: the level is no probability between 0 and 1.
     """
+    require_probability(level)
     freedoms = np.asarray(freedom, np.float64)
     quantiles = np.where(
         np.isinf(freedoms), ndtri(0.5 + level / 2), stdtrit(freedoms, 0.5 + level / 2)

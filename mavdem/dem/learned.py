@@ -10,7 +10,7 @@ from warnings import warn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavdem.confidence import LEVEL, half_width, require_probability
+from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.linalg import Array
@@ -96,7 +96,6 @@ class Learned(LearnedDownstream):
         NaN for offset and trims, and without a simulation-error fit. The bias of closed loop, where inputs are
         correlated with the disturbance, is not included.
         """
-        require_probability(level)
         (n, r) = self.model.B.shape
         m = len(self.model.C)
         freedom = np.nan if self.simulation_fit is None else self.simulation_fit.freedom
@@ -206,7 +205,6 @@ class Learned(LearnedDownstream):
 
         From the noise and the posterior of the joint model.
         """
-        require_probability(level)
         return self.joint.half_widths(self._predicted(steps).variance, level, steps)
 
     def _predicted(self, steps: int) -> Forecast:
@@ -261,7 +259,6 @@ class Learned(LearnedDownstream):
     @may_overflow
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
-        require_probability(level)
         variance = self.forecast_variance(inputs)
         return self._half_widths(variance, level, len(variance))
 
@@ -273,7 +270,6 @@ class Learned(LearnedDownstream):
 
         All are (H, m); the last is the half width of the band of probability ``level`` about the first.
         """
-        require_probability(level)
         mean, variance = self._known_every(steps, *self.record.following(steps, inputs, outputs))
         return mean, variance, self._half_widths(variance, level, steps)
 
@@ -320,7 +316,6 @@ class Learned(LearnedDownstream):
         From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters; ``ValueError``
         where these are not identifiable.
         """
-        require_probability(level)
         physical = self.require_physical()
         if physical.caution is not None:
             raise NotLearnable(Fact(NoPhysical.NO_SIMULATION_BAND, because=physical.caution))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.confidence import LEVEL, half_width, require_probability
+from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS
 from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
@@ -98,7 +98,6 @@ class Physical(NamedTuple):
 
         The interval of probability ``level`` is narrower than the motors' own: they move together.
         """
-        require_probability(level)
         share = np.sign(self.effect) / len(self.effect)
         mean = float(share @ self.effect)
         r = len(self.effect)
@@ -141,7 +140,6 @@ class Physical(NamedTuple):
 
     def interval(self, level: float = LEVEL) -> PhysicalInterval:
         """Returns half widths of intervals of probability ``level``."""
-        require_probability(level)
         half = half_width(self.covariance.diagonal(), level)
         effect, damping, lag = (
             np.where(self.status[name] == Status.NOT_IDENTIFIABLE, np.nan, part)
