@@ -83,17 +83,16 @@ class Controller:
         self._smooths = 1.0 - exp(-self._cycle * LEAD * self._velocity)
 
     @property
-    def gains(self) -> tuple[Gains, Gains, Gains]:
+    def gains(self) -> tuple[Gains, ...]:
         """About roll, pitch and yaw."""
         # The lead is P and D: P(1 + (LEAD − 1)τs/(1 + τs)); τ as the cycle's exp(−cycle/τ) has it.
         lag = self._cycle * (1.0 - self._forgets) / self._forgets
-        roll, pitch, yaw = (
+        return tuple(
             Gains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
             for p, angle in zip(
                 (self._gain * self._rate * one for one in self._per_unit), self.stiff, strict=True
             )
         )
-        return roll, pitch, yaw
 
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
@@ -146,24 +145,21 @@ class Controller:
         self, estimate: State, wanted: Three, ahead: Three, thrust: float, flying: bool
     ) -> ControlOutput:
         """What one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
-        stiff_roll, stiff_pitch, stiff_yaw = self.stiff
         roll, pitch, yaw = euler(estimate.attitude)
-        rates = (
-            _limited(stiff_roll * (wanted[0] - roll) + ahead[0], MAX_RATE),
-            _limited(stiff_pitch * (wanted[1] - pitch) + ahead[1], MAX_RATE),
-            _limited(stiff_yaw * _wrapped(wanted[2] - yaw) + ahead[2], MAX_RATE),
+        errors = wanted[0] - roll, wanted[1] - pitch, _wrapped(wanted[2] - yaw)
+        rates = tuple(
+            _limited(stiff * error + known, MAX_RATE)
+            for stiff, error, known in zip(self.stiff, errors, ahead, strict=True)
         )
-        p, q, r = estimate.rates
         # The thrust curve undone, as both autopilots do.
         command = self._body.command_for(self._body.speed_for(thrust / 4)) / self._body.full
-        demands = (
-            _limited(self.demand(0, rates[0], p, flying), 1.0),
-            _limited(self.demand(1, rates[1], q, flying), 1.0),
-            _limited(self.demand(2, rates[2], r, flying), 1.0),
-            min(max(command, 0.0), 1.0),
+        turning = (
+            _limited(self.demand(axis, asked, rate, flying), 1.0)
+            for axis, (asked, rate) in enumerate(zip(rates, estimate.rates, strict=True))
         )
-        a, b, c, d = self.mixed(demands)
-        return ControlOutput((pulse(a), pulse(b), pulse(c), pulse(d)), demands, wanted, rates)
+        demands = (*turning, min(max(command, 0.0), 1.0))
+        outputs = tuple(map(pulse, self.mixed(demands)))
+        return ControlOutput(outputs, demands, wanted, rates)
 
     def mixed(self, demands: Four) -> Four:
         """Normalised commands of the motors."""

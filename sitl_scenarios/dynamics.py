@@ -29,7 +29,8 @@ from typing import Literal, NamedTuple
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
-Four = tuple[float, float, float, float]
+Four = tuple[float, ...]
+"""Of the four rotors, in the autopilots' order."""
 
 SPINS: Four = (1.0, 1.0, -1.0, -1.0)
 """1: the rotor turns counter-clockwise seen from above, and its torque turns the body clockwise: positive yaw."""
@@ -53,15 +54,15 @@ def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
         forward = (0.0, 0.0, 1.0, -1.0)
         right = (1.0, -1.0, 0.0, 0.0)
         arm = (hypot(*arm),) * 2
+    ahead, aside = arm
     # Thrust acts upwards: a rotor on the left rolls to the right, one in front raises the nose.
-    (f1, f2, f3, f4) = forward
-    (r1, r2, r3, r4) = right
-    (ahead, aside) = arm
-    places: tuple[Four, Four] = (
-        (f1 * ahead, f2 * ahead, f3 * ahead, f4 * ahead),
-        (r1 * aside, r2 * aside, r3 * aside, r4 * aside),
+    return RotorFrame(
+        forward=tuple(one * ahead for one in forward),
+        right=tuple(one * aside for one in right),
+        roll=tuple(-one for one in right),
+        pitch=forward,
+        yaw=SPINS,
     )
-    return RotorFrame(*places, (-r1, -r2, -r3, -r4), forward, SPINS)
 
 
 IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
@@ -74,22 +75,19 @@ def mix(frame: RotorFrame, demands: Four, stop: float = 1.0, idle: float = IDLE_
     first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
     """
     roll, pitch, yaw, thrust = demands
-    a, b, c, d = (
+    turning = [
         roll * r + pitch * p + yaw * s
         for r, p, s in zip(frame.roll, frame.pitch, frame.yaw, strict=True)
-    )
-    lowest = min(a, b, c, d)
-    highest = max(a, b, c, d)
+    ]
+    lowest = min(turning)
+    highest = max(turning)
     if highest - lowest > stop - idle:
         scale = (stop - idle) / (highest - lowest)
-        a = a * scale
-        b = b * scale
-        c = c * scale
-        d = d * scale
+        turning = [one * scale for one in turning]
         lowest = lowest * scale
         highest = highest * scale
     thrust = min(max(thrust, idle - lowest), stop - highest)
-    return a + thrust, b + thrust, c + thrust, d + thrust
+    return tuple(one + thrust for one in turning)
 
 
 # Of no command and of a full one
@@ -103,7 +101,8 @@ def pulse(command: float) -> float:
     return float(round(MIN_PULSE + (MAX_PULSE - MIN_PULSE) * command))
 
 
-Three = tuple[float, float, float]
+Three = tuple[float, ...]
+"""Of three axes."""
 Quaternion = tuple[float, float, float, float]
 
 
@@ -138,9 +137,8 @@ def damages(scenario: Scenario) -> list[tuple[float, Damage]]:
     vehicle = scenario.vehicle
     propeller = scenario.propeller
     load = scenario.load
-    begins = [vehicle.weak_from] * bool(vehicle.weak_motor) + [propeller.start] * bool(
-        propeller.motor
-    )
+    begins = [vehicle.weak_from] * bool(vehicle.weak_motor)
+    begins += [propeller.start] * bool(propeller.motor)
     begins += [load.start] * bool(load.forward or load.right)
 
     def at(time: float) -> Damage:
@@ -160,11 +158,10 @@ def damages(scenario: Scenario) -> list[tuple[float, Damage]]:
 
 def _all_but(motor: int, share: float) -> Four:
     """1, but ``share`` for a motor, from 1; 0: none."""
-    a, b, c, d = (share if motor == number else 1.0 for number in (1, 2, 3, 4))
-    return a, b, c, d
+    return tuple(share if motor == number else 1.0 for number in (1, 2, 3, 4))
 
 
-Change = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
+Change = tuple[float, ...]
 """Acceleration NED (m/s²), angular acceleration in body axes (rad/s²), and of that the disturbance: force NED (N) and
 moment in body axes (N m) of everything but weight and the rotors' thrust and torque in still air."""
 Dynamics = Callable[[Quaternion, Three, Three, Four, AirState], Change]
@@ -342,19 +339,14 @@ class Body:
     def targets(self, outputs: Four, battery: float) -> Four:
         """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         body = self._airframe
-        span = MAX_PULSE - MIN_PULSE
+        share = body.full / (MAX_PULSE - MIN_PULSE)
         if body.quadratic is not None:
-            speeds = [
-                battery * body.rotor_speed(body.full / span * (us - MIN_PULSE)) for us in outputs
-            ]
+            speeds = [battery * body.rotor_speed(share * (us - MIN_PULSE)) for us in outputs]
         else:
-            slope = battery * body.speed[0] * body.full / span
+            slope = battery * body.speed[0] * body.full / (MAX_PULSE - MIN_PULSE)
             offset = battery * body.speed[1]
             speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
-        a, b, c, d = (
-            speed * left for speed, left in zip(speeds, self.condition.speed, strict=True)
-        )
-        return a, b, c, d
+        return tuple(speed * left for speed, left in zip(speeds, self.condition.speed, strict=True))
 
     def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
         """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
@@ -391,18 +383,12 @@ class Body:
 
     def lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
         """Rotor speeds half a step and a step later, on their way to what their commands settle at, rad/s."""
-        o1, o2, o3, o4 = rotors
-        t1, t2, t3, t4 = targets
         half_up, up, half_down, down = self._keeps
-        d1 = o1 - t1
-        d2 = o2 - t2
-        d3 = o3 - t3
-        d4 = o4 - t4
-        m1, e1 = (half_up, up) if d1 < 0.0 else (half_down, down)
-        m2, e2 = (half_up, up) if d2 < 0.0 else (half_down, down)
-        m3, e3 = (half_up, up) if d3 < 0.0 else (half_down, down)
-        m4, e4 = (half_up, up) if d4 < 0.0 else (half_down, down)
-        return (
-            (t1 + d1 * m1, t2 + d2 * m2, t3 + d3 * m3, t4 + d4 * m4),
-            (t1 + d1 * e1, t2 + d2 * e2, t3 + d3 * e3, t4 + d4 * e4),
-        )
+        middle = []
+        end = []
+        for speed, target in zip(rotors, targets, strict=True):
+            off = speed - target
+            half, whole = (half_up, up) if off < 0.0 else (half_down, down)
+            middle.append(target + off * half)
+            end.append(target + off * whole)
+        return tuple(middle), tuple(end)

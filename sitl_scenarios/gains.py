@@ -77,15 +77,15 @@ class SetController(Controller):
         known = parameters_of(scenario, cycle)
         vehicle = scenario.vehicle
         columns = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)[2:]
-        pairs = zip(AXES, columns, strict=True)
+        is_px4 = scenario.stream.autopilot == "px4"
         axes = [
-            controller_of(known, axis, () if scenario.stream.autopilot == "px4" else of)
-            for axis, of in pairs
+            controller_of(known, axis, () if is_px4 else column)
+            for axis, column in zip(AXES, columns, strict=True)
         ]
         self._axes = axes
         super().__init__(vehicle, cycle, scenario.sensors.delay)
-        self._within((axes[0].angle, axes[1].angle, axes[2].angle))
-        self._mixer = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))  # type: ignore[arg-type]
+        self._within(tuple(one.angle for one in axes))
+        self._mixer = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))
         self._expo = axes[0].expo
         (self._begin, self._end) = axes[0].spin
         self._idle = self._thrust(max(self._begin, IDLE_COMMAND))
@@ -111,10 +111,9 @@ class SetController(Controller):
         f = self._expo
         span = 2 * (self._end - self._begin)
         roots = (1 - f + sqrt((1 - f) ** 2 + 4 * f * max(thrust, 1e-9)) for thrust in thrusts)
-        a, b, c, d = (
+        return tuple(
             self._begin + span * thrust / root for thrust, root in zip(thrusts, roots, strict=True)
         )
-        return a, b, c, d
 
     def _thrust(self, command: float) -> float:
         share = min(max((command - self._begin) / (self._end - self._begin), 0.0), 1.0)

@@ -100,7 +100,7 @@ class Plan:
             once = _course(scenario.excitation, cycle)
             excited = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
             self._course = np.tile(once, (int(excited / (len(once) * cycle) + 1e-9), 1)).tolist()
-        self._table: list[Three] = [(roll, pitch, yaw) for roll, pitch, yaw in table.tolist()]
+        self._table: list[Three] = list(map(tuple, table.tolist()))
 
     def at(self, time: float) -> Reference:
         """Returns the reference ``time`` seconds after arming."""
@@ -195,8 +195,7 @@ def _course(course: Course, cycle: float) -> Array:
 
 
 def _about(axis: str, value: float) -> Three:
-    roll, pitch, yaw = (value if axis == name else 0.0 for name in AXES)
-    return roll, pitch, yaw
+    return tuple(value if axis == name else 0.0 for name in AXES)
 
 
 def _sticks(scenario: Scenario, sticks: Sticks, cycle: float, samples: int) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from itertools import chain, count
 from math import cos, hypot, pi, radians, sin, sqrt
+from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +52,10 @@ class Unbalance:
         x, y, z = self._arm
         moment = -z * fy, z * fx, x * fy - y * fx
         passes = 1 / hypot(1.0, speed / (2 * pi * 20.0))  # Hz of ArduPilot's INS_GYRO_FILTER
-        p, q, r = (
+        return tuple(
             passes * one / (inertia * speed)
             for one, inertia in zip(moment, self._inertia, strict=True)
         )
-        return p, q, r
 
 
 def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
@@ -92,25 +92,18 @@ class Sensing:
         last = len(self._seen) - 1
         new = self._seen[max(last - self._whole, 0)]
         old = self._seen[max(last - self._whole - 1, 0)]
-        k = 1.0 - self._share
-        m = self._share
-        (x, y, z), (u, v, w), (a, b, c, d), (p, q, r) = new[:4]
-        (x0, y0, z0), (u0, v0, w0), (a0, b0, c0, d0), (p0, q0, r0) = old[:4]
-        nx, ny, nz, nu, nv, nw, ea, eb, ec, np_, nq, nr = next(self._noise)
-        a = k * a + m * a0
-        b = k * b + m * b0
-        c = k * c + m * c0
-        d = k * d + m * d0
+        kept = 1.0 - self._share
+        position, velocity, (a, b, c, d), rates = (
+            [kept * now + self._share * before for now, before in zip(*pair, strict=True)]
+            for pair in zip(new[:4], old[:4], strict=True)
+        )
+        noise = next(self._noise)
         mx, my, _ = self._mounted
-        a, b, c, d = turned((a, b, c, d), (mx + ea, my + eb, ec))
+        a, b, c, d = turned((a, b, c, d), (mx + noise[6], my + noise[7], noise[8]))
         size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
         return State(
-            (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),
-            (k * u + m * u0 + nu, k * v + m * v0 + nv, k * w + m * w0 + nw),
+            tuple(map(add, position, noise[:3])),
+            tuple(map(add, velocity, noise[3:6])),
             (a * size, b * size, c * size, d * size),
-            (
-                k * p + m * p0 + np_ + shaken[0],
-                k * q + m * q0 + nq + shaken[1],
-                k * r + m * r0 + nr + shaken[2],
-            ),
+            tuple(map(add, map(add, rates, noise[9:]), shaken)),
         )

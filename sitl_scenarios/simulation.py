@@ -15,6 +15,7 @@ from sitl_scenarios.dynamics import (
     IDLE_COMMAND,
     AirState,
     Body,
+    Change,
     Four,
     State,
     damages,
@@ -151,7 +152,7 @@ class Simulation:
             control = ControlOutput((pulse(idle),) * 4, (0.0, 0.0, 0.0, idle))
         else:
             control = self._controller.control(estimate, reference, not self._grounded)
-        acting = (0.0,) * 12
+        acting: Change = (0.0,) * 12
         if not self._grounded:
             acting = self._body.dynamics(
                 state.attitude, state.velocity, state.rates, state.rotors, air

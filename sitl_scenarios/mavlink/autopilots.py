@@ -10,6 +10,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from importlib.resources import files
 from typing import Any, Literal
 
@@ -18,12 +19,24 @@ from sitl_scenarios.scenario import shortened
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 """States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
-# MAV_RESULT
-DENIED = 2
-FAILED = 4
-# MAV_SEVERITY
-INFO = 6
-CRITICAL = 2
+
+
+class Result(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY."""
+
+    CRITICAL = 2
+    INFO = 6
+
+
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 
 

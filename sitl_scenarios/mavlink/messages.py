@@ -8,6 +8,7 @@ https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 from __future__ import annotations
 
 import struct
+from enum import IntEnum
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -27,9 +28,15 @@ from sitl_scenarios.vehicles import AIR_DENSITY, CHARGED
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
-# MAV_STATE
-ACTIVE = 4
-STANDBY = 3
+
+
+class State(IntEnum):
+    """MAV_STATE."""
+
+    STANDBY = 3
+    ACTIVE = 4
+
+
 SENSORS = 0b1111
 FENCE = 1 << 20
 """MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
@@ -90,7 +97,9 @@ def written(
         case "HEARTBEAT":
             flies = motion.armed & (autopilot.active_when_armed | (states != ON_GROUND))
             status = np.select(
-                [flies, ~motion.armed & (boot < 3e6)], [ACTIVE, autopilot.starting], STANDBY
+                [flies, ~motion.armed & (boot < 3e6)],
+                [State.ACTIVE, autopilot.starting],
+                State.STANDBY,
             )
             fields = {
                 "type": QUADROTOR,
@@ -192,35 +201,41 @@ def written(
     return payload(name, len(boot), **fields)
 
 
-# MAV_PARAM_TYPE
-INT8 = 2
-INT16 = 4
-INT32 = 6
-REAL32 = 9
-INTEGERS = {INT8: 8, INT16: 16, INT32: 32}  # Bits of the integer types
+class ParameterType(IntEnum):
+    """MAV_PARAM_TYPE."""
+
+    INT8 = 2
+    INT16 = 4
+    INT32 = 6
+    REAL32 = 9
+
+    @property
+    def bits(self) -> int:
+        """Of the integer types; 0 of a real."""
+        return 0 if self is ParameterType.REAL32 else int(self.name[3:])
 
 
 class Parameter(NamedTuple):
     """A parameter of MAV_PARAM_TYPE ``kind``; ``value`` is whole where that is an integer type."""
 
     name: str
-    kind: int
+    kind: ParameterType
     value: float
 
     def encoded(self, bitwise: bool) -> float:
         """PARAM_VALUE.param_value."""
-        if bitwise and self.kind in INTEGERS:
+        if bitwise and self.kind.bits:
             return float(struct.unpack("<f", struct.pack("<i", int(self.value)))[0])
         return self.value
 
     def changed(self, sent: float, bitwise: bool) -> Parameter | None:
         """The parameter as a PARAM_SET of ``param_value`` ``sent`` makes it; None for a value that it cannot have."""
         value = sent
-        if bitwise and self.kind in INTEGERS:
+        if bitwise and self.kind.bits:
             value = float(struct.unpack("<i", struct.pack("<f", sent))[0])
-        elif self.kind in INTEGERS and abs(sent) < 2**31:
+        elif self.kind.bits and abs(sent) < 2**31:
             value = float(round(sent))
-        limit = 2.0 ** (INTEGERS[self.kind] - 1) if self.kind in INTEGERS else 3.4e38
+        limit = 2.0 ** (self.kind.bits - 1) if self.kind.bits else 3.4e38
         return self._replace(value=value) if -limit <= value < limit else None
 
 
@@ -237,7 +252,9 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
         values.pop("EKF2_DRAG_CTRL", None)
     kinds = {name: kind for name, (kind, _) in autopilot.parameters.items()}
     return {
-        name: Parameter(name, kinds.get(name, REAL32), float(values[name]))
+        name: Parameter(
+            name, ParameterType(kinds.get(name, ParameterType.REAL32)), float(values[name])
+        )
         for name in sorted(values)
     }
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
 from mavdem.ingest.mavlink.framing import Bytes, Frames, gathered
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
+from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, Severity
 from sitl_scenarios.mavlink.messages import Parameter, Payloads, named, parameters, payload, written
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
@@ -205,7 +205,7 @@ class Transmitter:
         if not self._scenario.stream.only_when_asked:
             self.tell_parameters()
         text = f"Simulated by mavdem, frame {self._scenario.vehicle.mixer or self._scenario.vehicle.frame}"
-        self.ask("STATUSTEXT", severity=INFO, text=text.encode())
+        self.ask("STATUSTEXT", severity=Severity.INFO, text=text.encode())
         self._fresh = True
 
     def _scheduled(self, start: float) -> Schedule:
@@ -260,7 +260,7 @@ class Transmitter:
                     (
                         "STATUSTEXT",
                         np.array([row]),
-                        payload("STATUSTEXT", severity=INFO, text=text.encode()),
+                        payload("STATUSTEXT", severity=Severity.INFO, text=text.encode()),
                     )
                 )
         return placed

@@ -21,7 +21,7 @@ from mavdem.live.rate_request import (
     RateRequest,
 )
 from mavdem.live.senders import Sender
-from sitl_scenarios.mavlink.live import CommandHandler, addressed_messages
+from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
 from sitl_scenarios.scenario import Scenario, StreamSpec
 

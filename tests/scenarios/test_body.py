@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sitl_scenarios.dynamics import AirState, Body, State, dynamics
+from sitl_scenarios.dynamics import AirState, Body, Damage, State, dynamics
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
@@ -127,3 +127,14 @@ def test_wind_pushes_and_tilts_as_its_formulas_say():
     turning = change(level, still, still, hover, AirState(p=0.5))
     assert turning[9] == pytest.approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
     assert change(level, still, (0.5, 0.0, 0.0), hover, AirState())[9] == pytest.approx(-turning[9])
+
+
+def test_wind_acts_where_the_hull_is_and_so_turns_a_vehicle_whose_load_has_shifted():
+    body = AIRFRAMES["ardrone2"]
+    condition = Damage(centre=(0.02, -0.03))
+    change = dynamics(VehicleSpec(model="ardrone2"), condition)
+    air = AirState(north=2.0, east=5.0)
+    acting = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, (body.hover_speed,) * 4, air)
+    force = acting[6:9]
+    hubs = [-0.02, 0.03, -body.hub_height]
+    assert acting[9:] == pytest.approx(np.cross(hubs, force)) and abs(acting[11]) > 1e-3

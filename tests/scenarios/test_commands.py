@@ -8,7 +8,7 @@ from made_up_motion import made_up_motion
 from mavlink_streams import frame
 from pymavlink.dialects.v20 import all as dialect
 
-from sitl_scenarios.mavlink.live import CommandHandler, addressed_messages
+from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
 from sitl_scenarios.scenario import Scenario, StreamSpec
 

@@ -1,0 +1,226 @@
+"""Commands: what a ground station asks of a simulated vehicle, and what the vehicle answers.
+
+Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html,
+https://mavlink.io/en/services/mission.html; where the autopilots differ, ``sitl_scenarios.mavlink.autopilots``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from enum import IntEnum
+from itertools import islice
+from math import inf, isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.ingest.mavlink.definitions import columns, definitions, seeds
+from mavdem.ingest.mavlink.framing import GOOD, find_frames
+from sitl_scenarios.mavlink.autopilots import Result, Severity
+from sitl_scenarios.mavlink.transmitter import Transmitter
+from sitl_scenarios.simulation import Simulation
+
+BROADCAST_ID = 0  # Target system or component of messages to all
+UNDERSTOOD = frozenset(
+    {"COMMAND_LONG", "COMMAND_INT", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"}
+    | {"REQUEST_DATA_STREAM", "MISSION_REQUEST_LIST"}
+)
+"""Messages that are answered; each names its target."""
+
+
+class Received(NamedTuple):
+    """A message of ``name`` with its ``fields`` from ``system`` and ``component``."""
+
+    name: str
+    fields: dict[str, Any]
+    system: int
+    component: int
+
+
+def addressed_messages(
+    datagram: bytes, system: int, component: int, most: int | None = None
+) -> list[Received]:
+    """The messages in a datagram, ``most`` at most, that are understood and meant for this component, or for all."""
+    data = np.frombuffer(datagram, dtype=np.uint8)
+    understood = []
+    for frames in find_frames(data, seeds()):
+        for row in np.flatnonzero(frames.verdict == GOOD).tolist():
+            definition = definitions()[int(frames.message_id[row])]
+            if definition.name not in UNDERSTOOD:
+                continue
+            read = columns(data, frames.start[row : row + 1], definition)
+            fields = {name: values[0] for name, values in read.items()}
+            to_system = fields["target_system"]
+            to_component = fields["target_component"]
+            if to_system in (system, BROADCAST_ID) and to_component in (component, BROADCAST_ID):
+                sender = int(frames.system[row]), int(frames.component[row])
+                understood.append(Received(definition.name, fields, *sender))
+            if len(understood) == most:
+                return understood
+    return understood
+
+
+class Command(IntEnum):
+    """MAV_CMD of those that are obeyed."""
+
+    COMPONENT_ARM_DISARM = 400
+    GET_MESSAGE_INTERVAL = 510
+    SET_MESSAGE_INTERVAL = 511
+    REQUEST_MESSAGE = 512
+
+
+# What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
+FORCE = 21196
+MAX_REPORTED = 20  # Changes of rates that are reported: some ground stations ask again and again
+
+
+class CommandHandler:
+    """Executes a vehicle's commands, ``accepted`` so many; ``report`` is called with a sentence when rates change."""
+
+    def __init__(
+        self,
+        transmitter: Transmitter,
+        simulation: Simulation,
+        report: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._transmitter = transmitter
+        self._simulation = simulation
+        self._report = report
+        self._reported = 0
+        self.accepted = 0
+
+    def answer(self, received: Received) -> None:
+        """Does what a message asks for; the reply goes out with the transmitter's next block."""
+        whom = {"target_system": received.system, "target_component": received.component}
+        match received.name:
+            case "COMMAND_LONG" | "COMMAND_INT":
+                command = int(received.fields["command"])
+                result = self._result(
+                    command, float(received.fields["param1"]), float(received.fields["param2"])
+                )
+                self.accepted += result == Result.ACCEPTED
+                self._transmitter.ask("COMMAND_ACK", command=command, result=result, **whom)
+            case "PARAM_REQUEST_LIST":
+                self._transmitter.tell_parameters()
+            case "PARAM_REQUEST_READ":
+                known = self._transmitter.parameters
+                index = int(received.fields["param_index"])
+                by_name = known.get(_text(received.fields["param_id"]))
+                if (
+                    found := by_name
+                    if index < 0
+                    else next(islice(known.values(), index, None), None)
+                ) is not None:
+                    self._transmitter.tell(found)
+            case "PARAM_SET":
+                if (
+                    old := self._transmitter.parameters.get(_text(received.fields["param_id"]))
+                ) is not None:
+                    value = float(received.fields["param_value"])
+                    bitwise = self._transmitter.autopilot.bitwise
+                    self._transmitter.parameters[old.name] = old.changed(value, bitwise) or old
+                    self._transmitter.tell(self._transmitter.parameters[old.name])
+            case "REQUEST_DATA_STREAM":
+                # The rate, Hz, of a group of messages, or of all groups.
+                groups = self._transmitter.autopilot.groups
+                group = int(received.fields["req_stream_id"])
+                rate = (
+                    int(received.fields["req_message_rate"]) if received.fields["start_stop"] else 0
+                )
+                chosen = list(groups) if group == 0 else [group]
+                self._set_intervals(
+                    (name for one in chosen for name in groups.get(one, ())),
+                    1 / rate if rate else inf,
+                )
+            case "MISSION_REQUEST_LIST":
+                # There never is a mission.
+                self._transmitter.ask(
+                    "MISSION_COUNT", mission_type=received.fields["mission_type"], **whom
+                )
+
+    def _result(self, command: int, first: float, second: float) -> int:
+        """Obeys a command with its first two parameters; returns the MAV_RESULT."""
+        if command not in set(Command):
+            return Result.UNSUPPORTED
+        if not isfinite(first):
+            return Result.DENIED
+        match Command(command):
+            case Command.COMPONENT_ARM_DISARM:
+                return self._arm(first, second)
+            case Command.SET_MESSAGE_INTERVAL:
+                return self._set_interval(first, second)
+            case Command.GET_MESSAGE_INTERVAL:
+                return self._request("MESSAGE_INTERVAL", first)
+            case Command.REQUEST_MESSAGE:
+                return self._request(_name(first), second)
+
+    def _arm(self, arm: float, force: float) -> int:
+        if round(arm) not in (0, 1):
+            return Result.DENIED
+        if self._simulation.set_armed(round(arm) == 1, force == FORCE):
+            return Result.ACCEPTED
+        if round(arm) == 1:
+            return Result.FAILED
+        text, result = self._transmitter.autopilot.denied_in_air
+        if text:
+            self._transmitter.ask("STATUSTEXT", severity=Severity.CRITICAL, text=text.encode())
+        return result
+
+    def _set_interval(self, message: float, interval: float) -> int:
+        schedule = self._transmitter.schedule
+        name = _name(message)
+        if name not in schedule.usual or not isfinite(interval):
+            return self._transmitter.autopilot.unknown_message
+        usual = 1 / schedule.usual[name] if schedule.usual[name] else inf
+        self._set_intervals([name], inf if interval < 0 else interval / 1e6 or usual)
+        return Result.ACCEPTED
+
+    def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
+        """Sets the interval of messages, and reports those whose interval was another."""
+        schedule = self._transmitter.schedule
+        changed = []
+        for name in names:
+            before = schedule.interval(name)
+            schedule.set(name, seconds, self._transmitter.clock)
+            after = schedule.interval(name)
+            if after != before:
+                changed.append(f"{name} {_in_hertz(after)} instead of {_in_hertz(before)}")
+        if changed and self._reported < MAX_REPORTED:
+            self._reported += 1
+            more = "; further changes are not reported" if self._reported == MAX_REPORTED else ""
+            self._report(f"A ground station asked for {', '.join(changed)}{more}.")
+
+    def _request(self, name: str, argument: float) -> int:
+        """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL reports."""
+        transmitter = self._transmitter
+        if name in transmitter.schedule.usual:
+            transmitter.once.add(name)
+        elif name == "MESSAGE_INTERVAL" and isfinite(argument) and 0 <= argument < 2**16:
+            about = _name(argument)
+            interval = (
+                transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
+            )
+            microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
+            transmitter.ask(name, message_id=int(argument), interval_us=microseconds)
+        elif name == "AUTOPILOT_VERSION":
+            autopilot = transmitter.autopilot
+            transmitter.ask(
+                name, capabilities=autopilot.capabilities, flight_sw_version=autopilot.version
+            )
+        else:
+            return transmitter.autopilot.unknown_message
+        return Result.ACCEPTED
+
+
+def _in_hertz(interval: float) -> str:
+    return f"{1 / interval:.3g} Hz" if isfinite(interval) else "none"
+
+
+def _name(message: float) -> str:
+    """Of the message with this id; empty when there is none."""
+    definition = definitions().get(round(message)) if isfinite(message) else None
+    return definition.name if definition else ""
+
+
+def _text(field: bytes) -> str:
+    return field.split(b"\0", 1)[0].decode("ascii", errors="replace")
