@@ -9,14 +9,9 @@ if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import read_flight, read_segments
     from mavdem.analysis import VehicleFigures, vehicle
-    from mavdem.condition import (
-        HoverFigures,
-        WindVelocity,
-        estimate_wind,
-        hover,
-        hover_figures,
-        wind,
-    )
+    from mavdem.condition.condition import HoverFigures, hover, hover_figures
+    from mavdem.condition.wind_of_log import wind
+    from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
     from mavdem.dem import Drag, Learned, OnlineLearner, Settings, estimate_drag, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
@@ -62,13 +57,15 @@ __all__ = [
 _ROOMS = {
     "alignment": ("read_flight", "read_segments"),
     "analysis": ("VehicleFigures", "vehicle"),
-    "condition": (
+    "condition.condition": (
         "HoverFigures",
-        "WindVelocity",
-        "estimate_wind",
         "hover",
         "hover_figures",
-        "wind",
+    ),
+    "condition.wind_of_log": ("wind",),
+    "condition.wind_velocity": (
+        "WindVelocity",
+        "estimate_wind",
     ),
     "dem": ("Drag", "Learned", "OnlineLearner", "Settings", "estimate_drag", "learn", "learn_many"),
     "errors": ("NotLearnable", "Unreadable"),

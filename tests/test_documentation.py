@@ -235,7 +235,7 @@ def test_arguments_and_attributes_are_mentioned():
 
 
 LOG = Path(__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog"
-ROOMS = ("", "baselines", "condition", "dem", "evaluate", "ingest")
+ROOMS = ("", "baselines", "dem", "evaluate", "ingest")
 """Modules whose public names may have examples; ``mavdem`` itself first."""
 
 

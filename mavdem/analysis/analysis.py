@@ -22,8 +22,8 @@ from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
 from mavdem.analysis.findings import disown_torque
-from mavdem.condition import condition_of, identity_of
-from mavdem.condition.inventory import tier_of
+from mavdem.condition.condition import condition_of
+from mavdem.condition.inventory import identity_of, tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES, checked

@@ -20,9 +20,8 @@ from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.condition import Condition, Identity
-from mavdem.condition.condition import HoverFigures, hover_of, or_none
-from mavdem.condition.inventory import Tier
+from mavdem.condition.condition import Condition, HoverFigures, hover_of, or_none
+from mavdem.condition.inventory import Identity, Tier
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array

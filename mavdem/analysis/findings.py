@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.analysis.overrides import overrides_of
 from mavdem.analysis.residuals import correlation, residuals
-from mavdem.condition import Condition
+from mavdem.condition.condition import Condition
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HeldOut

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 from math import radians
 
 from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
-from mavdem.condition import Condition
-from mavdem.condition.condition import HoverFigures
+from mavdem.condition.condition import Condition, HoverFigures
 from mavdem.condition.oscillation import Oscillation
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override

@@ -38,10 +38,9 @@ from mavdem.cli.output import (
     progress,
     say_aside,
 )
-from mavdem.condition import WindVelocity
 from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
-from mavdem.condition.wind_velocity import torque_explained
+from mavdem.condition.wind_velocity import WindVelocity, torque_explained
 from mavdem.dem import Settings
 from mavdem.errors import advice, missing
 from mavdem.evaluate.window import Length

@@ -19,8 +19,8 @@ from mavdem.alignment.drive import Motors
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
-from mavdem.condition import WindVelocity
 from mavdem.condition.wind_of_log import air_of
+from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable, require

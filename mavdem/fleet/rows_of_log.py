@@ -16,8 +16,8 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import physical_values, wind_values
-from mavdem.condition import WindVelocity
 from mavdem.condition.wind_of_log import Air, air_of
+from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact

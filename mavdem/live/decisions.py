@@ -33,8 +33,7 @@ from mavdem.alignment.phases import (
 )
 from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, motors_or_demand
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
-from mavdem.condition import Condition
-from mavdem.condition.condition import hover_figures
+from mavdem.condition.condition import Condition, hover_figures
 from mavdem.condition.oscillation import oscillation_of
 from mavdem.dem import Learned
 from mavdem.facts import Fact

@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.alignment.drive import Signal
-from mavdem.condition import WindVelocity
+from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem.engine.linalg import Array
 from mavdem.files import atomic_write
 from mavdem.fleet.row import as_text

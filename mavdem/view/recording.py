@@ -11,8 +11,7 @@ import rerun.blueprint as rrb
 
 from mavdem.alignment.drive import Signal
 from mavdem.analysis.findings import Findings, findings_of, known_wind
-from mavdem.condition import WindVelocity
-from mavdem.condition.wind_velocity import by_compass
+from mavdem.condition.wind_velocity import WindVelocity, by_compass
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array

@@ -16,9 +16,8 @@ from mavdem.alignment import read
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition import condition_of, identity_of
-from mavdem.condition.condition import LEVEL, hover_of, mean_interval
-from mavdem.condition.inventory import Tier, autopilot_alarms, inventory, tier_of
+from mavdem.condition.condition import LEVEL, condition_of, hover_of, mean_interval
+from mavdem.condition.inventory import Tier, autopilot_alarms, identity_of, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason
 from mavdem.ingest import Log, read_log

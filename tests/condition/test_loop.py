@@ -291,7 +291,7 @@ def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_
 @pytest.mark.parametrize(("factor", "level"), [(1.0, "good"), (1.7, "watch"), (6.0, "bad")])
 def test_a_loop_is_rated_by_its_weaker_margins(factor, level):
     rating = margin_rating(loop := made_up(factor))
-    weak = getattr(loop, rating.subject.removesuffix(" loop"))
+    weak = getattr(loop, rating.subject)
     assert (rating.code, rating.level) == (Loops.MARGIN_RATING, level)
     assert rating.figures["phase_margin"] == weak.phase_margin
 

@@ -7,7 +7,7 @@ from recorded_flights import shared
 from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
-from mavdem.condition import condition_of
+from mavdem.condition.condition import condition_of
 from mavdem.condition.oscillation import Oscillation
 from mavdem.ingest import read_log
 

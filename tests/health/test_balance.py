@@ -9,7 +9,7 @@ from recorded_flights import shared
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.condition import condition_of
+from mavdem.condition.condition import condition_of
 from mavdem.health.assessment import assess
 from mavdem.health.balance import (
     HealthFigures,

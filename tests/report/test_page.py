@@ -16,8 +16,8 @@ from simulated import simulated
 import mavdem
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.figures import VehicleFigures
-from mavdem.condition import Condition, Identity
-from mavdem.condition.inventory import Tier, inventory
+from mavdem.condition.condition import Condition
+from mavdem.condition.inventory import Identity, Tier, inventory
 from mavdem.evaluate import held_out_test
 from mavdem.facts import Fact
 from mavdem.facts.session import Rows, Spent, VehicleFact

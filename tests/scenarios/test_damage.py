@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mavdem.alignment.signals import Signals
-from mavdem.condition import condition_of
+from mavdem.condition.condition import condition_of
 from mavdem.export.conversion import STREAMS
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry

@@ -81,8 +81,8 @@ class Loop(Margins):
         return self.rate.figures
 
     def __repr__(self) -> str:
-        margins = f"phase margin {self.phase_margin:.0f}°, gain margin {self.gain_margin:.1f} dB"
-        return f"<Loop: {self.axis}, crossover {self.crossover:.2f} Hz, {margins}>"
+        margins = f"phase_margin={self.phase_margin:.0f}, gain_margin={self.gain_margin:.1f}"
+        return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
 
     def changed(self, parameters: Mapping[str, float]) -> Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
@@ -249,7 +249,7 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
 
     Its figures are those of the weaker loop.
     """
-    loops = {"rate loop": loop.rate, "attitude loop": loop.attitude}
+    loops = {"rate": loop.rate, "attitude": loop.attitude}
     name, weak = min(loops.items(), key=lambda item: _worst(target, item[1]))
     level = Level.BAD
     if _worst(target, *loops.values()) >= 1:
