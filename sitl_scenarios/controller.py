@@ -8,6 +8,7 @@ has gains of its own.
 from __future__ import annotations
 
 from math import atan, cos, exp, fsum, hypot, pi, radians, sin
+from operator import add
 from typing import NamedTuple
 
 from sitl_scenarios.dynamics import Four, State, Three, euler, frame, mix, pulse
@@ -101,8 +102,8 @@ class Controller:
 
     def control(self, estimate: State, reference: Reference, flying: bool) -> ControlOutput:
         """What one cycle asks for; nothing is learned unless ``flying``."""
-        (vn, ve, vd) = estimate.velocity
-        (pn, pe, pd) = estimate.position
+        vn, ve, vd = estimate.velocity
+        pn, pe, pd = estimate.position
         along = self._position
         fast = self._velocity
         ahead, aside = reference.velocity
@@ -121,9 +122,7 @@ class Controller:
                 push[i] = _limited(push[i] + gain * error[i], 7.0)
             # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
             smooth[i] += self._smooths * (fast * error[i] - smooth[i])
-        an = smooth[0] + push[0]
-        ae = smooth[1] + push[1]
-        ad = smooth[2] + push[2]
+        an, ae, ad = map(add, smooth, push)
 
         roll, pitch, yaw = euler(estimate.attitude)
         forward = an * cos(yaw) + ae * sin(yaw)

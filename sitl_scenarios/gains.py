@@ -9,7 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import fsum, pi, sqrt
 
-from mavdem.condition.loop.controllers import LOOP_RATES, SLOWEST, controller_of
+from mavdem.condition.loop.controllers import (
+    FASTEST,
+    LOOP_RATES,
+    SLOWEST,
+    USUAL_RATES,
+    controller_of,
+)
 from mavdem.condition.loop.controllers import Controller as AxisController
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.controller import LEAD, Controller, Gains
@@ -17,16 +23,11 @@ from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame
 from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
 
-CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
-"""Control cycle of the autopilots, s: PX4 in its simulators, ArduCopter by SCHED_LOOP_RATE's default."""
-FASTEST = 1000.0  # Hz of a loop, of which the physics take at least one step
-
 
 def cycle_of(scenario: Scenario) -> float:
     """Returns the control cycle of a scenario's autopilot, s."""
     kind = scenario.stream.autopilot
-    given = scenario.vehicle.parameters
-    return 1 / given[LOOP_RATES[kind]] if LOOP_RATES[kind] in given else CYCLES[kind]
+    return 1 / scenario.vehicle.parameters.get(LOOP_RATES[kind], USUAL_RATES[kind])
 
 
 def check_parameters(scenario: Scenario) -> None:

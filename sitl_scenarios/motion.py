@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.facts import Fact, Level
+from mavdem.facts.scenarios import Scenarios
+from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from sitl_scenarios.dynamics import IDLE_COMMAND, pulse
 from sitl_scenarios.scenario import Course, Scenario, Steps
 
@@ -58,9 +61,6 @@ class Motion:
 
 # m from where it is asked to be: more than any gust of the scenarios here pushes a vehicle
 MAX_OFFSET_METRES = 5.0
-# MAV_LANDED_STATE; of those above it takes off or lands
-ON_GROUND = 1
-IN_AIR = 2
 
 
 class Holding:
@@ -115,11 +115,11 @@ class Holding:
             if self._since is not None and time - self._since >= 1.0:  # for a second on end
                 self.farthest = max(self.farthest, distance)
 
-    def cautions(self) -> list[str]:
-        """One sentence for each problem, without a full stop."""
-        away = (
-            f"the vehicle could not hold its place and was {self.farthest:.3g} m off: use less wind"
-        )
-        limited = f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear "
-        limited += "is to be learned: use less wind, or smaller moments"
-        return [away] * bool(self.farthest) + [limited] * (self.at_limit > 0.1)
+    def cautions(self) -> list[Fact]:
+        """What was wrong with the flight."""
+        found = list[Fact]()
+        if self.farthest:
+            found.append(Fact(Scenarios.PLACE_NOT_HELD, Level.WATCH, distance=self.farthest))
+        if self.at_limit > 0.1:
+            found.append(Fact(Scenarios.MOTORS_AT_LIMITS, Level.WATCH, share=self.at_limit))
+        return found

@@ -34,7 +34,6 @@ FULL_STICK: Three = (radians(35), radians(35), radians(150))
 MPC_MAN_Y_MAX."""
 BRAKING = 2.5  # m/s² at the beginning and the end of a move
 _FASTEST = 1.5  # m/s: the mean of a climb or a descent that takes longer than the usual time
-_NO_DEMAND: Three = (0.0, 0.0, 0.0)
 
 
 class Reference(NamedTuple):
@@ -45,7 +44,7 @@ class Reference(NamedTuple):
     climb: float
     aside: float  # of the place to hover at, east of the first, m
     # to add to the roll and pitch that the position asks for, rad; yaw rate, rad/s
-    demand: Three = _NO_DEMAND
+    demand: Three = (0.0, 0.0, 0.0)
     by_stick: bool = False  # whether a pilot's sticks ask for it
     north: float = 0.0  # of the place to hover at, m
     velocity: tuple[float, float] = (0.0, 0.0)  # of that place, north and east, m/s
@@ -114,17 +113,8 @@ class Plan:
             excited = hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS
             if excited and isinstance(self._excitation, Course):
                 return self._flown(round((time - hover - SETTLE_SECONDS) / self._cycle))
-            aside, demand = (
-                self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, _NO_DEMAND)
-            )
-            return Reference(
-                2,
-                self._height,
-                0.0,
-                aside,
-                demand,
-                excited and isinstance(self._excitation, Sticks),
-            )
+            reference = Reference(2, self._height, 0.0, 0.0)
+            return self._excited(reference, time - hover - SETTLE_SECONDS) if excited else reference
         done, rate = _smooth(min((time - landing) / descent, 1.0))
         way = self._height + 0.2  # aims below the ground, so as to touch it
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
@@ -135,25 +125,28 @@ class Plan:
             2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside)
         )
 
-    def _excited(self, time: float) -> tuple[float, Three]:
-        """Aside (m) and demand, ``time`` seconds after the excitation began."""
+    def _excited(self, hover: Reference, time: float) -> Reference:
+        """The reference of the ``hover``, ``time`` seconds after the excitation began."""
         match self._excitation:
             case Doublets(axis=axis, amplitude=amplitude, width=width, period=period):
                 phase = time % period
                 sign = 1.0 if phase < width else -1.0 if phase < 2 * width else 0.0
-                return 0.0, _about(axis, radians(amplitude) * sign)
+                return hover._replace(demand=_about(axis, radians(amplitude) * sign))
             case Chirp(
                 axis=axis, amplitude=amplitude, lowest=lowest, highest=highest, period=period
             ):
                 since = time % period
                 turns = (lowest + (highest - lowest) * since / period / 2) * since
-                return 0.0, _about(axis, radians(amplitude) * sin(2 * pi * turns))
+                angle = radians(amplitude) * sin(2 * pi * turns)
+                return hover._replace(demand=_about(axis, angle))
             case Multisine() | Sticks():
-                return 0.0, self._table[round(time / self._cycle) % len(self._table)]
+                demand = self._table[round(time / self._cycle) % len(self._table)]
+                by_stick = isinstance(self._excitation, Sticks)
+                return hover._replace(demand=demand, by_stick=by_stick)
             case Steps(distance=distance, period=period):
-                return (0.0 if time // period % 2 else distance), _NO_DEMAND
+                return hover._replace(aside=0.0 if time // period % 2 else distance)
             case Course() | None:
-                return 0.0, _NO_DEMAND
+                return hover
 
 
 def move_seconds(move: Move) -> tuple[float, float, float]:

@@ -503,88 +503,66 @@ class Scenario(Section):
             lasting += [
                 (place(["wind", number, key]), getattr(wind, key, None)) for key in ("s", "start")
             ]
-        lasting += [
-            (place(["moments", number, "s"]), moment.s)
-            for number, moment in enumerate(self.moments)
-        ]
+        for number, moment in enumerate(self.moments):
+            lasting.append((place(["moments", number, "s"]), moment.s))
         if self.excitation is not None:
             key = "s" if isinstance(self.excitation, Sticks) else "period"
             lasting.append((f"excitation.{key}", getattr(self.excitation, key, None)))
-        flight = "less than the duration of the flight", self.duration, "s"
-        limits = [
-            (given >= self.duration, key, given, *flight)
-            for key, given in lasting
-            if given is not None
-        ]
-        once = [
-            (f"faults.{key}", getattr(self.faults, key))
-            for key in ("reboot", "outage", "clock_jump")
-        ]
-        once += [("vehicle.weak_from", self.vehicle.weak_from if self.vehicle.weak_motor else None)]
-        once += [("propeller.start", self.propeller.start), ("load.start", self.load.start)]
+        for key, given in lasting:
+            flight = "less than the duration of the flight"
+            _require(given is None or given < self.duration, key, given, flight, self.duration)
+        once = {
+            "faults.reboot": self.faults.reboot,
+            "faults.outage": self.faults.outage,
+            "faults.clock_jump": self.faults.clock_jump,
+            "vehicle.weak_from": self.vehicle.weak_from if self.vehicle.weak_motor else None,
+            "propeller.start": self.propeller.start,
+            "load.start": self.load.start,
+        }
         which = "the flight" if self.flights == 1 else "all flights"
-        flights = f"less than the duration of {which}", self.flights * self.duration, "s"
-        limits += [
-            (given >= flights[1], key, given, *flights) for key, given in once if given is not None
-        ]
+        whole = self.flights * self.duration
+        for key, given in once.items():
+            duration = f"less than the duration of {which}"
+            _require(given is None or given < whole, key, given, duration, whole)
         match self.excitation:
             case Doublets(width=width, period=period):
-                half = "at most half of excitation.period", period / 2, "s"
-                limits.append((2 * width > period, "excitation.width", width, *half))
+                half = "at most half of excitation.period"
+                _require(2 * width <= period, "excitation.width", width, half, period / 2)
             case Chirp(lowest=lowest, highest=highest) | Multisine(lowest=lowest, highest=highest):
                 order = "at most excitation.highest"
-                nyquist = "below half of stream.rate"
-                limits.append((lowest > highest, "excitation.lowest", lowest, order, highest, "Hz"))
-                fastest = self.stream.rate / 2
-                limits.append(
-                    (highest >= fastest, "excitation.highest", highest, nyquist, fastest, "Hz")
-                )
+                _require(lowest <= highest, "excitation.lowest", lowest, order, highest, "Hz")
+                nyquist = self.stream.rate / 2
+                below = "below half of stream.rate"
+                _require(highest < nyquist, "excitation.highest", highest, below, nyquist, "Hz")
         if isinstance(self.excitation, Multisine):
-            least = 1 / self.excitation.period
-            lowest = self.excitation.lowest
-            turn = "at least one turn in excitation.period"
-            limits.append(
-                (
-                    lowest * self.excitation.period < 1,
-                    "excitation.lowest",
-                    lowest,
-                    turn,
-                    least,
-                    "Hz",
-                )
-            )
-            # A sine for each axis, at least, after what lies between the harmonics is rounded to the nearest.
-            enough = "three turns in excitation.period above excitation.lowest"
-            apart = lowest + 3 * least
-            few = self.excitation.axis == "all" and self.excitation.highest < apart
-            limits.append((few, "excitation.highest", self.excitation.highest, enough, apart, "Hz"))
+            self._fits_its_period(self.excitation)
         if isinstance(self.excitation, Course):
-            at = np.cumsum(
-                [(move.north, move.east, move.up) for move in self.excitation.moves], axis=0
-            )
-            back = float(np.abs(at[-1]).max())
-            lowest = self.height + float(at[:, 2].min())
-            limits.append(
-                (
-                    back > 1e-6,
-                    "the course's end, from its beginning,",
-                    back,
-                    "none at all",
-                    0.0,
-                    "m",
-                )
-            )
-            limits.append(
-                (
-                    lowest < 0.5,
-                    "the course's lowest height",
-                    lowest,
-                    "clear of the ground",
-                    0.5,
-                    "m",
-                )
-            )
-        for wrong, key, given, relation, limit, unit in limits:
-            if wrong:
-                raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")
+            moves = [(move.north, move.east, move.up) for move in self.excitation.moves]
+            at = np.cumsum(moves, axis=0)
+            apart = float(np.abs(at[-1]).max())
+            end = "the course's end, from its beginning,"
+            _require(apart <= 1e-6, end, apart, "none at all", 0.0, "m")
+            height = self.height + float(at[:, 2].min())
+            key = "the course's lowest height"
+            _require(height >= 0.5, key, height, "clear of the ground", 0.5, "m")
         return self
+
+    def _fits_its_period(self, multisine: Multisine) -> None:
+        lowest = multisine.lowest
+        least = 1 / multisine.period
+        turn = "at least one turn in excitation.period"
+        is_turn = lowest * multisine.period >= 1
+        _require(is_turn, "excitation.lowest", lowest, turn, least, "Hz")
+        # A sine for each axis, at least, after what lies between the harmonics is rounded to the nearest.
+        enough = "three turns in excitation.period above excitation.lowest"
+        apart = lowest + 3 * least
+        highest = multisine.highest
+        fits = multisine.axis != "all" or highest >= apart
+        _require(fits, "excitation.highest", highest, enough, apart, "Hz")
+
+
+def _require(
+    fits: bool, key: str, given: float | None, relation: str, limit: float, unit: str = "s"
+) -> None:
+    if not fits:
+        raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")

@@ -51,7 +51,7 @@ class Simulation:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.cycle = cycle_of(scenario)
-        self._steps = ceil(self.cycle / MAX_STEP_SECONDS - 1e-9)
+        self._steps = _steps_of(self.cycle)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._airframe = airframe(scenario.vehicle)
         self._plan = Plan(scenario, self.cycle)
@@ -213,6 +213,11 @@ class Simulation:
         self._state = state
 
 
+def _steps_of(cycle: float) -> int:
+    """How many steps of the physics there are in a cycle."""
+    return ceil(cycle / MAX_STEP_SECONDS - 1e-9)
+
+
 def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Motion:
     """A whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
     simulation = Simulation(scenario)
@@ -253,7 +258,7 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     """
     cycle = cycle_of(scenario)
     body = airframe(scenario.vehicle)
-    steps = int(np.ceil(cycle / MAX_STEP_SECONDS - 1e-9))
+    steps = _steps_of(cycle)
     flown = Body(scenario.vehicle, cycle / steps)
     controller = controller_for(scenario, cycle)
     sensing = Sensing(scenario.sensors, cycle, scenario.random(SENSORS))

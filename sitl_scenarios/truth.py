@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
+from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.dynamics import (
     MAX_PULSE,
     MIN_PULSE,
@@ -29,7 +30,7 @@ from sitl_scenarios.dynamics import (
     dynamics,
 )
 from sitl_scenarios.gains import controller_for, cycle_of
-from sitl_scenarios.motion import IN_AIR, Array, Motion
+from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.sensors import vibration

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from mavdem.condition.loop.controllers import USUAL_RATES
 from mavdem.ingest.vocabulary import quaternion
 from sitl_scenarios.dynamics import DISARMED_PULSE
-from sitl_scenarios.gains import CYCLES
 from sitl_scenarios.motion import Motion
 
 ARMED = 2.0
@@ -17,7 +17,7 @@ ROLL = 0.2
 
 def made_up_motion(seconds: float = 20.0, begin: float = 0.0, autopilot: str = "px4") -> Motion:
     """A flight of so many seconds, on the ground at its ends; its boot clock begins at ``begin``."""
-    cycle = CYCLES[autopilot]
+    cycle = 1 / USUAL_RATES[autopilot]
     count = round(seconds / cycle)
     since = np.arange(count) * cycle
     time = begin + since

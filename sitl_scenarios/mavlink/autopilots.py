@@ -14,11 +14,11 @@ from enum import IntEnum
 from importlib.resources import files
 from typing import Any, Literal
 
+from mavdem.ingest.vocabulary import ON_GROUND
 from sitl_scenarios.scenario import shortened
 
-DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
-"""States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
-ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+DISARMED = 0
+"""The state of the flight while disarmed; when armed it is the MAV_LANDED_STATE."""
 
 
 class Result(IntEnum):

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, drag, euler
+from mavdem.ingest.vocabulary import ACTIVE, ARMED, IN_AIR, LANDING, ON_GROUND, STANDBY
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, drag, euler, pulse
 from sitl_scenarios.gains import parameters_of
-from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, Autopilot
+from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
 from sitl_scenarios.scenario import Scenario
@@ -30,31 +31,20 @@ Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
 
 
-class State(IntEnum):
-    """MAV_STATE."""
-
-    STANDBY = 3
-    ACTIVE = 4
-
-
 SENSORS = 0b1111
 FENCE = 1 << 20
 """MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
 # Of BATTERY_STATUS
 LIPO = 1
 UNKNOWN_TEMPERATURE = 32767
-UNUSED_CELL = 65535
-MIDDLE_PULSE = 1500.0  # µs of a stick in the middle
+UNUSED = 65535  # a cell, or a channel, that is not there
 # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
 RC_CHANNELS = 18
-UNUSED_CHANNEL = 65535
 UNKNOWN_RSSI = 255
 # PX4's in its simulators; on a sphere of 6371 km
 HOME = (47.397742, 8.545594, 488.0)
 METRES_PER_DEGREE = 111_195.0
-# Outputs of the vehicle; in SERVO_OUTPUT_RAW and PX4's other output messages
-MOTORS = 4
-CHANNELS = 16
+CHANNELS = 16  # of SERVO_OUTPUT_RAW and PX4's other output messages
 
 
 @cache
@@ -92,14 +82,14 @@ def written(
     millivolts = np.round(1000 * CHARGED * motion.battery)
     rates = dict(zip(("rollspeed", "pitchspeed", "yawspeed"), motion.known_rates.T, strict=True))
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
-    outputs[:, :MOTORS] = motion.outputs
+    outputs[:, : len(SPINS)] = motion.outputs
     match name:
         case "HEARTBEAT":
             flies = motion.armed & (autopilot.active_when_armed | (states != ON_GROUND))
             status = np.select(
                 [flies, ~motion.armed & (boot < 3e6)],
-                [State.ACTIVE, autopilot.starting],
-                State.STANDBY,
+                [ACTIVE, autopilot.starting],
+                STANDBY,
             )
             fields = {
                 "type": QUADROTOR,
@@ -118,7 +108,7 @@ def written(
             }
         case "BATTERY_STATUS":
             # The whole battery's voltage in the first place, as where no cell is measured by itself.
-            voltages = np.full((len(boot), 10), UNUSED_CELL)
+            voltages = np.full((len(boot), 10), UNUSED)
             voltages[:, 0] = millivolts
             fields = dict.fromkeys(
                 ("current_battery", "current_consumed", "energy_consumed", "battery_remaining"), -1
@@ -145,10 +135,11 @@ def written(
             }
         case "RC_CHANNELS":
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
-            moved = MIDDLE_PULSE + np.round((MAX_PULSE - MIDDLE_PULSE) * motion.sticks / FULL_STICK)
-            fields |= {f"chan{n}_raw": UNUSED_CHANNEL for n in range(1, RC_CHANNELS + 1)}
+            middle = pulse(0.5)
+            moved = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
+            fields |= {f"chan{n}_raw": UNUSED for n in range(1, RC_CHANNELS + 1)}
             fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
-            fields |= {"chan3_raw": MIDDLE_PULSE, "chancount": 4, "rssi": UNKNOWN_RSSI}
+            fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
         case "LOCAL_POSITION_NED":
             fields |= dict(zip("xyz", motion.known_position.T, strict=True))
             fields |= dict(zip(("vx", "vy", "vz"), motion.known_velocity.T, strict=True))
@@ -192,7 +183,7 @@ def written(
         case "HIL_ACTUATOR_CONTROLS":
             # A motor that is stopped has less than the lowest pulse, and no negative command.
             commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
-            controls = np.pad(commands, ((0, 0), (0, CHANNELS - MOTORS)))
+            controls = np.pad(commands, ((0, 0), (0, CHANNELS - len(SPINS))))
             fields = {"time_usec": boot, "controls": controls, "mode": base}
         case "VIBRATION":
             # As ArduPilot means it: the accelerometer's RMS above 5 Hz.

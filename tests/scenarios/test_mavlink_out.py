@@ -1,6 +1,7 @@
 """What is said of a flight is read back as it was; and whether it held its place."""
 
 import io
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive
 from mavdem.alignment.signals import Signals
+from mavdem.facts.scenarios import Scenarios
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.mavlink import transmitter as recorded_module
@@ -53,74 +55,63 @@ def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
     assert vehicle.autopilot == {"px4": "PX4", "ardupilot": "ARDUPILOTMEGA"}[autopilot]
     assert [speaker.lost for speaker in log.components] == [0]
     sent = vehicle.messages
-    rows = {
-        name: np.searchsorted(motion.time, columns["time"] - 1e-6) for name, columns in sent.items()
-    }
+
+    def rows(message: str) -> np.ndarray:
+        return np.searchsorted(motion.time, sent[message]["time"] - 1e-6)
+
+    def is_sent(message: str, names: Iterable[str], known: np.ndarray) -> None:
+        columns = np.column_stack([sent[message][name] for name in names])
+        np.testing.assert_array_equal(columns, known[rows(message)].astype(np.float32))
+
     attitude = sent["ATTITUDE"]
-    at = rows["ATTITUDE"]
-    # scipy's quaternions have w last.
-    yaw_pitch_roll = Rotation.from_quat(motion.attitude[at][:, [1, 2, 3, 0]]).as_euler("ZYX")
-    for name, values in zip(("yaw", "pitch", "roll"), yaw_pitch_roll.T, strict=True):
-        np.testing.assert_allclose(attitude[name], values, rtol=0, atol=1e-7)
+    at = rows("ATTITUDE")
+    angles = Rotation.from_quat(motion.attitude[at], scalar_first=True).as_euler("ZYX")
+    read_back = np.column_stack([attitude[name] for name in ("yaw", "pitch", "roll")])
+    np.testing.assert_allclose(read_back, angles, rtol=0, atol=1e-7)
     assert attitude["roll"].max() == pytest.approx(ROLL, abs=1e-3)
-    for i, name in enumerate(("rollspeed", "pitchspeed", "yawspeed")):
-        np.testing.assert_array_equal(attitude[name], motion.rates[at, i].astype(np.float32))
-    place = sent["LOCAL_POSITION_NED"]
-    at = rows["LOCAL_POSITION_NED"]
-    for i, name in enumerate("xyz"):
-        np.testing.assert_array_equal(place[name], motion.position[at, i].astype(np.float32))
-        np.testing.assert_array_equal(place[f"v{name}"], motion.velocity[at, i].astype(np.float32))
+    is_sent("ATTITUDE", ("rollspeed", "pitchspeed", "yawspeed"), motion.rates)
+    is_sent("LOCAL_POSITION_NED", "xyz", motion.position)
+    is_sent("LOCAL_POSITION_NED", ("vx", "vy", "vz"), motion.velocity)
+    is_sent("SERVO_OUTPUT_RAW", [f"servo{n}_raw" for n in range(1, 5)], motion.outputs)
     servos = sent["SERVO_OUTPUT_RAW"]
-    at = rows["SERVO_OUTPUT_RAW"]
+    off = ~motion.armed[rows("SERVO_OUTPUT_RAW")]
     disarmed, unused = {"px4": (900, 900), "ardupilot": (1000, 0)}[autopilot]
-    outputs = np.column_stack([servos[f"servo{n}_raw"] for n in range(1, 5)])
-    np.testing.assert_array_equal(outputs, motion.outputs[at])
-    assert not motion.armed[at].all() and (outputs[~motion.armed[at]] == disarmed).all()
-    assert set(servos["servo5_raw"]) == {unused} and set(servos["servo16_raw"]) == {
-        unused if version == 2 else 0
-    }
+    assert set(servos["servo1_raw"][off]) == {disarmed}
+    assert set(servos["servo5_raw"]) == {unused}
+    assert set(servos["servo16_raw"]) == {unused if version == 2 else 0}
     state = sent["EXTENDED_SYS_STATE"]["landed_state"]
-    assert [int(one) for one in state[np.flatnonzero(np.diff(state, prepend=0))]] == [1, 3, 2, 4, 1]
+    assert state[np.flatnonzero(np.diff(state, prepend=0))].tolist() == [1, 3, 2, 4, 1]
     assert ("ACTUATOR_OUTPUT_STATUS" in sent) == (autopilot == "px4" and version == 2)
     if autopilot == "px4":
-        at = rows["HIL_ACTUATOR_CONTROLS"]
+        at = rows("HIL_ACTUATOR_CONTROLS")
         controls = np.where(motion.armed[at, None], (motion.outputs[at] - 1000) / 1000, 0)
         np.testing.assert_array_equal(
             sent["HIL_ACTUATOR_CONTROLS"]["controls"][:, :4], controls.astype(np.float32)
         )
-        at = rows["ATTITUDE_QUATERNION"]
-        quaternions = sent["ATTITUDE_QUATERNION"]
-        read_back = np.column_stack([quaternions[f"q{n}"] for n in range(1, 5)])
-        np.testing.assert_array_equal(read_back, motion.attitude[at].astype(np.float32))
+        is_sent("ATTITUDE_QUATERNION", ("q1", "q2", "q3", "q4"), motion.attitude)
     if "ACTUATOR_OUTPUT_STATUS" in sent:
-        at = rows["ACTUATOR_OUTPUT_STATUS"]
         actuator = sent["ACTUATOR_OUTPUT_STATUS"]["actuator"]
-        np.testing.assert_array_equal(actuator[:, :4], motion.outputs[at])
+        np.testing.assert_array_equal(
+            actuator[:, :4], motion.outputs[rows("ACTUATOR_OUTPUT_STATUS")]
+        )
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
 @pytest.mark.parametrize(("autopilot", "version"), [("px4", 2), ("ardupilot", 1)])
 def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
-    rates = {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
-    rates["BATTERY_STATUS"] = 50.0
-    sent = (
-        read(tmp_path, scenario(autopilot, version=version, rates=rates), motion)
-        .vehicles[0]
-        .messages
-    )
+    rates = {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0, "BATTERY_STATUS": 50.0}
+    flown = scenario(autopilot, version=version, rates=rates)
+    sent = read(tmp_path, flown, motion).vehicles[0].messages
     target = sent["ATTITUDE_TARGET"]
     sticks = sent["RC_CHANNELS"]
-    assert len(target["time"]) == pytest.approx(1000, abs=2) and len(
-        sticks["time"]
-    ) == pytest.approx(400, abs=2)
+    assert len(target["time"]) == pytest.approx(1000, abs=2)
+    assert len(sticks["time"]) == pytest.approx(400, abs=2)
     at = np.searchsorted(motion.time, target["time"] - 1e-3)
     angles = Rotation.from_quat(target["q"], scalar_first=True).as_euler("ZYX")[:, ::-1]
     np.testing.assert_allclose(angles, motion.attitude_setpoint[at], rtol=0, atol=1e-6)
-    for i, name in enumerate(("roll", "pitch", "yaw")):
-        np.testing.assert_allclose(
-            target[f"body_{name}_rate"], motion.rates_setpoint[at, i], rtol=1e-6
-        )
+    asked = np.column_stack([target[f"body_{axis}_rate"] for axis in ("roll", "pitch", "yaw")])
+    np.testing.assert_allclose(asked, motion.rates_setpoint[at], rtol=1e-6)
     np.testing.assert_allclose(target["thrust"], motion.demands[at, 3], rtol=1e-6)
     assert set(target["type_mask"]) == {0}
     # Of 35° of roll and pitch and 150 °/s of yaw rate to each side's 500 µs: 0.1 rad are 82 µs.
@@ -313,7 +304,8 @@ def test_a_second_too_far_away_is_reported(east, seconds, state, told):
     holding = Holding(Scenario())
     for begin in range(0, len(motion), 7):
         holding.add(rows_of_motion(motion, slice(begin, begin + 7)))
-    assert bool(holding.farthest) == told == bool(holding.cautions())
+    codes = [caution.code for caution in holding.cautions()]
+    assert bool(holding.farthest) == told == (codes == [Scenarios.PLACE_NOT_HELD])
 
 
 @pytest.mark.parametrize("outputs", [2000.0, 1100.0])
@@ -322,4 +314,5 @@ def test_motors_at_their_limits_are_reported(outputs):
     holding.add(hovering(0.0, 2.0, outputs))
     assert holding.at_limit == pytest.approx(0.2, abs=0.01)
     (caution,) = holding.cautions()
-    assert caution.startswith("motors were at their limits in 20% of the time")
+    assert caution.code is Scenarios.MOTORS_AT_LIMITS
+    assert caution.figures["share"] == holding.at_limit

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
-from sitl_scenarios.gains import CYCLES
+from mavdem.condition.loop.controllers import USUAL_RATES
 from sitl_scenarios.scenario import (
     Gust,
     Jet,
@@ -238,10 +238,10 @@ def test_autocorrelations_are_those_of_the_standards_spectra(tau):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["dryden", "von_karman"])
-@pytest.mark.parametrize("autopilot", CYCLES)
+@pytest.mark.parametrize("autopilot", USUAL_RATES)
 def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
     wind = TurbulentWind(kind=kind, speed=8.0, direction=0.0, wind_at_20_feet=15.4)
-    dt = CYCLES[autopilot]
+    dt = 1 / USUAL_RATES[autopilot]
     n = 6000
     flights = 40
     time = dt * np.arange(n)

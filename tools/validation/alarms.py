@@ -20,10 +20,10 @@ import numpy as np
 
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.motors import motor_geometry
+from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import cycle_of
-from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 

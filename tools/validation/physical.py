@@ -33,10 +33,11 @@ from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
+from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.paper.runner import SHARED, logged
 from mavdem.report.blocks import Sentence, Table, markdown
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.motion import IN_AIR, Motion
+from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.health.assessment import assess
 from mavdem.health.balance import HealthFigures, balance_figures, motor_signatures
+from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.simulation import fly
 
 MOTORS = (

@@ -19,7 +19,11 @@ from mavdem.facts.loops import Controllers
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 
 MOTORS = 4  # of the frames whose mixer is known
-SLOWEST = 50.0  # Hz of a rate loop
+# Hz of a rate loop
+SLOWEST = 50.0
+FASTEST = 1000.0
+USUAL_RATES = {"px4": 250.0, "ardupilot": 400.0}
+"""Hz of the rate loop where nobody says it: PX4's in its simulators, ArduCopter's SCHED_LOOP_RATE by default."""
 LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
 """The parameter of the rate loop's frequency, Hz."""
 RANGES = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
-from mavdem.condition.loop.controllers import LOOP_RATES, controller_of
+from mavdem.condition.loop.controllers import FASTEST, LOOP_RATES, USUAL_RATES, controller_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.response import evenly, measured_response
 from mavdem.confidence import quantile
@@ -31,8 +31,6 @@ COLUMNS = {
 ARM = 0.15
 MASS = 1.5
 MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
-USUAL_RATES = {"px4": 250.0, "ardupilot": 400.0}  # Hz of a loop where it is not said
-FASTEST = 1000.0  # Hz of a loop that the simulation flies
 # rates are logged behind the gyro's filter: lag and delay have it
 LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"
 
