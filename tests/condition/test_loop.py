@@ -14,11 +14,13 @@ from mavdem.condition.loop.controllers import UNMODELLED, Controller, controller
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import TARGETS, advise, margin_rating
 from mavdem.condition.loop.margins import OpenLoop, transfer
+from mavdem.condition.loop.response import measured_response
+from mavdem.condition.loop.twin import twin_of
 from mavdem.dem import physical
 from mavdem.dem.graybox import Physical
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
-from mavdem.facts.loops import Controllers, Gains, Loops, Responses
+from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.paper.runner import logged
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
@@ -331,3 +333,71 @@ def test_a_flight_without_loops_says_why(plant, record, code):
     with pytest.raises(mavdem.NotLearnable) as refused:
         loop_of(sound.plant._replace(**plant), replace(sound.record, **record))
     assert refused.value.fact.code is code
+
+
+def test_a_twin_says_of_each_figure_how_sure_it_is():
+    loop = made_up()
+    twin = twin_of({"roll": loop}, px4=True, hover=0.5, drag=None, mass=None)
+    assert twin.notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)
+    assert twin.notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and twin.arm == (0.1, 0.2)
+    inertia = twin.notes["inertia"].figures
+    assert inertia["pitch"] is None and inertia["roll"].code is Twins.EFFECT_NOTE
+    assert inertia["roll"].figures["share"] == pytest.approx(0.8 * 1.645 * 0.0095 / 0.36, rel=0.1)
+    assert twin.notes["moment"].code is Twins.MOMENT_NOTE
+    halves = loop.plant.interval()
+    assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=halves.damping)
+    unsure = replace_status(loop, "lag", "not identifiable")
+    twin = twin_of({"roll": unsure}, px4=True, hover=0.5, drag=None, mass=2.0)
+    assert twin.notes["lag"] == Fact(Twins.LAG_NOTE, lag=None)
+    assert twin.notes["mass"].figures["is_given"]
+    with pytest.raises(mavdem.NotLearnable) as refused:
+        twin_of({"roll": loop}, px4=True, hover=0.05, drag=None, mass=None)
+    assert refused.value.fact == Fact(Twins.NO_HOVER, share=0.05)
+
+
+def replace_status(loop, name, status):
+    """The loop of a plant of which one parameter has another status."""
+    return replace(loop, plant=loop.plant._replace(status={**loop.plant.status, name: status}))
+
+
+@pytest.mark.slow
+def test_gains_that_larger_ones_would_not_leave_margins_are_kept():
+    advice = advise(made_up())
+    while advice.parameters:
+        advice = advise(advice.after)
+    assert advice.gains and advice.sentence.code is Gains.KEEP_GAINS
+
+
+@pytest.mark.parametrize(
+    ("by_wind", "factor", "code", "agrees"),
+    [
+        (0.0, 1.0, None, True),
+        (0.0, 3.0, Responses.RESPONSE_DISAGREES, False),
+        (30.0, 1.0, Responses.RESPONSE_UNEXPLAINED, None),
+    ],
+)
+def test_a_response_that_is_not_the_predicted_one_says_how(by_wind, factor, code, agrees):
+    """A rate that follows its setpoint by the closed loop, or ``factor`` times as far, and wind."""
+    sound = made_up()
+    rng = np.random.default_rng(8)
+    dt = sound.record.dt
+    samples = 12000
+    frequency = np.fft.rfftfreq(samples, dt)
+    closed = sound.rate.closed[0]
+    at = sound.rate.frequency
+    response = np.interp(frequency, at, closed.real) + 1j * np.interp(frequency, at, closed.imag)
+    setpoint = rng.normal(0, 0.3, samples)
+    rate = factor * np.fft.irfft(response * np.fft.rfft(setpoint), samples)
+    rate = rate + by_wind * rng.normal(0, 0.3, samples)
+    record = replace(
+        sound.record,
+        inputs=np.full((samples, 4), 1500.0) + rng.normal(0, 1, (samples, 1)) * X_ROLL,
+        outputs=np.column_stack([rate.cumsum() * dt, rate]),
+        lengths=(samples,),
+        setpoints=setpoint[:, None],
+        setpoint_names=("roll rate setpoint",),
+    )
+    measured = measured_response(record, sound.controller, np.array(X_ROLL), at, closed)
+    reason = measured.reason
+    assert (reason and reason.code) == code
+    assert replace(sound, measured=measured).agrees is agrees
