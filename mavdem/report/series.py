@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.condition import WindVelocity
+from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from mavdem.alignment.drive import TILT_AXES
-from mavdem.condition import WindVelocity
-from mavdem.condition.wind_velocity import POINTS, by_compass
+from mavdem.condition.wind_velocity import POINTS, WindVelocity, by_compass
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
