@@ -1,9 +1,12 @@
 """mavdem: what a multirotor really does in wind, learnt from its flights by Dynamic Expectation Maximization."""
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from mavdem.facts import Fact, Words, speak
+from mavdem import api
+from mavdem.downstream import install
+from mavdem.facts import speak
 
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
@@ -19,14 +22,8 @@ if TYPE_CHECKING:
     from mavdem.ingest import Telemetry
 
 
-def _words(fact: Fact) -> Words:
-    # Imported when a fact is first put in words.
-    from mavdem.report.words import words
-
-    return words(fact)
-
-
-speak(_words)
+install(api)
+speak(api.words)
 
 __all__ = [
     "Drag",
@@ -55,35 +52,41 @@ __all__ = [
     "wind",
 ]
 _ROOMS = {
-    "alignment": ("read_flight", "read_segments"),
-    "analysis": ("VehicleFigures", "vehicle"),
-    "condition.condition": (
-        "HoverFigures",
-        "hover",
-        "hover_figures",
-    ),
-    "condition.wind_of_log": ("wind",),
-    "condition.wind_velocity": (
-        "WindVelocity",
-        "estimate_wind",
-    ),
-    "dem": ("Drag", "Learned", "OnlineLearner", "Settings", "estimate_drag", "learn", "learn_many"),
-    "errors": ("NotLearnable", "Unreadable"),
-    "flight": ("Flight",),
-    "forecaster": ("Forecaster",),
-    "ingest": ("Telemetry",),
+    "Drag": "dem",
+    "Flight": "flight",
+    "Forecaster": "forecaster",
+    "HoverFigures": "condition.condition",
+    "Learned": "dem",
+    "NotLearnable": "errors",
+    "OnlineLearner": "dem",
+    "Settings": "dem",
+    "Telemetry": "ingest",
+    "Unreadable": "errors",
+    "VehicleFigures": "analysis",
+    "WindVelocity": "condition.wind_velocity",
+    "estimate_drag": "dem",
+    "estimate_wind": "condition.wind_velocity",
+    "hover": "condition.condition",
+    "hover_figures": "condition.condition",
+    "learn": "dem",
+    "learn_many": "dem",
+    "read_flight": "alignment",
+    "read_segments": "alignment",
+    "vehicle": "analysis",
+    "wind": "condition.wind_of_log",
 }
-_HOMES = {name: room for room, names in _ROOMS.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     # Imported when asked for (PEP 562): scipy takes most of a second, which `mavdem --help` need not wait.
+    if name in _ROOMS:
+        return getattr(import_module(f"mavdem.{_ROOMS[name]}"), name)
     if name in ("baselines", "evaluate"):
         return import_module(f"mavdem.{name}")
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"mavdem.{_HOMES[name]}"), name)
+    if name == "__version__":
+        return version("mavdem")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*(name for name in globals() if name.startswith("__")), *__all__})
+    return [*__all__, "__version__"]

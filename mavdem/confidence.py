@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,7 @@ LEVEL = 0.9
 
 def require_probability(level: float) -> None:
     """Raises ``ValueError`` unless ``level``, the probability of an interval, lies between 0 and 1."""
-    number = isinstance(level, int | float | np.integer | np.floating) and not isinstance(
-        level, bool
-    )
-    if not (number and 0 < level < 1):
+    if not (isinstance(level, Real) and 0 < level < 1):
         raise ValueError(f"level must be a probability between 0 and 1, not {level!r}")
 
 
@@ -36,9 +34,8 @@ def quantile(level: float = LEVEL, freedom: ArrayLike = np.inf) -> Any:
     """
     require_probability(level)
     freedoms = np.asarray(freedom, np.float64)
-    quantiles = np.where(
-        np.isinf(freedoms), ndtri(0.5 + level / 2), stdtrit(freedoms, 0.5 + level / 2)
-    )
+    below = 0.5 + level / 2
+    quantiles = np.where(np.isinf(freedoms), ndtri(below), stdtrit(freedoms, below))
     return quantiles if freedoms.ndim else float(quantiles)
 
 

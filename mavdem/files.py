@@ -6,6 +6,7 @@ A file that was there keeps its mode, and a symbolic link stays: what it leads t
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -38,25 +39,24 @@ def atomic_writes(
     Raises:
         OSError: one cannot be written there; then none is replaced.
     """
-    places = [replaceable(path) for path in paths]
-    for number, place in enumerate(places):
-        if place in places[:number]:
-            raise FileExistsError(
-                None, "it is the same file as another that is to be written", str(paths[number])
-            )
+    unfinished = dict[Path, Path]()
     with ExitStack() as stack:
-        unfinished = []
-        for place in places:
+        for path in paths:
+            target = replaceable(path)
+            if target in unfinished:
+                raise FileExistsError(
+                    None, "it is the same file as another that is to be written", str(path)
+                )
             folder = stack.enter_context(
-                TemporaryDirectory(dir=scratch or place.parent, prefix=".unfinished.")
+                TemporaryDirectory(dir=scratch or target.parent, prefix=".unfinished.")
             )
-            unfinished.append(Path(folder) / place.name)
-        yield tuple(unfinished)
-        for new, place in zip(unfinished, places, strict=True):
-            if place.exists():
-                new.chmod(stat.S_IMODE(place.stat().st_mode))
-        for new, place in zip(unfinished, places, strict=True):
-            os.replace(new, place)
+            unfinished[target] = Path(folder) / target.name
+        yield tuple(unfinished.values())
+        for target, new in unfinished.items():
+            if target.exists():
+                shutil.copymode(target, new)
+        for target, new in unfinished.items():
+            os.replace(new, target)
 
 
 def replaceable(path: str | os.PathLike[str]) -> Path:
@@ -65,20 +65,18 @@ def replaceable(path: str | os.PathLike[str]) -> Path:
     Raises:
         OSError: something is there that cannot be replaced, or a name is too long, or a folder not writable.
     """
-    place = Path(os.path.realpath(path))
-    mode = stat.S_IFREG
+    target = Path(os.path.realpath(path))
     with suppress(FileNotFoundError):
-        mode = os.stat(place).st_mode
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(None, "it is a folder", str(path))
-    if not stat.S_ISREG(mode):  # a device must not be replaced
-        raise FileExistsError(None, "it is there and no plain file", str(path))
-    for folder in (Path(path).parent, place.parent):
+        mode = target.stat().st_mode
+        if not stat.S_ISREG(mode):  # a device must not be replaced
+            what = "it is a folder" if stat.S_ISDIR(mode) else "it is there and no plain file"
+            raise FileExistsError(None, what, str(path))
+    for folder in (Path(path).parent, target.parent):
         if not folder.is_dir():
             raise FileNotFoundError(None, f"there is no folder {folder}", str(path))
-    if not is_writable(place.parent):
-        raise PermissionError(None, f"the folder {place.parent} is not writable", str(path))
-    return place
+    if not is_writable(target.parent):
+        raise PermissionError(None, f"the folder {target.parent} is not writable", str(path))
+    return target
 
 
 def is_writable(folder: Path) -> bool:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavdem.errors import FlightDownstream, unit_slip
+from mavdem.downstream import FlightDownstream
 from mavdem.facts import Fact
+from mavdem.unit_slips import unit_slip
 
+Floats = NDArray[np.float64]
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
 
 
@@ -53,20 +56,20 @@ class Flight(FlightDownstream):
         :func:`mavdem.read_flight`: a flight from a log; :meth:`segments`: from arrays with gaps.
     """
 
-    time: NDArray[np.float64]
-    inputs: NDArray[np.float64]
-    outputs: NDArray[np.float64]
-    dt: float = 0.0
-    input_names: tuple[str, ...] = ()
-    output_names: tuple[str, ...] = ()
-    input_units: tuple[str, ...] = ()
-    output_units: tuple[str, ...] = ()
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-    effect_directions: NDArray[np.float64] | None = None
-    setpoints: NDArray[np.float64] | None = None
-    setpoint_names: tuple[str, ...] = ()
-    setpoint_units: tuple[str, ...] = ()
-    cautions: tuple[Fact, ...] = ()
+    time: Floats
+    inputs: Floats
+    outputs: Floats
+    dt: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+    provenance: Mapping[str, Any]
+    effect_directions: Floats | None
+    setpoints: Floats | None
+    setpoint_names: tuple[str, ...]
+    setpoint_units: tuple[str, ...]
+    cautions: tuple[Fact, ...]
 
     def __init__(
         self,
@@ -85,7 +88,7 @@ class Flight(FlightDownstream):
         setpoint_units: tuple[str, ...] | None = None,
         cautions: tuple[Fact, ...] = (),
     ) -> None:
-        if not (provenance is None or isinstance(provenance, Mapping)):
+        if not isinstance(provenance, Mapping | None):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
         time = _column(time, "time")
         inputs = _table(inputs, "inputs", len(time))
@@ -94,14 +97,13 @@ class Flight(FlightDownstream):
             None if effect_directions is None else _frozen(effect_directions, "effect_directions")
         )
         if directions is not None and directions.shape != inputs.shape[1:]:
-            expected = f"{inputs.shape[1:]}, one for each input"
             raise ValueError(
-                f"effect_directions must have shape {expected}, not {directions.shape}"
+                f"effect_directions must have shape {inputs.shape[1:]}, not {directions.shape}"
             )
+        none = np.empty((len(time), 0))
         asked = (
-            None if setpoints is None else _table(setpoints, "setpoints", len(time), missing=True)
+            none if setpoints is None else _table(setpoints, "setpoints", len(time), missing=True)
         )
-        none = np.empty((len(time), 0)) if asked is None else asked
         fields = {
             "time": time,
             "inputs": inputs,
@@ -109,20 +111,20 @@ class Flight(FlightDownstream):
             "dt": _uniform_step(time, dt),
             "input_names": _labels(input_names, "input_names", inputs, "input"),
             "output_names": _labels(output_names, "output_names", outputs, "output"),
-            "input_units": _labels(input_units, "input_units", inputs, None),
-            "output_units": _labels(output_units, "output_units", outputs, None),
+            "input_units": _labels(input_units, "input_units", inputs),
+            "output_units": _labels(output_units, "output_units", outputs),
             "provenance": dict(provenance or {}),
             "effect_directions": directions,
-            "setpoints": asked,
-            "setpoint_names": _labels(setpoint_names, "setpoint_names", none, "setpoint"),
-            "setpoint_units": _labels(setpoint_units, "setpoint_units", none, None),
+            "setpoints": None if setpoints is None else asked,
+            "setpoint_names": _labels(setpoint_names, "setpoint_names", asked, "setpoint"),
+            "setpoint_units": _labels(setpoint_units, "setpoint_units", asked),
             "cautions": cautions,
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         # of a log, units are known
         if not self.provenance and (slip := unit_slip(outputs, self.dt)):
-            warn(slip, stacklevel=2)
+            warn(str(slip), stacklevel=2)
 
     @classmethod
     def segments(
@@ -157,10 +159,6 @@ class Flight(FlightDownstream):
             :func:`mavdem.read_segments`: the segments of a log.
         """
         stamps = _column(time, "time")
-        tables = [
-            _table(values, name, len(stamps))
-            for values, name in ((inputs, "inputs"), (outputs, "outputs"))
-        ]
         steps = np.diff(stamps)
         if not (len(steps) and (steps > 0).all()):
             raise ValueError(
@@ -169,16 +167,17 @@ class Flight(FlightDownstream):
         gaps = steps > 1.5 * np.median(steps)
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
-        parts: list[Any] = [np.split(values, cuts) for values in (stamps, *tables)]
-        given = (
-            None if setpoints is None else _table(setpoints, "setpoints", len(stamps), missing=True)
+        asked: list[Any] = [None] * (len(cuts) + 1)
+        if setpoints is not None:
+            asked = np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
+        parts = zip(
+            np.split(stamps, cuts),
+            np.split(_table(inputs, "inputs", len(stamps)), cuts),
+            np.split(_table(outputs, "outputs", len(stamps)), cuts),
+            asked,
+            strict=True,
         )
-        parts.append([None] * (len(cuts) + 1) if given is None else np.split(given, cuts))
-        return tuple(
-            cls(t, u, y, dt, setpoints=q, **labels)
-            for t, u, y, q in zip(*parts, strict=True)
-            if len(t) > 1
-        )
+        return tuple(cls(t, u, y, dt, setpoints=q, **labels) for t, u, y, q in parts if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -188,12 +187,8 @@ class Flight(FlightDownstream):
             raise TypeError(
                 "a Flight is cut with a slice, flight[a:b]; its samples are in time, inputs and outputs"
             )
-        if part.step not in (None, 1):
-            raise ValueError("a Flight is uniformly sampled: slice it with a step of 1")
-        if not len(self.time[part]):
-            raise ValueError(
-                f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty"
-            )
+        if part.step not in (None, 1) or not len(self.time[part]):
+            raise ValueError(f"{part} of {len(self)} samples is empty, or its step is not 1")
         # Not validated anew: a part of what is uniform is uniform, and keeps the step of the whole.
         cut = copy(self)
         for name in ("time", "inputs", "outputs", "setpoints"):
@@ -211,8 +206,9 @@ class Flight(FlightDownstream):
 
     def __repr__(self) -> str:
         names = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}"
-        source = f" from {self.provenance['source']}" if self.provenance.get("source") else ""
-        return f"<Flight: {len(self)} samples at {1 / self.dt:.6g} Hz, {names}{source}>"
+        source = self.provenance.get("source")
+        origin = f" from {source}" if source else ""
+        return f"<Flight: {len(self)} samples at {1 / self.dt:.6g} Hz, {names}{origin}>"
 
     @property
     def duration(self) -> float:
@@ -220,14 +216,14 @@ class Flight(FlightDownstream):
         return len(self) * self.dt
 
 
-def _column(values: ArrayLike, name: str) -> NDArray[np.float64]:
+def _column(values: ArrayLike, name: str) -> Floats:
     array = _frozen(values, name)
     if array.ndim != 1 or not len(array):
         raise ValueError(f"{name} must be a non-empty array of shape (T,), not {array.shape}")
     return array
 
 
-def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> NDArray[np.float64]:
+def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> Floats:
     array = _frozen(values, name, missing)
     if array.ndim == 1:
         array = array[:, None]
@@ -238,30 +234,29 @@ def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> 
     return array
 
 
-def _frozen(values: ArrayLike, name: str, missing: bool = False) -> NDArray[np.float64]:
+def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Floats:
     """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
-    if np.ma.isMaskedArray(values) and np.ma.is_masked(values):
+    if np.ma.is_masked(values):
         raise ValueError(
             f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments"
         )
     try:
-        if np.asarray(values).dtype.kind not in "biufO":
-            raise TypeError(f"{np.asarray(values).dtype} are none")
+        if (kind := np.asarray(values).dtype).kind not in "biufO":
+            raise TypeError(f"{kind} are none")
         # products round otherwise in another order
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be real numbers: {error}") from None
-    wrong = np.isinf(array) if missing else ~np.isfinite(array)
+    wrong = ~(np.abs(array) <= MAX_VALUE) & ~(missing & np.isnan(array))
     if wrong.any():
-        what = "infinite" if missing else "NaN or infinite"
-        raise ValueError(f"{name} must be finite; {np.count_nonzero(wrong)} values are {what}")
-    if np.fmax.reduce(np.abs(array), axis=None, initial=0.0) > MAX_VALUE:
-        raise ValueError(f"{name} must not be larger than {MAX_VALUE:g}")
+        raise ValueError(
+            f"{name} must be finite and at most {MAX_VALUE:g}; {wrong.sum()} values are not"
+        )
     array.setflags(write=False)
     return array
 
 
-def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
+def _uniform_step(time: Floats, dt: float | None) -> float:
     if dt is None:
         if len(time) < 2:
             raise ValueError("dt must be given for a flight of one sample")
@@ -269,9 +264,7 @@ def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
         dt = float(time[-1] / (len(time) - 1) - time[0] / (len(time) - 1))
         if not dt > 0:
             raise ValueError(f"time must increase: its mean step is {dt} s")
-    elif not (
-        isinstance(dt, int | float | np.integer | np.floating) and np.isfinite(dt) and dt > 0
-    ):
+    elif not (isinstance(dt, Real) and 0 < dt < np.inf):
         raise ValueError(f"dt must be positive seconds, not {dt!r}")
     # From the place on the uniform grid that suits all stamps best.
     off_grid = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
@@ -283,15 +276,14 @@ def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
 
 
 def _labels(
-    labels: tuple[str, ...] | None, name: str, table: NDArray[np.float64], prefix: str | None
+    labels: tuple[str, ...] | None, name: str, table: Floats, prefix: str = ""
 ) -> tuple[str, ...]:
     columns = table.shape[1]
     if labels is None:
         return tuple(f"{prefix} {i + 1}" if prefix else "" for i in range(columns))
-    if not (isinstance(labels, list | tuple) and all(isinstance(label, str) for label in labels)):
-        raise ValueError(f"{name} must be strings in a tuple, not {labels!r}")
-    if len(labels) != columns:
+    are_strings = isinstance(labels, list | tuple) and {str}.issuperset(map(type, labels))
+    if not (are_strings and len(labels) == columns):
         raise ValueError(
-            f"{name} must have one string for each of the {columns} columns, not {len(labels)}"
+            f"{name} must be strings in a tuple, one for each of the {columns} columns, not {labels!r}"
         )
     return tuple(labels)

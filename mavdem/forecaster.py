@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavdem.facts import Fact
 
+Floats = NDArray[np.float64]
+
 
 @runtime_checkable
 class Forecaster(Protocol):
@@ -35,20 +37,16 @@ class Forecaster(Protocol):
     def stable(self) -> bool:
         """Whether no mode of the model grows, but for rounding."""
 
-    def one_step(self) -> NDArray[np.float64]:
+    def one_step(self) -> Floats:
         """(T, m): each training sample predicted from those before it in its segment, and the inputs."""
 
-    def predict(self, steps: int) -> NDArray[np.float64]:
+    def predict(self, steps: int) -> Floats:
         """(steps, m): outputs after the training data, inputs unknown; row 0 is the first sample after it."""
 
-    def predict_every(
-        self, steps: int, inputs: ArrayLike, outputs: ArrayLike
-    ) -> NDArray[np.float64]:
+    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Floats:
         """(H, m): new predictions from every ``steps``-th sample on, of ``inputs`` (H, r) and ``outputs`` (H, m)."""
 
-    def forecast(
-        self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False
-    ) -> NDArray[np.float64]:
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Floats:
         """(H, m): outputs after the training data, given the inputs; row 0 is the first sample after it.
 
         ``inputs`` (H, r) are of the same instants, in the unit of the training inputs. ``from_zero`` begins with
@@ -56,16 +54,14 @@ class Forecaster(Protocol):
         all of them, which matters where inputs are measurements.
         """
 
-    def forecast_every(
-        self, steps: int, inputs: ArrayLike, outputs: ArrayLike
-    ) -> NDArray[np.float64]:
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Floats:
         """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
 
         Each begins with the state that the model's filter has of all samples before: with H ``steps`` or more it
         is :meth:`forecast`, with 1 the one-step prediction. ``inputs`` (H, r), ``outputs`` (H, m).
         """
 
-    def simulate(self, inputs: ArrayLike) -> NDArray[np.float64]:
+    def simulate(self, inputs: ArrayLike) -> Floats:
         """(H, m): outputs after the training data if these ``inputs`` (H, r) were commanded, by the plant alone."""
 
 
@@ -73,11 +69,11 @@ class Forecaster(Protocol):
 class ProbabilisticForecaster(Forecaster, Protocol):
     """A forecaster that also gives the size of its errors, before the samples are known."""
 
-    def predict_band(self, steps: int, level: float = 0.9) -> NDArray[np.float64]:
+    def predict_band(self, steps: int, level: float = 0.9) -> Floats:
         """(steps, m) half width of the band in which a sample of the prediction lies with probability ``level``."""
 
-    def forecast_variance(self, inputs: ArrayLike) -> NDArray[np.float64]:
+    def forecast_variance(self, inputs: ArrayLike) -> Floats:
         """(H, m) expected squared error of the forecast of ``inputs`` (H, r), in the squares of the outputs' units."""
 
-    def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> NDArray[np.float64]:
+    def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> Floats:
         """(H, m) half width of the band in which a sample of the forecast lies with probability ``level``."""

@@ -5,14 +5,16 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
+import mavdem
 from mavdem.cli.commands import main
 from mavdem.cli.live import Dashboard
 from mavdem.cli.open import load
-from mavdem.errors import EXTRAS
+from mavdem.extras import EXTRAS, MissingExtra, Package, require
 
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
@@ -96,6 +98,21 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(
     assert dashboard.advice.endswith(INSTALL)
     assert dashboard.open(None) is None and dashboard.view is None  # type: ignore[arg-type]
     dashboard.close()
+
+
+def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
+    monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None)
+    for extra, modules in EXTRAS.items():
+        with pytest.raises(MissingExtra) as refused:
+            require(extra, "flight.mcap")
+        fact = refused.value.fact
+        assert fact.code is Package.EXTRA_MISSING
+        assert (fact.subject, fact.figures["names"]) == ("flight.mcap", modules)
+        assert str(refused.value).endswith(f"pip install 'mavdem[{extra}]'.")
+
+
+def test_the_package_has_the_version_of_its_distribution():
+    assert mavdem.__version__ == version("mavdem") and "__version__" in dir(mavdem)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import pytest
 from mavdem import Flight
 from mavdem.dem import physical
 from mavdem.dem.record import Record
+from mavdem.unit_slips import Arrays, Slip, unit_slip
 
 TIME = 10 + 0.01 * np.arange(6)
 INPUTS = np.arange(12.0).reshape(6, 2)
@@ -60,7 +61,7 @@ def test_every_slice_of_a_flight_is_a_flight_of_the_same_step():
         ({"time": np.append(TIME[:-1], np.nan)}, "time must be finite"),
         ({"inputs": INPUTS[:-1]}, r"inputs must have shape \(6, columns\)"),
         ({"inputs": [["a"]] * 6}, "inputs must be real numbers"),
-        ({"outputs": np.full(6, np.inf)}, "outputs must be finite; 6 values"),
+        ({"outputs": np.full(6, np.inf)}, "outputs must be finite.* 6 values"),
         ({"dt": -1.0}, "dt must be positive"),
         ({"dt": "x"}, "dt must be positive"),
         ({"time": [0.0], "inputs": [[1.0]], "outputs": [1.0]}, "dt must be given"),
@@ -69,10 +70,16 @@ def test_every_slice_of_a_flight_is_a_flight_of_the_same_step():
         ({"inputs": np.ma.array(INPUTS, mask=INPUTS > 0)}, "inputs must not be masked"),
         ({"input_names": 1}, "input_names must be strings"),
         ({"provenance": 1}, "provenance must be values by name"),
-        ({"input_names": ("one",)}, "input_names must have one string for each of the 2 columns"),
+        (
+            {"input_names": ("one",)},
+            "input_names must be strings in a tuple, one for each of the 2 columns",
+        ),
         ({"effect_directions": [-1]}, r"effect_directions must have shape \(2,\)"),
-        ({"setpoints": [np.nan] * 5 + [np.inf]}, "setpoints must be finite; 1 values are infinite"),
-        ({"setpoints": [np.nan] * 5 + [1e200]}, "setpoints must not be larger"),
+        ({"setpoints": [np.nan] * 5 + [np.inf]}, "setpoints must be finite.* 1 values are not"),
+        (
+            {"setpoints": [np.nan] * 5 + [1e200]},
+            "setpoints must be finite and at most 1e.100; 1 values",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(arguments, message):
@@ -121,16 +128,16 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
 
 
 @pytest.mark.parametrize(
-    ("time", "outputs", "said"),
+    ("time", "outputs", "slip"),
     [
-        (1, (180 / np.pi, 180 / np.pi), "Angle and rate seem to be in degrees"),
-        (1, (180 / np.pi, 1), "The angle seems to be in degrees"),
-        (1, (1, 180 / np.pi), "The rate seems to be in degrees/s"),
-        (1e3, (1, 1), "milliseconds"),
-        (1e6, (1, 1), "microseconds"),
+        (1, (180 / np.pi, 180 / np.pi), Slip.BOTH_IN_DEGREES),
+        (1, (180 / np.pi, 1), Slip.ANGLE_IN_DEGREES),
+        (1, (1, 180 / np.pi), Slip.RATE_IN_DEGREES),
+        (1e3, (1, 1), Slip.TIME_IN_MILLISECONDS),
+        (1e6, (1, 1), Slip.TIME_IN_MICROSECONDS),
     ],
 )
-def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, said, recwarn):
+def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, slip, recwarn):
     """Effects would be 57 times too large, without a word. The flight is one of 6°, with noise on both outputs."""
     noise = np.random.default_rng(3)
     t = np.arange(800) / 100
@@ -139,7 +146,9 @@ def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, said, recw
     )
     Flight(t, np.zeros((800, 4)), turning)
     assert not recwarn.list
-    with pytest.warns(UserWarning, match=said):
+    with pytest.warns(UserWarning) as warnings:
         flight = Flight(time * t, np.zeros((800, 4)), np.array(outputs) * turning)
-    assert said in str(physical(flight).reason)
-    assert physical(flight).reason in Record.of(flight).input_cautions
+    fact = unit_slip(flight.outputs, flight.dt)
+    assert (fact.code, fact.figures["slip"]) == (Arrays.UNIT_SLIP, slip)
+    assert str(warnings[0].message) == str(fact)
+    assert fact == physical(flight).reason and fact in Record.of(flight).input_cautions

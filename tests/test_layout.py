@@ -24,7 +24,17 @@ MAX_LINES = 600
 
 FLOORS = (
     {"facts"},
-    {"confidence", "errors", "files", "forecaster", "heading", "units"},
+    {
+        "confidence",
+        "downstream",
+        "errors",
+        "extras",
+        "files",
+        "forecaster",
+        "heading",
+        "unit_slips",
+        "units",
+    },
     {"flight"},
     {"ingest"},
     {"alignment"},
@@ -38,6 +48,7 @@ FLOORS = (
     {"report"},
     {"documents", "export", "view"},
     {"paper"},
+    {"api"},
     {"__init__"},
     {"cli"},
     {"__main__"},
@@ -71,9 +82,11 @@ USED_BY = {
     "mavdem.dem": {
         "mavdem.dem",
         "mavdem.confidence",
+        "mavdem.downstream",
         "mavdem.heading",
         "mavdem.errors",
         "mavdem.facts",
+        "mavdem.unit_slips",
     },
     "mavdem.health": {
         "mavdem.health",

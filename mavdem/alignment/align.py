@@ -216,15 +216,14 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "motors": {
                 "channels": list(layout.channels),
                 "positions": [list(position) for position in layout.positions],
-                **{
-                    name: getattr(layout, name)
-                    for name in ("basis", "channels_assumed", "positions_assumed")
-                },
+                "basis": str(layout.basis),
+                "channels_assumed": layout.channels_assumed,
+                "positions_assumed": layout.positions_assumed,
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
             "setpoints": {one.name: telemetry.called(one.message) for one in asked},
-            "repairs": list(telemetry.repairs),
+            "repairs": list(map(str, telemetry.repairs)),
             "parameters": {
                 name: value
                 for name, value in telemetry.parameters.items()

@@ -13,10 +13,10 @@ import click
 from click.shell_completion import shell_complete
 
 from mavdem.cli.output import INTERRUPTED, complain, ending_at_once, prepare_streams, say_aside
-from mavdem.errors import MissingExtra, NotLearnable, Unreadable
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import End
-from mavdem.facts.prose import prose
 
 DONE = 0
 UNSUPPORTED = 1
@@ -153,7 +153,7 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
         complain(error.fact, as_json)
         return UNSUPPORTED if isinstance(error, NotLearnable) else UNUSABLE
     except MissingExtra as error:
-        complain(prose(str(error)), as_json)
+        complain(error.fact, as_json)
     except KeyboardInterrupt:
         complain(Fact(End.INTERRUPTED), as_json)
         return INTERRUPTED

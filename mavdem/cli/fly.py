@@ -25,8 +25,9 @@ from mavdem.cli.output import (
     say_aside,
     writing,
 )
-from mavdem.errors import Unreadable, require
+from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
+from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_writes, replaceable
@@ -238,7 +239,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     check_file(truth, "--out", (".npz",))
     check_file(rrd, "--rrd", (".rrd",))
     if rrd is not None:
-        require("--rrd", "view")
+        require("view", "--rrd")
     # The log appears last, with its companions in place.
     files = [path for path in (truth, rrd, out) if path is not None]
     if len({replaceable(path) for path in files}) < len(files):

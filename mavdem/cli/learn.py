@@ -42,9 +42,9 @@ from mavdem.condition.inventory import inventory
 from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.condition.wind_velocity import WindVelocity, torque_explained
 from mavdem.dem import Settings
-from mavdem.errors import advice, missing
 from mavdem.evaluate.window import Length
 from mavdem.export.conversion import write_channels
+from mavdem.extras import lacking, missing
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import wind_blocks
@@ -203,9 +203,9 @@ def learn_command(
             page = log_page(heading, {verdict.axis: analysis}, air, held, said=explained)
             write_results(folder, report, page, analysis, air, signals.position)
         if learned is not None and (
-            hint := advice(f"{RECORDING} was not written, since it", "view")
+            hint := lacking("view", f"{RECORDING} was not written, since it")
         ):
-            say_aside(hint)
+            say_aside(str(hint))
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it

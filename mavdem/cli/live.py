@@ -29,8 +29,9 @@ from mavdem.cli.output import (
 )
 from mavdem.dem import Learned, Settings
 from mavdem.dem.parallel import LearningProcess
-from mavdem.errors import MissingExtra, Unreadable, advice
+from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
+from mavdem.extras import lacking, require
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
@@ -70,10 +71,10 @@ class Dashboard:
         self.view: LiveView | None = None
         self._said: set[str] = set()
         self.file: RecordingFile | None = None
-        self.advice = advice("The dashboard", "view")
+        self.advice = str(lacking("view", "The dashboard") or "")
         if self.advice:
             if rrd is not None or serve or connect is not None:
-                raise MissingExtra(self.advice)
+                require("view", "The dashboard")
             return
         # Rerun takes a second to load.
         with ending_at_once():

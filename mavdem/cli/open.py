@@ -18,7 +18,8 @@ from mavdem.cli.learn import RECORDING, learn_command, named_after, write_dashbo
 from mavdem.cli.options import source_options
 from mavdem.cli.output import say_aside
 from mavdem.condition.wind_of_log import air_of
-from mavdem.errors import NotLearnable, Unreadable, advice, require
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.extras import lacking, require
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Sentence
@@ -44,7 +45,7 @@ def open_command(
     The folder is that of `mavdem learn`, named after the log. A log dropped into the Rerun Viewer,
     or given to `rerun`, opens in the same way.
     """
-    require("`mavdem open`", "view")
+    require("view", "`mavdem open`")
     chosen = {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}
     words = [word for name, value in chosen.items() if value is not None for word in (name, value)]
     with learn_command.make_context(
@@ -66,8 +67,8 @@ def load(arguments: list[str]) -> int:
     path = Path(arguments[0]) if arguments else Path()
     if not path.is_file() or not looks_like_log(path):
         return INCOMPATIBLE
-    if hint := advice("The dashboard", "view"):
-        say_aside(hint)
+    if hint := lacking("view", "The dashboard"):
+        say_aside(str(hint))
         return UNUSABLE
     read: Log | Unreadable
     try:

@@ -177,9 +177,7 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
 
 def check_folder(folder: Path, names: Sequence[str]) -> None:
     """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
-    existing = next(
-        place for place in (folder, *folder.absolute().parents) if os.path.lexists(place)
-    )
+    existing = next(filter(os.path.lexists, (folder, *folder.absolute().parents)))
     if not existing.is_dir():
         raise Unreadable(Fact(Place.OUT_IS_A_FILE, path=str(folder), existing=str(existing)))
     if not is_writable(existing):

@@ -20,7 +20,7 @@ from mavdem.cli.output import (
     writing,
 )
 from mavdem.dem.parallel import pool, spare_cores
-from mavdem.errors import require
+from mavdem.extras import require
 from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table
 
@@ -69,7 +69,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
             "\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed)
         )
     with ending_at_once():
-        require("`mavdem reproduce`", "view")
+        require("view", "`mavdem reproduce`")
         from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document
         from mavdem.paper.runner import Extent, Runner
 

@@ -22,7 +22,7 @@ from mavdem.cli.output import (
     write_text,
 )
 from mavdem.dem.parallel import spare_cores
-from mavdem.errors import advice
+from mavdem.extras import lacking
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
@@ -169,8 +169,8 @@ def track_command(
             print_blocks([Sentence("", f"{name}:"), *blocks])
         say_aside(printable(f"Look: {index}"))
         table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
-        hint = advice(f"{out}/flights/, the table for DuckDB, Polars and pandas,", "parquet")
-        say_aside(printable(hint or f"Query, for example in DuckDB: from '{table}'"))
+        hint = lacking("parquet", f"{out}/flights/, the table for DuckDB, Polars and pandas,")
+        say_aside(printable(str(hint or f"Query, for example in DuckDB: from '{table}'")))
     if tracked.problems:
         context.exit(UNUSABLE)
     if not counts["flights"]:

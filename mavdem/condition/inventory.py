@@ -279,7 +279,9 @@ def inventory(
         "frames": log.frames,
         "bytes_skipped": log.bytes_skipped,
         "receive_time": list(log.receive_time),
-        "unread": [asdict(unread) for unread in log.unread],
+        "unread": [
+            {**asdict(unread), "cause": unread.cause.replace("_", " ")} for unread in log.unread
+        ],
         "speakers": [
             {name: getattr(one, name) for name in ("system", "component", "kind")}
             | {"messages": (sent := sum(one.messages.values())), "lost": one.lost}
@@ -333,7 +335,7 @@ def _vehicle(
         "segments": [
             {**asdict(segment), "duration": segment.duration} for segment in verdict.segments
         ],
-        "repairs": list(telemetry.repairs),
+        "repairs": list(map(str, telemetry.repairs)),
         "verdict": verdict.as_dict(),
         **tier_of(verdict, condition).as_dict(),
         "identity": identity.as_dict(),

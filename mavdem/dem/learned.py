@@ -26,7 +26,8 @@ from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record, required_number
 from mavdem.dem.settings import CompleteSettings
-from mavdem.errors import LearnedDownstream, NotLearnable
+from mavdem.downstream import LearnedDownstream
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import NoPhysical
 

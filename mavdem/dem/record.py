@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.errors import NotLearnable, unit_slip
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, ModelRefusal
-from mavdem.facts.prose import prose
+from mavdem.unit_slips import unit_slip
 
 # no text for a number, no ``True`` for 1, no infinity and no NaN
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -296,7 +296,7 @@ class Record:
     def input_cautions(self) -> Iterator[Fact]:
         """What is wrong with the inputs, or with units; nothing for most flights."""
         if slip := unit_slip(self.outputs, self.dt):
-            yield prose(slip)
+            yield slip
         sizes = self.inputs.std(axis=0)
         names = self.input_names or tuple(f"input {column + 1}" for column in range(len(sizes)))
         still = np.flatnonzero(sizes < HARDLY_MOVES * np.median(sizes))

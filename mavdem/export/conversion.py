@@ -23,8 +23,9 @@ from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
-from mavdem.errors import NotLearnable, Unreadable, require
+from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.held_out import HeldOut
+from mavdem.extras import require
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
@@ -301,7 +302,7 @@ def convert(
     if out.exists() and source.exists() and out.samefile(source):
         raise ValueError(f"{out} is the input: name another file")
     if out.suffix.lower() == ".parquet":
-        require(f"{out}", "parquet")
+        require("parquet", f"{out}")
     try:
         if out.suffix.lower() in TABLES:
             written = _convert_to_table(source, out, axis, vehicle, inputs, progress)
@@ -329,7 +330,7 @@ def _convert_stream(source: Path, out: Path, progress: Progress) -> dict[str, An
         "unread": int(np.count_nonzero(stream.frames.verdict != GOOD)),
         "stamps_filled": int(np.count_nonzero((stream.stamps == 0) | beyond)),
         "bytes_skipped": stream.bytes_skipped,
-        "repairs": list(stream.repairs),
+        "repairs": list(map(str, stream.repairs)),
     }
 
 

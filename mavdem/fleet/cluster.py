@@ -14,7 +14,8 @@ from multiprocessing.connection import wait
 from typing import Any
 from urllib.parse import urlsplit
 
-from mavdem.errors import Unreadable, require
+from mavdem.errors import Unreadable
+from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import SCHEMA_VERSION
@@ -31,7 +32,7 @@ class Cluster:
     """Reads logs on the Dask cluster at ``address``, as ``WorkerPool`` does; others take what a dead worker had."""
 
     def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
-        require("Reading logs on a cluster", "dask")
+        require("dask")
         if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
             raise Unreadable(Fact(Reading.NO_ADDRESS, address=address))
         self.address = address

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
 
-from mavdem.errors import Unreadable, require
+from mavdem.errors import Unreadable
+from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
 from mavdem.ingest.contents import LOG_ENDINGS
@@ -119,7 +120,7 @@ def _file(path: str) -> Source:
 
 
 def _remote(url: str) -> Iterator[Source]:
-    require("Reading logs from URLs", "urls")
+    require("urls")
     import fsspec  # type: ignore[import-untyped]
 
     try:
@@ -157,7 +158,7 @@ def _unreadable(url: str, error: Exception, fetched: bool) -> Unreadable:
 
 def fetch(url: str, copy: Path) -> None:
     """Copies the file behind a URL to this machine; raises ``Unreadable``."""
-    require("Reading logs from URLs", "urls")
+    require("urls")
     import fsspec
 
     try:

@@ -20,7 +20,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mavdem.errors import Unreadable, missing
+from mavdem.errors import Unreadable
+from mavdem.extras import missing
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
 from mavdem.facts.motors import HealthUnknown

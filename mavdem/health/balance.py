@@ -78,9 +78,7 @@ def motor_signatures(
         raise ValueError(
             f"positions and spins must be of the {motors} motors, of which there is one at least"
         )
-    layout = MotorGeometry(
-        (), (), tuple(positions), "", False, False, spins=tuple(spins) if all(spins) else ()
-    )
+    layout = MotorGeometry((), (), tuple(positions), spins=tuple(spins) if all(spins) else ())
     effects = {axis: effect for axis in AXES if (effect := layout.effect(axis)) is not None}
     return MotorSignatures(
         ("thrust", *effects), np.array([np.full(motors, 1.0 / motors), *effects.values()])

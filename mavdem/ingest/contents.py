@@ -1,4 +1,4 @@
-"""The bytes of a file, unpacked if it is an xz archive, or one sentence why they cannot be read."""
+"""The bytes of a file, unpacked if it is an xz archive, or why they cannot be read."""
 
 from __future__ import annotations
 
@@ -13,12 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Source
 
-READABLE_FORMATS = (
-    "this version reads telemetry logs (.tlog), MCAP recordings of MAVLink or ROS 2 (.mcap), ArduPilot DataFlash logs "
-    "(.bin, .log) and PX4 ULogs (.ulg, .ulg.xz) only"
-)
-"""End of the sentence for a file of another format."""
 LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
 MIN_MAPPED_BYTES = 64 << 20
 """A file of this size or larger is mapped, not read: it takes no memory of its own, but must not change."""
@@ -61,7 +58,7 @@ def require_whole(data: NDArray[np.uint8], source: str) -> None:
     """Raises Unreadable where ``source`` was cut since ``data`` was mapped: reading beyond its end ends the process."""
     content = data.base.obj if isinstance(data.base, memoryview) else data.base
     if isinstance(content, mmap.mmap) and content.size() < len(content):
-        raise Unreadable(f"{source} was cut short while it was in use: read it again.")
+        raise Unreadable(Fact(Source.FILE_CUT_IN_USE, path=source))
 
 
 def _content(
@@ -72,9 +69,9 @@ def _content(
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise Unreadable(f"{path} is a folder, {_logs_in(path)}")
+            raise Unreadable(_folder(path))
         if not stat.S_ISREG(status.st_mode):
-            raise Unreadable(f"{path} is not a plain file: name a log file.")
+            raise Unreadable(Fact(Source.SPECIAL_FILE, path=str(path)))
         with path.open("rb") as file:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
             size = (
@@ -84,27 +81,22 @@ def _content(
             if mapped and size >= MIN_MAPPED_BYTES:
                 content = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
             elif size > MAX_BYTES:
-                raise Unreadable(
-                    f"{path} is larger than {MAX_BYTES >> 20} MiB: cut it into shorter logs."
-                )
+                raise Unreadable(_too_large(path, MAX_BYTES))
             else:
                 content = file.read(size)
         if content[:6] == b"\xfd7zXZ\x00":
             content = _unpacked(content, path, limit)
     except FileNotFoundError:
-        raise Unreadable(f"{path} does not exist: check the name.") from None
+        raise Unreadable(Fact(Source.FILE_MISSING, path=str(path))) from None
     except MemoryError:
-        raise Unreadable(f"{path} does not fit into memory: cut it into shorter logs.") from None
+        raise Unreadable(_too_large(path, None)) from None
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise Unreadable(
-            f"{path} cannot be read ({reason}): check the name and its permissions."
-        ) from None
+        because = getattr(error, "strerror", None) or str(error)
+        raise Unreadable(Fact(Source.FILE_NOT_OPENED, path=str(path), because=because)) from None
     if not len(content):
-        what = "holds nothing but zeros" if status.st_size else "is empty"
-        raise Unreadable(f"{path} {what}: nothing was recorded.")
+        raise Unreadable(Fact(Source.FILE_EMPTY, path=str(path), zeros=bool(status.st_size)))
     return content
 
 
@@ -122,16 +114,21 @@ def _end_of_data(file: BinaryIO, size: int) -> int:
     return end
 
 
-def _logs_in(folder: Path) -> str:
-    """The end of the sentence about a folder where a log is needed."""
+def _too_large(path: Path, limit: int | None, archive: bool = False) -> Fact:
+    return Fact(Source.FILE_TOO_LARGE, path=str(path), size_limit=limit, archive=archive)
+
+
+def _folder(path: Path) -> Fact:
+    """What is said of a folder where a log is needed, with the first log in it."""
     logs = sorted(
-        path
-        for path in folder.iterdir()
-        if path.name.lower().endswith(LOG_ENDINGS) and path.is_file()
+        file
+        for file in path.iterdir()
+        if file.name.lower().endswith(LOG_ENDINGS) and file.is_file()
     )
-    if not logs:
-        return f"with no log in it: name a file that ends in {', '.join(LOG_ENDINGS[:-1])} or {LOG_ENDINGS[-1]}."
-    return f"with {len(logs)} log{'s' * (len(logs) > 1)} in it: name a file, such as {logs[0]}."
+    example = str(logs[0]) if logs else None
+    return Fact(
+        Source.FOLDER_GIVEN, path=str(path), count=len(logs), example=example, endings=LOG_ENDINGS
+    )
 
 
 def _unpacked(content: bytes | mmap.mmap, path: Path, limit: int | None) -> bytes:
@@ -142,15 +139,9 @@ def _unpacked(content: bytes | mmap.mmap, path: Path, limit: int | None) -> byte
     try:
         unpacked = decompressor.decompress(content, most)
     except lzma.LZMAError as error:
-        raise Unreadable(
-            f"{path} is a damaged xz archive ({error}): save what can be with `xz -dc`."
-        ) from None
+        raise Unreadable(Fact(Source.ARCHIVE_DAMAGED, path=str(path), because=str(error))) from None
     if limit is None and not decompressor.eof:
-        cut = len(unpacked) < most
-        why = (
-            "is cut off: save what can be"
-            if cut
-            else f"holds more than {most >> 20} MiB: unpack it"
-        )
-        raise Unreadable(f"{path} is an xz archive that {why} with `xz -dc`.")
+        if len(unpacked) < most:
+            raise Unreadable(Fact(Source.ARCHIVE_DAMAGED, path=str(path), because=None))
+        raise Unreadable(_too_large(path, most, archive=True))
     return unpacked

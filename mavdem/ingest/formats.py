@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 import os
+from enum import StrEnum, auto
 from pathlib import Path
-from pkgutil import resolve_name
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.contents import READABLE_FORMATS, file_beginning, is_dataflash_text
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Source
+from mavdem.ingest.contents import file_beginning, is_dataflash_text
 from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 
-ULOG = "PX4 ULog"
-DATAFLASH = "DataFlash"
-MCAP = "MCAP recording"
-TLOG = "telemetry log"
-BEGINNINGS = {b"ULog\x01\x12\x35": ULOG, b"\xa3\x95": DATAFLASH, b"\x89MCAP0\r\n": MCAP}
-"""First bytes of each format that has fixed ones."""
-READERS = {
-    ULOG: "ulog:read_ulog",
-    DATAFLASH: "dataflash.log:read_dataflash",
-    MCAP: "mcap.log:read_mcap",
+
+class Format(StrEnum):
+    """What logs are written in."""
+
+    ULOG = auto()
+    DATAFLASH = auto()
+    MCAP = auto()
+    TLOG = auto()
+
+
+BEGINNINGS = {
+    b"ULog\x01\x12\x35": Format.ULOG,
+    b"\xa3\x95": Format.DATAFLASH,
+    b"\x89MCAP0\r\n": Format.MCAP,
 }
-READERS[TLOG] = "tlog:read_tlog"
-EXTENSIONS = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
+"""First bytes of each format that has fixed ones."""
+EXTENSIONS = {".ulg": Format.ULOG, ".bin": Format.DATAFLASH, ".mcap": Format.MCAP}
 """Format by file name, for a file whose beginning is damaged."""
-ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
+ARCHIVES = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip"}
 """First bytes of files that often contain a log but are not read."""
 
 # µs since 1970, of the years 2000 to 2099
@@ -57,8 +63,16 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progr
     """
     name, kind = _name_and_format(path)
     # A library that only one format needs is imported when a file of that format is read.
-    log: Log = resolve_name(f"mavdem.ingest.{READERS[kind]}")(name, progress)
-    return log
+    match kind:
+        case Format.ULOG:
+            from mavdem.ingest.ulog import read_ulog as read
+        case Format.DATAFLASH:
+            from mavdem.ingest.dataflash.log import read_dataflash as read
+        case Format.MCAP:
+            from mavdem.ingest.mcap.log import read_mcap as read
+        case Format.TLOG:
+            from mavdem.ingest.tlog import read_tlog as read
+    return read(name, progress)
 
 
 def looks_like_log(path: str | bytes | os.PathLike[str]) -> bool:
@@ -86,37 +100,33 @@ def read_stream(
     Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.
     """
     name, kind = _name_and_format(path)
-    if kind == MCAP:
+    if kind is Format.MCAP:
         from mavdem.ingest.mcap.log import mcap_stream
 
         return mcap_stream(name, progress)
-    if kind != TLOG:
-        raise Unreadable(
-            f"{name} is {kind}, which holds no MAVLink frames: convert it to a table (.csv)."
-        )
+    if kind is not Format.TLOG:
+        raise Unreadable(Fact(Source.FORMAT_WITHOUT_FRAMES, path=name, name=kind))
     return tlog_stream(name, progress)
 
 
-def _name_and_format(path: str | bytes | os.PathLike[str]) -> tuple[str, str]:
+def _name_and_format(path: str | bytes | os.PathLike[str]) -> tuple[str, Format]:
     if not isinstance(path, str | bytes | os.PathLike):
         raise ValueError(f"path must name a file, not be {path!r}")
     name = os.fsdecode(path)
     beginning = file_beginning(name)
-    kind = next((kind for first, kind in BEGINNINGS.items() if beginning.startswith(first)), "")
+    kind = next((kind for first, kind in BEGINNINGS.items() if beginning.startswith(first)), None)
     if kind or is_dataflash_text(beginning):
-        return name, kind or DATAFLASH
+        return name, kind or Format.DATAFLASH
     if beginning.startswith(b"version https://git-lfs.github.com/spec/"):
-        raise Unreadable(
-            f"{name} is a pointer of Git LFS, not the log itself: fetch that with `git lfs pull`."
-        )
+        raise Unreadable(Fact(Source.GIT_LFS_POINTER, path=name))
     other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
     if other is None:
         if _has_marker(beginning):
-            return name, TLOG
+            return name, Format.TLOG
         kind_by_name = EXTENSIONS.get(Path(name.removesuffix(".xz")).suffix.lower())
         binary = any(
             byte < 9 or (13 < byte < 32 and byte != 27) or byte > 126 for byte in beginning
         )
         if kind_by_name is not None or binary:
-            return name, kind_by_name or TLOG
-    raise Unreadable(f"{name} is {other or 'text'}: {READABLE_FORMATS}.")
+            return name, kind_by_name or Format.TLOG
+    raise Unreadable(Fact(Source.FORMAT_UNKNOWN, path=name, name=other or "text"))

@@ -8,12 +8,35 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum, auto
 from importlib.resources import files
 from math import atan2, cos, degrees, radians, sin
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Source
+
+
+class ChannelBasis(StrEnum):
+    """What says which output channel drives which motor."""
+
+    DEMAND = auto()
+    PX4_FUNCTIONS = auto()
+    SERVO_FUNCTIONS = auto()
+    MOVING_CHANNELS = auto()
+    FIRST_CHANNELS = auto()
+
+
+class PlaceBasis(StrEnum):
+    """What says where motors are."""
+
+    PARAMETERS = auto()
+    X_QUAD = auto()
+    UNKNOWN = auto()
+
 
 Position = tuple[float, float]
 """(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
@@ -52,48 +75,73 @@ MOTOR_MESSAGES = {
 
 def motor_parameters(autopilot: str) -> tuple[str, ...]:
     """Returns the parameters of a MAV_AUTOPILOT that say where motors are and how they respond; none if not known."""
-    names = {
-        "PX4": "CA_ROTOR_COUNT CA_ROTOR{1}_PX CA_ROTOR{1}_PY CA_ROTOR{1}_KM THR_MDL_FAC PWM_MAIN_FUNC{0} "
+    names = _PARAMETERS.get(autopilot, ())
+    return tuple(dict.fromkeys(name.format(n, n - 1) for name in names for n in range(1, 9)))
+
+
+_PARAMETERS = {
+    "PX4": (
+        "CA_ROTOR_COUNT",
+        "CA_ROTOR{1}_PX",
+        "CA_ROTOR{1}_PY",
+        "CA_ROTOR{1}_KM",
+        "THR_MDL_FAC",
+        "PWM_MAIN_FUNC{0}",
         "PWM_AUX_FUNC{0}",
-        "ARDUPILOTMEGA": "FRAME_CLASS FRAME_TYPE SERVO{0}_FUNCTION MOT_PWM_MIN MOT_PWM_MAX MOT_SPIN_ARM MOT_SPIN_MIN "
-        "MOT_SPIN_MAX MOT_THST_EXPO",
-    }.get(autopilot, "")
-    return tuple(
-        dict.fromkeys(name.format(n, n - 1) for name in names.split() for n in range(1, 9))
-    )
-
-
-_COMPASS = (
-    "front",
-    "front right",
-    "right",
-    "rear right",
-    "rear",
-    "rear left",
-    "left",
-    "front left",
-)
+    ),
+    "ARDUPILOTMEGA": (
+        "FRAME_CLASS",
+        "FRAME_TYPE",
+        "SERVO{0}_FUNCTION",
+        "MOT_PWM_MIN",
+        "MOT_PWM_MAX",
+        "MOT_SPIN_ARM",
+        "MOT_SPIN_MIN",
+        "MOT_SPIN_MAX",
+        "MOT_THST_EXPO",
+    ),
+}
+"""Names by MAV_AUTOPILOT, with the number of the motor from 1 or from 0."""
 
 
 @dataclass(frozen=True)
 class MotorGeometry:
     """The motors of one vehicle, in the order of their numbers, and the output channel that drives each, all from 1.
 
-    ``positions`` and ``spins`` are empty when unknown; ``basis`` is the source of all this, or the assumption, as a
-    phrase. A spin is 1 for a propeller that turns counterclockwise seen from above, -1 for one that turns clockwise.
-    ``labels`` are names of the inputs, where they are not motors. ``drivers`` are PX4's driver of each and its channel
-    there, from 1: ("PWM_MAIN", 1).
+    ``positions`` and ``spins`` are empty when unknown; ``channels_by`` and ``places_by`` are the source of all this, or
+    the assumption. A spin is 1 for a propeller that turns counterclockwise seen from above, -1 for one that turns
+    clockwise. ``labels`` are names of the inputs, where they are not motors. ``drivers`` are PX4's driver of each and
+    its channel there, from 1: ("PWM_MAIN", 1).
     """
 
     motors: tuple[int, ...]
     channels: tuple[int, ...]
     positions: tuple[Position, ...]
-    basis: str
-    channels_assumed: bool
-    positions_assumed: bool
+    channels_by: ChannelBasis = ChannelBasis.SERVO_FUNCTIONS
+    places_by: PlaceBasis = PlaceBasis.PARAMETERS
     labels: tuple[str, ...] = ()
     spins: tuple[int, ...] = ()
     drivers: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def channels_assumed(self) -> bool:
+        """Whether channels are those that move, or the first, for want of parameters."""
+        return self.channels_by in (ChannelBasis.MOVING_CHANNELS, ChannelBasis.FIRST_CHANNELS)
+
+    @property
+    def positions_assumed(self) -> bool:
+        """Whether positions are those of an X quad, or not known, for want of parameters."""
+        return self.places_by is not PlaceBasis.PARAMETERS
+
+    @property
+    def basis(self) -> Fact:
+        """The source of channels and positions, or what was assumed."""
+        return Fact(
+            Source.MOTOR_BASIS,
+            channels_by=self.channels_by,
+            places_by=self.places_by,
+            count=len(self.channels),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -128,8 +176,9 @@ class MotorGeometry:
 def demand_geometry(axis: str) -> MotorGeometry:
     """Returns the controller's demand on an axis as the one input: like a motor with effect 1 about it."""
     place = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}[axis]
-    basis = "the controller's demand, before the mixer distributes it to the motors"
-    return MotorGeometry((1,), (1,), (place,), basis, False, False, (f"{axis} demand",), (1,))
+    return MotorGeometry(
+        (1,), (1,), (place,), ChannelBasis.DEMAND, labels=(f"{axis} demand",), spins=(1,)
+    )
 
 
 def motor_geometry(
@@ -155,7 +204,7 @@ def motor_geometry(
         # Torque over thrust is positive for a rotor that turns counterclockwise.
         moments = {n + 1: parameters.get(f"CA_ROTOR{n}_KM", 0.0) for n in rotors}
         turns = {motor: 1 if moment > 0 else -1 for motor, moment in moments.items() if moment}
-        basis = "the *_FUNCn and CA_ROTORn parameters" if places else "the *_FUNCn parameters"
+        channels_by = ChannelBasis.PX4_FUNCTIONS
     else:
         # SERVOn_FUNCTION 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12; of several channels the first.
         motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
@@ -187,48 +236,46 @@ def motor_geometry(
         if frame_class == 7:  # a tricopter
             places, turns = _placed((60, -60, 0, 180), "")
             del places[3]  # its servo has another number, and it has no motor of this one
-        basis = (
-            "the SERVOn_FUNCTION and FRAME parameters"
-            if places
-            else "the SERVOn_FUNCTION parameters"
-        )
+        channels_by = ChannelBasis.SERVO_FUNCTIONS
     # some of the parameters did not come
-    channels_assumed = len(known) < MOTOR_COUNTS.get(vehicle, 1)
-    if channels_assumed:
+    if len(known) < MOTOR_COUNTS.get(vehicle, 1):
         count = MOTOR_COUNTS.get(vehicle, len(moving))
         moved = sorted(moving)[:count]
-        basis = "the channels that move"
+        channels_by = ChannelBasis.MOVING_CHANNELS
         usual = [
             n for n in range((min(moving, default=1) - 1) // bank * bank + 1, 33) if n not in others
         ][:count]
         # A motor whose output never changes is one all the same. A tricopter's are on no row of channels.
         if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
             moved = usual
-            basis = f"the first {count} channels"
+            channels_by = ChannelBasis.FIRST_CHANNELS
         known = dict(enumerate(moved, 1))
     motors = tuple(sorted(known))
     channels = tuple(known[motor] for motor in sorted(known))
     if not channels:
         return None
-    assumed = not all(motor in places for motor in motors)
-    if assumed:
+    places_by = PlaceBasis.PARAMETERS
+    if not all(motor in places for motor in motors):
         # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
-        places, turns = _placed(_QUAD_X, _QUAD_X_SPINS) if motors == (1, 2, 3, 4) else ({}, {})
-        basis += "; motor positions of an X quad" if places else "; motor positions unknown"
+        is_quad = motors == (1, 2, 3, 4)
+        places_by = PlaceBasis.X_QUAD if is_quad else PlaceBasis.UNKNOWN
+        places, turns = _placed(_QUAD_X, _QUAD_X_SPINS) if is_quad else ({}, {})
     positions = tuple(places[motor] for motor in motors) if places else ()
     spins = (
         tuple(turns[motor] for motor in motors) if all(motor in turns for motor in motors) else ()
     )
     places_of = tuple(drivers[channel] for channel in channels if channel in drivers)
     return MotorGeometry(
-        motors, channels, positions, basis, channels_assumed, assumed, (), spins, places_of
+        motors, channels, positions, channels_by, places_by, spins=spins, drivers=places_of
     )
 
 
 def place_name(position: Position) -> str:
     """Returns where a motor is, in words: ``front right``."""
-    bearing = degrees(atan2(position[1], position[0]))
-    return _COMPASS[round(bearing / 45) % 8]
+    bearing = radians(45 * round(degrees(atan2(position[1], position[0])) / 45))
+    along = {1: "front", 0: "", -1: "rear"}[round(cos(bearing))]
+    across = {1: "right", 0: "", -1: "left"}[round(sin(bearing))]
+    return f"{along} {across}".strip()
 
 
 _QUAD_X = (45.0, -135.0, -45.0, 135.0)

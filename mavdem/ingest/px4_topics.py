@@ -14,10 +14,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Repair
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, selected
+from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, repair, selected
 from mavdem.ingest.vocabulary import (
     IN_AIR,
     LANDING,
@@ -42,7 +45,7 @@ SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
-_GENERIC_MULTIROTOR = 43
+_GENERIC_MULTIROTOR: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
 _OF_WINGS = {1: _GENERIC_MULTIROTOR, 2: 1, 3: 10}
 """MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors: a multirotor, a fixed wing, a rover."""
 _OUTPUTS = 16
@@ -92,7 +95,7 @@ def messages(
     if any(columns for _, columns in named.values()):
         targets = _made(_attitude_target, topics)
         named |= {
-            "ATTITUDE_TARGET": ("vehicle_rates_setpoint and vehicle_attitude_setpoint", targets),
+            "ATTITUDE_TARGET": (" and ".join(sorted(SETPOINTS, reverse=True)), targets),
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
@@ -116,15 +119,14 @@ def _made(make: Callable[..., dict[str, NDArray[Any]]], *given: Any) -> dict[str
     return columns | {"boot": np.zeros(len(time), dtype=np.int64)} if len(time) else {}
 
 
-def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[str, ...]:
-    """A sentence where attitude was interpolated between samples, as the body rates were logged clearly more often."""
+def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[Fact, ...]:
+    """A repair where attitude was interpolated between samples, as the body rates were logged clearly more often."""
     logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
     stamps = made.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
     if len(stamps) <= 1.1 * max(map(len, logged), default=0):
         return ()
     attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), stamps))
-    logged_at = f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz"
-    return (f"{logged_at}: attitude was interpolated at the timestamps of the body rates.",)
+    return repair(Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude, rate=rates)
 
 
 def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mavdem.facts import Fact, Level
+from mavdem.ingest.codes import Flaw, Repair
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
@@ -36,7 +39,7 @@ class Telemetry:
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
         earlier: the first values of those that changed, where the source does not say when.
         source: the file or link it came from.
-        repairs: one sentence for each repair (a wrap, a reboot, damage).
+        repairs: what was odd or damaged, and what was done about it (a wrap, a reboot, damage).
         translated_from: the source of messages that the autopilot did not send as MAVLink: "DataFlash", "ULog", or
             for ROS 2's topics "uXRCE-DDS" or "MAVROS"; else empty.
         firmware: what the autopilot calls its firmware ("ArduCopter V4.4.4 (865cffa5)"); empty where the log does not.
@@ -53,7 +56,7 @@ class Telemetry:
     messages: Mapping[str, Columns]
     parameters: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
-    repairs: tuple[str, ...] = ()
+    repairs: tuple[Fact, ...] = ()
     translated_from: str = ""
     firmware: str = ""
     dropouts: int = 0
@@ -93,11 +96,6 @@ def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-# Names in a sentence, and characters of each
-MAX_LISTED = 5
-MAX_CHARACTERS = 80
-
-
 @dataclass(frozen=True, eq=False)
 class Component:
     """One component that sent messages: a vehicle, a ground station, a gimbal, a radio.
@@ -122,7 +120,7 @@ class Component:
 class Unread:
     """Frames of ``message_id`` from ``system`` and ``component``: so many ``frames`` ``of`` all cannot be read.
 
-    ``cause`` is "another dialect" when none agrees with the dialect's definition, "damage" when some do.
+    ``cause`` is another dialect when none agrees with the dialect's definition, damage when some do.
     """
 
     message_id: int
@@ -130,7 +128,7 @@ class Unread:
     component: int
     frames: int
     of: int
-    cause: str
+    cause: Flaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,23 +154,9 @@ class Log:
     receive_time: tuple[float, float]
 
 
-def listed(names: Iterable[str]) -> str:
-    """Returns names for a sentence: a few, in one line, whatever the file contains."""
-    ordered = sorted(names)
-    shown = [
-        name if len(name) <= MAX_CHARACTERS else f"{name[:MAX_CHARACTERS]}…"
-        for name in ordered[:MAX_LISTED]
-    ]
-    shown = [
-        "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name)
-        for name in shown
-    ]
-    return ", ".join(shown) + (", …" if len(ordered) > MAX_LISTED else "")
-
-
-def repair_sentences(*counted: tuple[int, str]) -> tuple[str, ...]:
-    """Returns the sentences whose count is not 0."""
-    return tuple(sentence for count, sentence in counted if count)
+def repair(code: Repair, **figures: Any) -> tuple[Fact, ...]:
+    """Returns the repair as a fact; none where its ``count`` is 0."""
+    return (Fact(code, Level.WATCH, **figures),) if figures.get("count", 1) else ()
 
 
 def log_of_vehicles(

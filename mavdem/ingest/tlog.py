@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.contents import READABLE_FORMATS, mapped_bytes, require_whole
-from mavdem.ingest.mavlink.clocks import Places, Times, far_off, without
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Repair, Source
+from mavdem.ingest.contents import mapped_bytes, require_whole
+from mavdem.ingest.mavlink.clocks import BATCH, Places, Times, far_off, without
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import (
     GOOD,
@@ -32,13 +34,12 @@ from mavdem.ingest.mavlink.framing import (
     rows_of,
 )
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, assemble
-from mavdem.ingest.telemetry import Log
+from mavdem.ingest.telemetry import Log, repair
 
 STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
 MAX_STAMP_JUMP = 3600.0  # Seconds from its neighbours beyond which a receive stamp is wrong
 MAX_JUMP_AFTER_DAMAGE = 60.0  # The same for a stamp after damage, which may itself be damaged
 STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
-BATCH = 1 << 16  # Stamps read together
 
 
 def read_tlog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
@@ -167,7 +168,7 @@ def _tables(data: Bytes, source: str, progress: Progress) -> Iterator[Frames]:
         yield frames
 
 
-def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[str, ...]]:
+def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[Fact, ...]]:
     """Undoes the conversion of line ends by a text-mode transfer: each line feed then follows a carriage return."""
     data = np.frombuffer(content, dtype=np.uint8)
     if re.search(rb"\n(?<!\r\n)", content):
@@ -176,17 +177,12 @@ def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[
     feeds = len(content) - len(restored)
     if feeds < 8:  # chance gives 1 in 2^64
         return data, ()
-    sentence = f"The file was transferred as text, which inserted 0D before each of its {feeds} bytes 0A; undone."
-    return np.frombuffer(restored, dtype=np.uint8), (sentence,)
+    undone = repair(Repair.CARRIAGE_RETURNS_UNDONE, count=feeds)
+    return np.frombuffer(restored, dtype=np.uint8), undone
 
 
 def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:
     if frames and not good:
-        what = (
-            f"{frames} frames that look like MAVLink, but none matches a dialect that pymavlink has"
-        )
-        raise Unreadable(
-            f"{source} contains {what}: it is of another dialect or damaged throughout."
-        )
+        raise Unreadable(Fact(Source.DIALECT_UNKNOWN, path=source, count=frames, recording=False))
     if good <= 1e-6 * skipped:  # random bytes have some 1.5e-7 good frames each
-        raise Unreadable(f"{source} contains no MAVLink: {READABLE_FORMATS}.")
+        raise Unreadable(Fact(Source.FORMAT_UNKNOWN, path=source, name="mavlink"))

@@ -25,6 +25,8 @@ from pyulog import ULog
 from scipy.ndimage import median_filter
 
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
@@ -33,9 +35,8 @@ from mavdem.ingest.telemetry import (
     Log,
     Telemetry,
     joined,
-    listed,
     log_of_vehicles,
-    repair_sentences,
+    repair,
     rows_by,
     selected,
 )
@@ -64,8 +65,11 @@ SIZES = {
     "uint16_t": 2,
     "int32_t": 4,
     "uint32_t": 4,
+    "float": 4,
+    "int64_t": 8,
+    "uint64_t": 8,
+    "double": 8,
 }
-SIZES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
 """Bytes of the basic types."""
 
 INFORMATION = re.compile(rb"char\[\d+\] (?:ver_sw|ver_hw|sys_uuid)|uint32_t ver_sw_release")
@@ -115,9 +119,7 @@ def _appended(content: bytes, source: str) -> list[int]:
         return []
     incompatible = flags[8:16]
     if incompatible[0] & ~_APPENDED or any(incompatible[1:]):
-        raise Unreadable(
-            f"{source} is a ULog of a later format or damaged at its beginning: its flags are unknown."
-        )
+        raise Unreadable(Fact(Source.ULOG_OF_LATER_FORMAT, path=source))
     appended = struct.unpack_from("<3Q", flags, 16) if incompatible[0] & _APPENDED else ()
     offsets = [offset for offset in appended if offset]
     sound = all(
@@ -384,7 +386,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     source = os.fspath(path)
     content = file_bytes(path)
     if not content.startswith(MAGIC):
-        raise Unreadable(f"{source} is no PX4 ULog: name a file that PX4's logger wrote (.ulg).")
+        raise Unreadable(Fact(Source.FORMAT_UNKNOWN, path=source, name="ulog"))
     found = WholeMessages(content, {name.encode() for name in NEEDED}, source, progress)
     log = ULog(io.BytesIO(found.content))
     values = [
@@ -402,8 +404,15 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     made, names = messages(topics, parameters, vehicle, kind)
     if not made:
+        held = ULog(io.BytesIO(WholeMessages(content, None, source).content)).data_list
         raise Unreadable(
-            f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}"
+            Fact(
+                Source.ULOG_WITHOUT_FLIGHT,
+                path=source,
+                names=sorted({topic.name for topic in held if len(topic.data["timestamp"])}),
+                damaged=bool(found.damaged or found.crowded),
+                cut=bool(found.cut),
+            )
         )
     if texts := log.logged_messages:
         severity, stamps = (
@@ -445,24 +454,6 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
 
 
-def _instead(content: bytes, source: str, found: WholeMessages) -> str:
-    log = ULog(io.BytesIO(WholeMessages(content, None, source).content))
-    held = {topic.name for topic in log.data_list if len(topic.data["timestamp"])}
-    damaged = found.damaged or found.crowded
-    if not held:
-        return (
-            "it is damaged or cut off at its beginning."
-            if damaged or found.cut
-            else "nothing was logged in it."
-        )
-    state = (
-        "is damaged," if damaged else "is cut off at its end," if found.cut else "is intact, but"
-    )
-    topics = "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)"
-    missing = f"holds neither attitude nor motor outputs (its topics: {listed(held)})"
-    return f"the file {state} {missing}; in PX4 log {topics}."
-
-
 def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
     parts: dict[tuple[str, int], list[Px4Topic]] = {}
     rows = rows_by(found.topic)
@@ -490,23 +481,14 @@ def _firmware(information: Mapping[str, object]) -> str:
     return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
 
 
-def _damage(found: WholeMessages) -> tuple[str, ...]:
-    def times(count: int, noun: str) -> str:
-        return f"{count} {noun}{'s' * (count != 1)}"
-
-    wrong = int(np.count_nonzero(found.wrong_stamp))
-    places = times(found.damaged, "place")
-    subscriptions = times(found.crowded, "subscription")
+def _damage(found: WholeMessages) -> tuple[Fact, ...]:
+    wrong = np.count_nonzero(found.wrong_stamp)
     lasted = found.dropouts / 1e3  # PX4's logger records the duration, not what is missing
-    missing = f"for {lasted.sum():.3g} s in all and {lasted.max(initial=0):.3g} s at most: messages of these times are"
-    skipped = f"{found.bytes_skipped} bytes that belong to no message were skipped."
-    return repair_sentences(
-        (found.damaged, f"The file is damaged in {places}: {skipped}"),
-        (
-            found.cut,
-            f"Left out: {times(found.cut, 'message')} cut off by the end of the file or of a part of it.",
-        ),
-        (wrong, f"Left out: {times(wrong, 'message')} with a time stamp far from those around it."),
-        (found.crowded, f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has."),
-        (len(lasted), f"The logger dropped out {times(len(lasted), 'time')}, {missing} missing."),
+    dropouts = {"duration": lasted.sum(), "longest_gap": lasted.max(initial=0)}
+    return (
+        *repair(Repair.ULOG_DAMAGED, count=found.damaged, skipped=found.bytes_skipped),
+        *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=found.cut, flaw=Flaw.CUT_OFF),
+        *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=wrong, flaw=Flaw.FAR_STAMP),
+        *repair(Repair.SUBSCRIPTIONS_LEFT_OUT, count=found.crowded),
+        *repair(Repair.LOGGER_DROPPED_OUT, count=len(lasted), **dropouts),
     )

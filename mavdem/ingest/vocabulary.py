@@ -12,26 +12,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.ingest.telemetry import Array
 
-ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode
-CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED in HEARTBEAT.base_mode
-# MAV_LANDED_STATE in EXTENDED_SYS_STATE.landed_state
-ON_GROUND = 1
-IN_AIR = 2
-TAKING_OFF = 3
-LANDING = 4
+# of HEARTBEAT.base_mode
+ARMED: int = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+CUSTOM_MODE: int = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+# of EXTENDED_SYS_STATE.landed_state
+ON_GROUND: int = dialect.MAV_LANDED_STATE_ON_GROUND
+IN_AIR: int = dialect.MAV_LANDED_STATE_IN_AIR
+TAKING_OFF: int = dialect.MAV_LANDED_STATE_TAKEOFF
+LANDING: int = dialect.MAV_LANDED_STATE_LANDING
 # ArduPilot and PX4 report the last two only once they have left the ground
 OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)
-# MAV_STATE in HEARTBEAT.system_status: on the ground, and in flight
-STANDBY = 3
-ACTIVE = 4
-# MAV_AUTOPILOT; GENERIC where the autopilot is not known
-GENERIC = 0
-ARDUPILOT = 3
-PX4 = 12
-AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+# of HEARTBEAT.system_status: on the ground, and in flight
+STANDBY: int = dialect.MAV_STATE_STANDBY
+ACTIVE: int = dialect.MAV_STATE_ACTIVE
+GENERIC: int = dialect.MAV_AUTOPILOT_GENERIC  # where the autopilot is not known
+ARDUPILOT: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+PX4: int = dialect.MAV_AUTOPILOT_PX4
+AUTOPILOT_COMPONENT: int = dialect.MAV_COMP_ID_AUTOPILOT1
 LANDING_MODES = {
     ARDUPILOT: {6, 9, 21, 27},  # RTL, LAND, SMART_RTL, AUTO_RTL
     PX4: {sub << 24 | 4 << 16 for sub in (5, 6, 9)},  # of AUTO: RTL, LAND, PRECLAND

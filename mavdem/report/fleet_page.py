@@ -11,7 +11,6 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mavdem.condition.wind_velocity import from_point
-from mavdem.errors import downstream
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.row import (
     HEALTHS,
@@ -83,7 +82,7 @@ def fleet_page(
         .render(
             blocks=words.fleet_blocks(rows),
             vehicles=parts,
-            rose=_svg(flights, "rose", "wind_rose"),
+            rose=_svg(flights, "rose", rose=True),
             not_drawn=len(flown_often) - len(drawn),
             first=Table(kept, lines[:FIRST_SHOWN], words=True),
             table={
@@ -96,12 +95,16 @@ def fleet_page(
     )
 
 
-def _svg(flights: Sequence[Sequence[FlightRow]], name: str, draw: str = "vehicle_figure") -> Markup:
+def _svg(flights: Sequence[Sequence[FlightRow]], name: str, rose: bool = False) -> Markup:
+    # matplotlib takes a second to load
+    from mavdem.report.figures.flights import vehicle_figure, wind_rose
+    from mavdem.report.figures.style import svg
+
     try:
-        figure = downstream("report.figures.flights", draw)(flights)
+        figure = wind_rose(flights) if rose else vehicle_figure(flights)
     except ValueError:  # nothing is known
         return Markup("")
-    return Markup(downstream("report.figures.style", "svg")(figure, name))
+    return Markup(svg(figure, name))
 
 
 def _number(

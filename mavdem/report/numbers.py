@@ -65,6 +65,17 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def in_one_line(names: Iterable[str], most: int = 5, longest: int = 80) -> str:
+    """Returns the first ``most`` of ``names`` in order, each in one line however ``longest`` it is in the file."""
+    *shown, rest = [*sorted(names), ""][: most + 1]
+    cut = [name if len(name) <= longest else f"{name[:longest]}…" for name in shown]
+    plain = [
+        "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name)
+        for name in cut
+    ]
+    return ", ".join([*plain, *["…"] * bool(rest)])
+
+
 def plus_minus(value: float, half: float) -> str:
     """Returns an estimate and the ``half`` width of its interval, with the digits that it bears; a dash without one.
 

@@ -23,9 +23,10 @@ from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.condition.loop.loop import Advice, Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
+from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.errors import NotLearnable, downstream
+from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import Comparison
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Grade, Purpose
@@ -112,8 +113,10 @@ def document(
     parts |= {"back": back, "head": head}
     if head is not None and (timeline := head.timeline) is not None:
         if not head.is_small:
-            still = downstream("report.figures.series", "still")(timeline)
-            parts["still"] = Markup(downstream("report.figures.style", "svg")(still, "timeline"))
+            from mavdem.report.figures.series import still
+            from mavdem.report.figures.style import svg
+
+            parts["still"] = Markup(svg(still(timeline), "timeline"))
         parts["timeline"] = timeline.as_json(FEW_POINTS if head.is_small else POINTS)
     return environment().get_template("document.html").render(parts)
 
@@ -144,10 +147,10 @@ def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
     drawings = []
     for place, picture in enumerate(chapter.pictures):
         try:
-            svg = downstream("report.figures.style", "svg")(
-                picture.draw(), f"figure-{number}-{place}"
-            )
-            drawings.append((picture, Markup(svg)))
+            from mavdem.report.figures.style import svg
+
+            drawn = svg(picture.draw(), f"figure-{number}-{place}")
+            drawings.append((picture, Markup(drawn)))
         except ValueError as error:
             blocks.append(Sentence(f"{error}.", f"{picture.title}:"))
     return {
@@ -253,15 +256,14 @@ def _wind(
     """The wind in m/s and as a torque, its rose, and the path that was flown."""
     learned = analysis.learned
     pictures = list[Picture]()
-    draw = partial(downstream, "report.figures.flights")
     wind = (air or (None,))[0]
     blocks = [*([] if air is None else wind_blocks(air)), *said]
     if wind is not None and wind.directed and whole:
         told = "How often the wind came from where, by its estimated speed."
-        pictures.append(Picture("Wind rose", told, lambda: draw("rose_of_wind")(wind)))
+        pictures.append(Picture("Wind rose", told, partial(_rose, wind)))
     if timeline is not None and timeline.position is not None:
         told = "Over ground, north up, from ● to ■; the purple arrow flies with the wind."
-        pictures.append(Picture("Flown path", told, lambda: draw("flown_path")(timeline, wind)))
+        pictures.append(Picture("Flown path", told, partial(_path, timeline, wind)))
     if learned is not None:
         blocks += torque_blocks(learned.wind_torque, learned.physical)
         pictures += model_pictures(
@@ -269,6 +271,33 @@ def _wind(
         )
     blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
     return Chapter("Wind and path", blocks, pictures)
+
+
+# matplotlib takes a second to load: what draws is imported when a picture is drawn.
+
+
+def _rose(wind: WindVelocity) -> Figure:
+    from mavdem.report.figures.flights import rose_of_wind
+
+    return rose_of_wind(wind)
+
+
+def _path(timeline: Timeline, wind: WindVelocity | None) -> Figure:
+    from mavdem.report.figures.flights import flown_path
+
+    return flown_path(timeline, wind)
+
+
+def _loops(loop: Loop, after: Loop | None) -> Figure:
+    from mavdem.report.figures.loops import loops
+
+    return loops(loop, after)
+
+
+def _error_ratios(comparison: Comparison, from_zero: bool) -> Figure:
+    from mavdem.report.figures.flights import error_ratios
+
+    return error_ratios(comparison, from_zero)
 
 
 def _model(
@@ -365,11 +394,7 @@ def model_pictures(
 def loop_picture(loop: Loop, after: Loop | None = None) -> Picture:
     """Returns the picture of the loops of an axis, and of those with other gains."""
     said = "Gain, phase and sensitivity of the open loops, how far they stay from −1, and steps, with 90 % bands."
-    return Picture(
-        "Rate and attitude loop",
-        said,
-        lambda: downstream("report.figures.loops", "loops")(loop, after),
-    )
+    return Picture("Rate and attitude loop", said, partial(_loops, loop, after))
 
 
 def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
@@ -389,7 +414,7 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     windows = Picture(
         "Errors in every window",
         "Each dot is one window, each bar the median of a method. Dots at an edge are beyond it.",
-        lambda: downstream("report.figures.flights", "error_ratios")(comparison, from_zero),
+        partial(_error_ratios, comparison, from_zero),
     )
     blocks = comparison_report(comparison, from_zero)
     first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))

@@ -19,6 +19,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
     counted,
     few,
+    in_one_line,
     listed,
     plus_minus,
     readable,
@@ -109,6 +110,7 @@ def _environment() -> Environment:
         "few": few,
         "go_on": go_on,
         "headline": headline,
+        "in_one_line": in_one_line,
         "interval": interval,
         "listed": listed,
         "parameter": PARAMETERS.get,

@@ -20,7 +20,7 @@ from mavdem.alignment import drive, signals
 from mavdem.alignment.phases import airborne_collective
 from mavdem.alignment.signals import Signals
 from mavdem.facts.learnability import MotorObstacle
-from mavdem.ingest.motors import motor_geometry, output_scale
+from mavdem.ingest.motors import ChannelBasis, PlaceBasis, motor_geometry, output_scale
 from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
@@ -164,7 +164,11 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
         motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=incomplete)).layout
         assert motors.channels == (1, 2, 3, 4)
         assert motors.channels_assumed and motors.positions_assumed
-    assert "X quad" in motors.basis and "channels that move" in motors.basis
+    assert dict(motors.basis.figures) == {
+        "channels_by": ChannelBasis.MOVING_CHANNELS,
+        "places_by": PlaceBasis.X_QUAD,
+        "count": 4,
+    }
 
 
 def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_places():

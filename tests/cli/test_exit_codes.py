@@ -65,9 +65,9 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["info", "-"], "A log cannot be read from standard input (-). Save it as a file"),
         (
             ["info", LOGS],
-            f"{LOGS} is a folder, with 3 logs in it: name a file, such as {LOGS}/ardupilot_default",
+            f"{LOGS} is a folder, with 3 logs in it. Name a file, such as {LOGS}/ardupilot_default",
         ),
-        (["info", "."], "is a folder, with no log in it: name a file that ends in .tlog, "),
+        (["info", "."], "is a folder, with no log in it. Name a file that ends in .tlog, "),
         (["--colour"], "--colour"),
         (["convert", FLIGHT, "flight.txt"], ".parquet"),
         (["convert", FLIGHT, "again.tlog"], ".tlog already"),
@@ -113,7 +113,7 @@ def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     write_channels(tmp_path / "flight.mcap", [flight])
     assert main(["info", str(tmp_path / "flight.mcap")]) == 2
     said = capsys.readouterr().err
-    assert "was written by `mavdem learn`" in said and "name the log" in said
+    assert "was written by `mavdem learn`" in said and "Name the log" in said
 
 
 FULL = Path("/dev/full")

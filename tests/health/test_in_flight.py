@@ -26,7 +26,7 @@ MIXERS = {motors: np.linalg.pinv(signatures.weights) for motors, signatures in S
 
 def geometry(places, spins):
     motors = tuple(range(1, len(places) + 1))
-    return MotorGeometry(motors, motors, tuple(map(tuple, places)), "", False, False, spins=spins)
+    return MotorGeometry(motors, motors, tuple(map(tuple, places)), spins=spins)
 
 
 def quad(*balance):

@@ -1,14 +1,19 @@
 """Streams to read, built byte by byte; checksums come from pymavlink, not from the code under test."""
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
 from recorded_flights import SHARED
 
+from mavdem.errors import Unreadable
+from mavdem.facts import Code
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import Frames, concatenated, find_frames
 
@@ -31,6 +36,14 @@ def real_logs() -> list[Path]:
     return sorted(
         log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ()))
     )
+
+
+@contextmanager
+def refused(code: Code) -> Iterator[None]:
+    """Holds that what is done within raises ``Unreadable`` with a fact of this ``code``."""
+    with pytest.raises(Unreadable) as failure:
+        yield
+    assert failure.value.fact.code is code
 
 
 def beginning(log: Path, folder: Path, most: int = 700_000) -> Path:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from mavdem.ingest.codes import Repair
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock, far_off
 
 WRAP_US = 2.0**32 / 1e6
@@ -76,7 +77,8 @@ def test_a_wrap_of_the_only_clock_is_undone():
     made = clock_of(times % WRAP_US, period=WRAP_US)
     assert np.allclose(made.time, times)
     assert not made.boot.any()
-    assert "wraps every 71.6 min" in made.repairs[0]
+    (wrap,) = made.repairs
+    assert wrap.code is Repair.CLOCK_WRAPPED and wrap.figures["period"] == WRAP_US
     # So are 49 days.
     times = WRAP_MS - 30 + 0.1 * np.arange(1000)
     assert np.allclose(clock_of(times % WRAP_MS).time, times)
@@ -149,7 +151,9 @@ def test_unix_time_is_moved_to_the_boot_clock():
     ]
     made = clock(stamps, np.full(200, np.nan))
     assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
-    assert "another clock" in made.repairs[0]
+    (moved,) = made.repairs
+    assert moved.code is Repair.CLOCK_MOVED
+    assert moved.figures["offset"] == pytest.approx(1.6e9, abs=0.2)
     # Messages without a clock take the last before them.
     stamps = [Stamps("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
     assert clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
@@ -169,7 +173,9 @@ def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead():
     made = clock_of(jumping)
     assert np.array_equal(made.time[::2], times[::2]) and not made.boot.any()
     assert np.array_equal(made.time[1:-1:2], times[:-2:2])
-    assert "299 time stamps of ATTITUDE" in made.repairs[0]
+    (ignored,) = made.repairs
+    assert ignored.code is Repair.STAMPS_IGNORED
+    assert dict(ignored.figures) == {"name": "ATTITUDE", "count": 299}
 
 
 @pytest.mark.parametrize("wrong", [2**32 - 1, 2**31, 2**30 + 5])
@@ -190,7 +196,7 @@ def test_stamps_that_the_receiver_contradicts_are_no_wraps(wrong, damaged):
             and not made.boot.any()
         )
         assert made.time.max() <= times[-1] and made.time.min() >= times[0]
-        assert len(made.repairs) == 1 and "ignored" in made.repairs[0]
+        assert [fact.code for fact in made.repairs] == [Repair.STAMPS_IGNORED]
 
 
 def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
@@ -199,7 +205,8 @@ def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
     servo[100] = 900.0
     made = interleaved(times, servo)
     assert made.time[201] == made.time[199]
-    assert made.repairs == ("1 time stamp of SERVO_OUTPUT_RAW far off its neighbours was ignored.",)
+    (ignored,) = made.repairs
+    assert dict(ignored.figures) == {"name": "SERVO_OUTPUT_RAW", "count": 1}
 
 
 @pytest.mark.parametrize("stamp", [0.0, 1e13])

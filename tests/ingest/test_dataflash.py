@@ -15,7 +15,9 @@ from recorded_flights import shared
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.condition.inventory import autopilot_alarms, inventory
 from mavdem.errors import Unreadable
+from mavdem.facts import Code
 from mavdem.ingest import Log, read_log
+from mavdem.ingest.codes import Repair
 from mavdem.ingest.dataflash.binary import (
     FIELD_TYPES,
     MAX_DEFINITIONS,
@@ -224,7 +226,7 @@ def test_a_reboot_within_a_file(tmp_path):
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "ACTUATOR_CONTROL_TARGET"):
         assert vehicle.messages[name]["boot"].tolist() == [0] * 50 + [1] * 50
         assert np.allclose(vehicle.messages[name]["time"], first + second, atol=1e-9)
-    assert any("rebooted" in repair for repair in vehicle.repairs)
+    assert Repair.LOG_OF_SEVERAL_BOOTS in [fact.code for fact in vehicle.repairs]
 
 
 @pytest.mark.parametrize("by", ["boards", "calibrations"])
@@ -241,7 +243,9 @@ def test_joined_logs_of_two_vehicles_are_two_vehicles(tmp_path, by):
     later = [time + 100 for time in TIMES]
     path.write_bytes(one("1", TIMES) + one("2", later) + one("2", [time + 200 for time in TIMES]))
     first, second = read_log(path).vehicles
-    assert (first.system, second.system) == (7, 8) and "2 vehicles" in first.repairs[0]
+    assert (first.system, second.system) == (7, 8)
+    assert first.repairs[0].code is Repair.VEHICLES_PARTED
+    assert dict(second.repairs[0].figures) == {"count": 2, "system": 8}
     assert (
         first.board[:3] == ("001" if by == "boards" else "")
         and first.board != second.board
@@ -282,6 +286,11 @@ GARBAGE = random.Random(5).randbytes(400)
 GARBAGES = (GARBAGE, bytes(100), b"\xff" * 50, b"\xa3\x95" * 40, b"\xa3\x95\x81", b"\xa3")
 
 
+def counts(vehicle: Telemetry) -> dict[Code, int | None]:
+    """The count of each repair, None where it has none."""
+    return {fact.code: fact.figures.get("count") for fact in vehicle.repairs}
+
+
 def spoiled(case: str) -> bytes:
     """A log of ``TIMES`` with one thing wrong, of which every message of attitude and motors can be read."""
     rows = made.flight(TIMES)
@@ -308,21 +317,21 @@ def spoiled(case: str) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("case", "repair"),
-    [
-        (f"garbage {garbage.hex()}", f"{len(garbage)} bytes that belong to no message")
-        for garbage in GARBAGES
-    ]
-    + [(f"length {length}", "definition (FMT) of ATT") for length in (0, 1, 2, 3, 10, 255)]
+    ("case", "repairs"),
+    [(f"garbage {garbage.hex()}", {Repair.BYTES_SKIPPED: len(garbage)}) for garbage in GARBAGES]
     + [
-        ("filled", ""),
-        ("late", ""),
-        ("strange", ""),
-        ("undefined", "bytes that belong"),
-        ("stamp", "ignored"),
+        (f"length {length}", {Repair.DEFINITION_CONTRADICTED: None})
+        for length in (0, 1, 2, 3, 10, 255)
+    ]
+    + [
+        ("filled", {}),
+        ("late", {}),
+        ("strange", {}),
+        ("undefined", {Repair.BYTES_SKIPPED: 200 * len(made.message("EV", 5, 5))}),
+        ("stamp", {Repair.STAMPS_IGNORED: 1}),
     ],
 )
-def test_what_is_wrong_costs_itself_only(tmp_path, case, repair):
+def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
     vehicle = vehicle_of(spoiled(case), tmp_path)
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
         assert np.allclose(vehicle.messages[name]["time"], TIMES, atol=1e-9)
@@ -330,7 +339,7 @@ def test_what_is_wrong_costs_itself_only(tmp_path, case, repair):
         vehicle.messages["ATTITUDE"]["roll"], np.radians([2.0 + 2 * (i % 5) for i in range(200)])
     )
     assert "VFR_HUD" not in vehicle.messages
-    assert [repair in said for said in vehicle.repairs] == [True] * bool(repair)
+    assert counts(vehicle) == repairs
 
 
 @pytest.mark.parametrize("lost", [1, 5, 20, 60])
@@ -426,7 +435,8 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
             for field, values in columns.items():
                 theirs = vehicle.messages[name][field]
                 assert np.allclose(theirs, values, atol=1e-12, equal_nan=True), (name, field)
-    assert vehicle.repairs[0] == "3 lines that match no definition were left out."
+    assert vehicle.repairs[0].code is Repair.LINES_LEFT_OUT
+    assert vehicle.repairs[0].figures["count"] == 3
 
 
 def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
@@ -439,7 +449,7 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     )
     (vehicle,) = read_dataflash(tmp_path / "a.bin").vehicles
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
-    assert "The logger had no room for 8 messages (DSF): they are missing." in vehicle.repairs
+    assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()
 
 
 def defined_otherwise(name: str, characters: str, fields: str, kind: int | None = None) -> bytes:
@@ -494,12 +504,10 @@ def test_a_stamp_in_words_that_cannot_be_costs_its_line(stamp, tmp_path):
         lines += [f"ATT, {stamp if row == 50 else time_us}, 1, 2, 3", f"RATE, {time_us}, 1, 2, 3"]
     vehicle = vehicle_of("\n".join(lines).encode(), tmp_path, "flight.log")
     assert len(vehicle.messages["ATTITUDE"]["time"]) == 99
-    assert any(
-        "1 lines that match no definition were left out." in repair for repair in vehicle.repairs
-    )
-    assert any(
-        "1 messages" in repair or "1 time stamp" in repair for repair in vehicle.repairs
-    ) == (stamp != "0")
+    repairs = counts(vehicle)
+    assert repairs.pop(Repair.LINES_LEFT_OUT) == 1 and repairs.pop(Repair.BYTES_SKIPPED) > 5000
+    assert list(repairs.values()) == [1] * (stamp != "0")
+    assert set(repairs) <= {Repair.LOGGED_MESSAGES_LEFT_OUT, Repair.STAMPS_IGNORED}
 
 
 def test_a_message_defined_anew_each_time_is_given_up(tmp_path):

@@ -6,12 +6,13 @@ from pathlib import Path
 import dataflash_logs as dataflash
 import numpy as np
 import pytest
+from mavlink_streams import refused
 from pyulog import ULog
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.errors import Unreadable
 from mavdem.ingest import read_log
+from mavdem.ingest.codes import Repair, Source
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
 
@@ -25,6 +26,7 @@ COLUMNS = {
     "CURR": ("Qh", "TimeUS,Volt"),
 }
 TIMES = np.arange(20.0, 24.0, 0.02)
+CENTIDEGREES = Repair.CENTIDEGREES_CONVERTED
 ROLL_RATE = np.radians(40.0) * np.sin(5 * TIMES)  # rad/s
 
 
@@ -83,11 +85,12 @@ def test_the_unit_of_rate_is_told_by_the_gyro_else_by_the_version(tmp_path, rate
     np.testing.assert_allclose(
         vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6
     )
-    assert any("centidegrees" in note for note in vehicle.repairs) == (rate == 100)
+    ratios = [fact.figures["ratio"] for fact in vehicle.repairs if fact.code is CENTIDEGREES]
+    assert [ratio is not None for ratio in ratios] == [gyro] * (rate == 100)
     (asked,) = setpoints(vehicle, "roll")
     np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
     # Rounding and bias of a vehicle at rest make any ratio.
-    assert not any("centidegrees" in note for note in log(tmp_path, 100.0, swing=0.001).repairs)
+    assert CENTIDEGREES not in [fact.code for fact in log(tmp_path, 100.0, swing=0.001).repairs]
 
 
 def test_demands_of_4500_are_full_demands(tmp_path):
@@ -120,18 +123,18 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    ("lines", "code"),
     [
-        ("FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n", "without time stamps"),
+        ("FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n", Source.DATAFLASH_WITHOUT_STAMPS),
         (
             "FMT, 129, 0, ATT, fff, Roll,Pitch,Yaw\nFMT, 1, 0, TIME, Q, StartTime\nATT, 1, 2, 3\nTIME, 5\n",
-            "sdlog2",
+            Source.DATAFLASH_OF_SDLOG2,
         ),
     ],
 )
-def test_a_log_without_a_clock_says_what_it_is(tmp_path, lines, said):
+def test_a_log_without_a_clock_says_what_it_is(tmp_path, lines, code):
     (tmp_path / "flight.log").write_text(lines)
-    with pytest.raises(Unreadable, match=said):
+    with refused(code):
         read_dataflash(tmp_path / "flight.log")
 
 
@@ -148,7 +151,8 @@ def test_recorded_logs_of_old_versions(name, notes):
     (vehicle,) = read_dataflash(shared(f"real/logs/{name}")).vehicles
     attitude = Signals(vehicle).attitude
     assert attitude is not None and attitude.impossible == 0
-    assert sum("RATE" in note for note in vehicle.repairs) == notes
+    noted = {fact.code for fact in vehicle.repairs} & {CENTIDEGREES, Repair.DEMANDS_SCALED}
+    assert len(noted) == notes
     # Integrated, the rates are the angles: they have the right unit.
     steps = np.diff(attitude.time)
     usual = (steps < 0.15) & (np.abs(attitude.angle[1:]) < 1)

@@ -10,7 +10,7 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import NOW, SAMPLES, beginning, flight, heartbeat, tlog
+from mavlink_streams import NOW, SAMPLES, beginning, flight, heartbeat, refused, tlog
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_files import Recorder, converted, json_only, spoil
@@ -19,6 +19,7 @@ from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
+from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
 from mavdem.ingest.mcap.records import MAGIC, McapRecording
@@ -293,7 +294,7 @@ def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
         fewest = len(read)
     assert fewest == len(whole)
     path.write_bytes(content[: len(content) // 2])
-    assert any("cut off" in repair for repair in read_mcap(path).vehicles[0].repairs)
+    assert Repair.RECORDING_CUT in [fact.code for fact in read_mcap(path).vehicles[0].repairs]
 
 
 @pytest.mark.slow
@@ -326,7 +327,7 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
 def test_a_damaged_stretch_costs_its_own_messages(compression, tmp_path):
     content = bytearray(small(tmp_path, compression, frames=True))
     place = len(MAGIC)
-    while content[place] != mcap_records.CHUNK:
+    while content[place] != mcap_records.Opcode.CHUNK:
         place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
     # The length of the first chunk: the file can no longer be walked from record to record.
     content[place + 1 : place + 9] = struct.pack("<Q", 2**62)
@@ -334,7 +335,8 @@ def test_a_damaged_stretch_costs_its_own_messages(compression, tmp_path):
     path.write_bytes(content)
     read = attitudes(path)
     assert read is not None and len(read) > 30
-    assert any("damaged bytes" in repair for repair in read_mcap(path).vehicles[0].repairs)
+    repairs = {fact.code: fact for fact in read_mcap(path).vehicles[0].repairs}
+    assert repairs[Repair.BYTES_SKIPPED].figures["part"] == "recording"
 
 
 def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path):
@@ -345,7 +347,7 @@ def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path):
     path.write_bytes(wrong)
     (vehicle,) = read_mcap(path).vehicles
     assert (vehicle.messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
-    assert any("damaged chunks were left out" in repair for repair in vehicle.repairs)
+    assert Flaw.DAMAGED_CHUNK in [fact.figures.get("flaw") for fact in vehicle.repairs]
 
 
 def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):
@@ -353,7 +355,7 @@ def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):
     for place in range(60, int.from_bytes(content[-28:-20], "little"), 40):  # up to the summary
         content[place] ^= 0xFF
     (tmp_path / "small.mcap").write_bytes(content)
-    with pytest.raises(Unreadable, match="whose MAVLink messages .* are damaged"):
+    with refused(Source.MCAP_DAMAGED):
         read_mcap(tmp_path / "small.mcap")
 
 

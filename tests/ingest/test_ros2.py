@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mavlink_streams import flight, heartbeat
+from mavlink_streams import flight, heartbeat, refused
 from mcap_files import Recorder
 from numpy.typing import NDArray
 from ros2_files import (
@@ -28,8 +28,10 @@ from ulog_files import roll
 import mavdem
 from mavdem.alignment import signals
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.errors import MissingExtra, NotLearnable, Unreadable
+from mavdem.errors import NotLearnable
+from mavdem.extras import MissingExtra
 from mavdem.ingest import read_log
+from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.mcap.log import mcap_stream
 from mavdem.ingest.ros2.messages import rewritten
 from mavdem.ingest.telemetry import Telemetry
@@ -177,8 +179,16 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
     path = written(tmp_path, write)
     vehicles = read_log(path).vehicles
     assert [one.system for one in vehicles] == [2, 3, 1, 4, 5]
-    assert any("/px4_3" in repair and "numbered 1" in repair for repair in vehicles[2].repairs)
-    assert any("/uav4" in repair and "numbered 4" in repair for repair in vehicles[3].repairs)
+    numbering = [
+        dict(fact.figures)
+        for vehicle in vehicles[2:4]
+        for fact in vehicle.repairs
+        if fact.code is Repair.SYSTEM_NUMBERED
+    ]
+    assert numbering == [
+        {"name": "/px4_3", "given": 3, "system": 1},
+        {"name": "/uav4", "given": 0, "system": 4},
+    ]
     with pytest.raises(NotLearnable, match="several vehicles"):
         mavdem.read_flight(path)
     assert mavdem.read_flight(path, vehicle="3").time[0] == pytest.approx(120)
@@ -193,8 +203,8 @@ def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
     ours = vehicle.messages["ATTITUDE_QUATERNION"]["time"]
     assert np.allclose(ours, np.delete(TIMES, 9))
     assert np.allclose(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"], np.delete(TIMES, 70))
-    assert any("without a time stamp" in repair for repair in vehicle.repairs)
-    assert any("far off its neighbours" in repair for repair in vehicle.repairs)
+    assert Repair.STAMPS_IGNORED in [fact.code for fact in vehicle.repairs]
+    assert Flaw.NO_STAMP in [fact.figures.get("flaw") for fact in vehicle.repairs]
 
 
 def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
@@ -207,7 +217,7 @@ def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
     vehicle = recorder.vehicle()
     times = [vehicle.messages[name]["time"] for name in ("ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW")]
     assert len(times[1]) == 300 and np.allclose(times[0], times[1], rtol=0, atol=1e-5)
-    assert any("wraps" in repair for repair in vehicle.repairs)
+    assert Repair.CLOCK_WRAPPED in [fact.code for fact in vehicle.repairs]
 
 
 def test_without_the_library_the_command_that_installs_it_is_reported(tmp_path, monkeypatch):
@@ -288,10 +298,9 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     (vehicle,) = log.vehicles
     assert len(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"]) == 300
     if name in HOSTILE:
-        assert any(
-            "cannot be decoded" in repair and "vehicle_attitude" in repair
-            for repair in vehicle.repairs
-        )
+        (repair,) = vehicle.repairs
+        assert repair.figures["flaw"] is Flaw.UNDECODABLE
+        assert repair.figures["names"] == ("/fmu/out/vehicle_attitude",)
     assert capfd.readouterr() == ("", "")
 
 
@@ -322,7 +331,8 @@ def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path):
     write_raw(path, kind, DEFINITIONS[kind], bodies)
     (vehicle,) = read_log(path).vehicles
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
-    assert any("4 ROS 2 messages that cannot be decoded" in repair for repair in vehicle.repairs)
+    (repair,) = vehicle.repairs
+    assert (repair.figures["count"], repair.figures["flaw"]) == (4, Flaw.UNDECODABLE)
 
 
 @pytest.mark.parametrize(
@@ -339,7 +349,7 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
         schema = recorder._writer.register_schema(kind, language, DEFINITIONS[kind].encode())
         channel = recorder._writer.register_channel("/fmu/out/vehicle_attitude", "cdr", schema)
         recorder._writer.add_message(channel, 1, beginning + bytes(80) if beginning else b"", 1)
-    with pytest.raises(Unreadable, match="no message of a flight in it can be decoded"):
+    with refused(Source.ROS2_DAMAGED):
         read_log(path)
 
 
@@ -378,20 +388,20 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
 
 def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
-    with pytest.raises(Unreadable):
+    with refused(Source.ROS2_DAMAGED):
         read_log(
             written(
                 tmp_path, lambda recorder: recorder.px4("vehicle_rates_setpoint", 20.0, roll=1.0)
             )
         )
-    with pytest.raises(Unreadable, match=r"/camera/imu/data.*record"):
+    with refused(Source.MCAP_WITHOUT_FLIGHT):
         read_log(
             written(
                 tmp_path,
                 lambda recorder: recorder.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
             )
         )
-    with pytest.raises(Unreadable, match=r"ROS 2 topics, not of MAVLink.*\.csv"):
+    with refused(Source.MCAP_OF_ROS2):
         mcap_stream(written(tmp_path, px4_flight))
 
 
@@ -432,6 +442,5 @@ def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, t
             mavros_flight(recorder)
     (vehicle,) = read_log(path).vehicles
     assert vehicle.translated_from == ("" if other == "MAVLink" else "uXRCE-DDS")
-    assert any(
-        ("MAVROS" if other == "MAVROS" else "ROS 2 topics") in repair for repair in vehicle.repairs
-    )
+    (repair,) = [fact for fact in vehicle.repairs if fact.code is Repair.TOPICS_NOT_READ]
+    assert repair.figures["name"] == ("mavros" if other == "MAVROS" else "ros2")

@@ -5,11 +5,10 @@ from typing import Any
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log, tlog
-from mavdem.ingest.mavlink import clocks, definitions, framing, vehicles
+from mavdem.ingest.mavlink import clocks, definitions, framing
 
 SMALL = (
     (framing, "BLOCK", 61),
-    (vehicles, "BATCH", 7),
     (clocks, "BATCH", 5),
     (definitions, "BATCH", 3),
     (tlog, "BATCH", 4),

@@ -7,6 +7,7 @@ from mavlink_streams import heartbeat, message
 
 from mavdem.facts import Fact
 from mavdem.facts.session import Rows, VehicleFact
+from mavdem.ingest.motors import PlaceBasis
 
 TWO = sorted(
     Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0),
@@ -118,7 +119,7 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     assert made.segments().keys() == {0}
     assert Rows.MOTOR_ORDER_ASSUMED in made.codes
     assert made.facts[-1].code is Rows.MOTOR_ORDER_KNOWN
-    assert "FRAME" in made.facts[-1].figures["basis"]
+    assert made.facts[-1].figures["basis"].figures["places_by"] is PlaceBasis.PARAMETERS
     assert made.stream.setup.layout.names[0] == "motor 1 (right)"
 
 

@@ -41,7 +41,7 @@ def table_of(text: str) -> dict[str, Any]:
 @pytest.fixture
 def without_figures(monkeypatch):
     """For tests of other things."""
-    monkeypatch.setattr("mavdem.report.fleet_page._svg", lambda *_: "")
+    monkeypatch.setattr("mavdem.report.fleet_page._svg", lambda *_, **__: "")
 
 
 def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded(without_figures):

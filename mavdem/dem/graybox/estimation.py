@@ -22,11 +22,11 @@ from mavdem.dem.graybox.identifiability import (
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, updated, windows_of
 from mavdem.dem.record import Record, UniformRecord
-from mavdem.errors import NotLearnable, unit_slip
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical
-from mavdem.facts.prose import prose
+from mavdem.unit_slips import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
 MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
@@ -52,7 +52,7 @@ def physical(
     """
     record = Record.of(train)
     if slip := unit_slip(record.outputs, record.dt):
-        return NotIdentifiable(prose(slip))
+        return NotIdentifiable(slip)
     try:
         # what overflows is not finite, and no step goes there
         with one_thread(), np.errstate(all="ignore"):

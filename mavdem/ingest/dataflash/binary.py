@@ -25,28 +25,38 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Flaw, Repair
 from mavdem.ingest.mavlink.framing import Progress, no_progress
-from mavdem.ingest.telemetry import joined, selected
+from mavdem.ingest.telemetry import joined, repair, selected
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"
 HEADER_LENGTH = 3
 MAX_MESSAGE_BYTES = 255  # Bytes of a message at most: its length has one byte
-FIELD_TYPES: Mapping[str, str] = (
-    {
-        "a": "(32,)<i2",
-        "b": "i1",
-        "B": "u1",
-        "h": "<i2",
-        "H": "<u2",
-        "i": "<i4",
-        "I": "<u4",
-        "q": "<i8",
-        "Q": "<u8",
-    }
-    | {"g": "<f2", "f": "<f4", "d": "<f8", "n": "S4", "N": "S16", "Z": "S64"}
-    | {"c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4", "M": "u1"}
-)
+FIELD_TYPES: Mapping[str, str] = {
+    "a": "(32,)<i2",
+    "b": "i1",
+    "B": "u1",
+    "h": "<i2",
+    "H": "<u2",
+    "i": "<i4",
+    "I": "<u4",
+    "q": "<i8",
+    "Q": "<u8",
+    "g": "<f2",
+    "f": "<f4",
+    "d": "<f8",
+    "n": "S4",
+    "N": "S16",
+    "Z": "S64",
+    "c": "<i2",
+    "C": "<u2",
+    "e": "<i4",
+    "E": "<u4",
+    "L": "<i4",
+    "M": "u1",
+}
 """NumPy type by format character; a is 32 numbers, n, N and Z are texts, M a flight mode."""
 TEXTS = "nNZ"
 DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
@@ -102,7 +112,7 @@ class DataflashRecording(NamedTuple):
     counts: Mapping[str, int]
     table: Callable[[str], MessageTable]
     bytes_skipped: int
-    repairs: tuple[str, ...]
+    repairs: tuple[Fact, ...]
 
 
 EMPTY = MessageTable(np.zeros(0, dtype=np.int64), {})
@@ -183,10 +193,8 @@ def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRe
             [_decoded(data, *group) for group in groups.get(name, [])]
         ),
         bytes_skipped=scan.skipped(),
-        repairs=(
-            *scan.repairs,
-            *((f"{len(damaged)} damaged messages were left out.",) if damaged else ()),
-        ),
+        repairs=scan.repairs
+        + repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=len(damaged), flaw=Flaw.DAMAGE),
     )
 
 
@@ -201,7 +209,7 @@ class _Scan:
         self.starts = array("q")
         self.doubtful: list[tuple[int, int]] = []
         self.read = 0
-        self.repairs: list[str] = []
+        self.repairs: tuple[Fact, ...] = ()
         self.definitions: dict[int, _Dated] = {FORMAT_ID: [(0, FORMAT)]}
         self.lengths = [0] * 256
         self.lengths[FORMAT_ID] = FORMAT.length
@@ -284,10 +292,12 @@ class _Scan:
         )
         if definition.wire is None and length == definition.length:
             return  # a field of a newer type is no damage
-        sizes = f"says {definition.length} bytes and lists fields for {definition.wire_length}"
-        done = "read by the fields" if decodable else "left out"
-        self.repairs.append(
-            f"The definition (FMT) of {definition.name} {sizes}: its messages were {done}."
+        self.repairs += repair(
+            Repair.DEFINITION_CONTRADICTED,
+            name=definition.name,
+            length=definition.length,
+            field_length=definition.wire_length,
+            decodable=decodable,
         )
 
     def _set(self, kind: int, definition: FormatDefinition, since: int = 0) -> None:

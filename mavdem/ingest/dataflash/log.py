@@ -17,8 +17,11 @@ from functools import partial
 from math import isfinite
 
 import numpy as np
+from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
 from mavdem.ingest.dataflash import binary
 from mavdem.ingest.dataflash.binary import (
@@ -42,9 +45,8 @@ from mavdem.ingest.telemetry import (
     Columns,
     Log,
     Telemetry,
-    listed,
     log_of_vehicles,
-    repair_sentences,
+    repair,
     selected,
 )
 from mavdem.ingest.vocabulary import (
@@ -95,7 +97,7 @@ def read_text(content: bytes, progress: Progress = no_progress) -> DataflashReco
             [_decoded(*group) for group in groups.get(name, {}).items()]
         ),
         bytes_skipped=skipped,
-        repairs=(f"{lost} lines that match no definition were left out.",) if lost else (),
+        repairs=repair(Repair.LINES_LEFT_OUT, count=lost),
     )
 
 
@@ -134,8 +136,8 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
 # Without a stamp, as before ArduCopter 3.4, they have the time of the message before them
 EVENTS = ("EV", "ARM")
-UNKNOWN = 0
-COPTER = 2
+UNKNOWN: int = dialect.MAV_TYPE_GENERIC
+COPTER: int = dialect.MAV_TYPE_QUADROTOR
 FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10, "sub": 12}
 """MAV_TYPE by what follows "Ardu", "APM:" or "Antenna" in MSG ("ArduCopter V4.5.7", "APM:Copter V3.5")."""
 _FIRMWARE = re.compile(
@@ -192,9 +194,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
     for own in (parts := _by_board(recording)):
         one = _vehicle(own, source)
         number = one.system + len(vehicles)
-        apart = (
-            f"The file holds logs of {len(parts)} vehicles, by their boards or calibrations: this is {number}.",
-        )
+        apart = repair(Repair.VEHICLES_PARTED, count=len(parts), system=number)
         vehicles.append(
             replace(one, system=number, repairs=apart + one.repairs) if len(parts) > 1 else one
         )
@@ -255,12 +255,13 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     messages, names, notes = translated(
         tables, kind, (int(version[1]), int(version[2])) if version else None
     )
-    if recording.bytes_skipped:
-        repairs = (
-            f"{recording.bytes_skipped} bytes that belong to no message were skipped.",
-            *repairs,
-        )
-    lost = (dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing.")
+    repairs = (
+        *recording.repairs,
+        *repair(Repair.BYTES_SKIPPED, count=recording.bytes_skipped, part="message"),
+        *repairs,
+        *notes,
+        *repair(Repair.LOGGER_WITHOUT_ROOM, count=dropouts),
+    )
     system_ids = ("MAV_SYSID", "SYSID_THISMAV")  # from ArduPilot 4.7 on, and before
     return Telemetry(
         system=next(
@@ -272,7 +273,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         messages=messages,
         parameters=parameters,
         source=source,
-        repairs=recording.repairs + repairs + notes + repair_sentences(lost),
+        repairs=repairs,
         translated_from="DataFlash",
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
@@ -285,8 +286,8 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
 
 def _on_boot_clock(
     tables: Mapping[str, MessageTable],
-) -> tuple[dict[str, Columns], tuple[str, ...]]:
-    """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and a sentence for each repair."""
+) -> tuple[dict[str, Columns], tuple[Fact, ...]]:
+    """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and the repairs."""
     clocks = {
         name: field for name, table in tables.items() for field in CLOCKS if field in table.columns
     }
@@ -302,12 +303,10 @@ def _on_boot_clock(
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
     order = np.argsort(np.concatenate([tables[name].place for name in clocks]), kind="stable")
-    on_clock, repairs = boot_clock(
-        [Sent("the messages", np.arange(len(order)), seconds[order].copy)]
-    )
+    on_clock, repairs = boot_clock([Sent("", np.arange(len(order)), seconds[order].copy)])
     time = np.empty(len(order))
     boot = np.empty(len(order), dtype=np.int64)
-    time[order], boot[order] = on_clock["the messages"]
+    time[order], boot[order] = on_clock[""]
     placed: dict[str, Columns] = {}
     first = 0
     for name in clocks:
@@ -323,9 +322,9 @@ def _on_boot_clock(
         if name not in clocks and len(tables[name].place):
             before = order[np.maximum(np.searchsorted(stamped, tables[name].place) - 1, 0)]
             placed[name] = {**tables[name].columns, "time": time[before], "boot": boot[before]}
-    lost = int(np.count_nonzero(impossible))
-    sentence = (lost, f"{lost} messages with an impossible time stamp were left out.")
-    return placed, repair_sentences(sentence) + repairs
+    lost = np.count_nonzero(impossible)
+    left_out = repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=lost, flaw=Flaw.IMPOSSIBLE_STAMP)
+    return placed, left_out + repairs
 
 
 def _parameters(logged: MessageTable, way: int) -> dict[str, float]:
@@ -360,7 +359,8 @@ def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
     )
     if kind != COPTER:
         return kind
-    multirotor = 43  # MAV_TYPE_GENERIC_MULTIROTOR, where the number of motors is not known
+    # where the number of motors is not known
+    multirotor: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
     if "FRAME_CLASS" in parameters:
         return FRAME_CLASSES.get(int(parameters["FRAME_CLASS"]), multirotor)
     return FRAME_NAMES.get(
@@ -368,13 +368,13 @@ def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
     )
 
 
-def _no_flight(source: str, recording: DataflashRecording) -> str:
+def _no_flight(source: str, recording: DataflashRecording) -> Fact:
     counts = recording.counts
+    code = Source.DATAFLASH_WITHOUT_FLIGHT
     if not counts:
-        return f"{source} contains no DataFlash messages: name an ArduPilot log (.bin or .log)."
-    if "ATT" in counts and "TIME" in counts:
-        return f"{source} is a log of PX4's sdlog2, which this version does not read: PX4 1.5 and later write ULog."
-    if "ATT" in counts and not any(clock in recording.table("ATT").columns for clock in CLOCKS):
-        return f"{source} is a DataFlash log without time stamps, as of ArduCopter before 3.2: give a later version's."
-    lacking = f"{source} is a DataFlash log, but has no attitude (ATT), motors (RCOU) or events (EV) on a boot clock"
-    return f"{lacking}: it holds {listed(counts)}, so name a log of a flight, or a whole copy of this one."
+        code = Source.DATAFLASH_WITHOUT_MESSAGES
+    elif "ATT" in counts and "TIME" in counts:
+        code = Source.DATAFLASH_OF_SDLOG2
+    elif "ATT" in counts and CLOCKS.keys().isdisjoint(recording.table("ATT").columns):
+        code = Source.DATAFLASH_WITHOUT_STAMPS
+    return Fact(code, path=source, names=sorted(counts))

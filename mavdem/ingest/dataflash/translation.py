@@ -24,9 +24,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Repair
 from mavdem.ingest.dataflash.binary import MessageTable
-from mavdem.ingest.telemetry import Array, Columns, joined, rows_by, selected
+from mavdem.ingest.telemetry import Array, Columns, joined, repair, rows_by, selected
 from mavdem.ingest.vocabulary import (
     ARDUPILOT,
     ARMED,
@@ -189,11 +192,14 @@ def _errors(tables: Mapping[str, Columns]) -> Columns | None:
     pairs = values(logged, ("Subsys", "ECode")).astype(int).tolist()
     texts = [f"{SUBSYSTEMS.get(one, f'subsystem {one}')}: code {code}" for one, code in pairs]
     return stamped(
-        logged, {"severity": np.full(len(texts), ERROR), "text": np.array(texts, dtype=object)}
+        logged,
+        {
+            "severity": np.full(len(texts), dialect.MAV_SEVERITY_ERROR),
+            "text": np.array(texts, dtype=object),
+        },
     )
 
 
-ERROR = 3  # of MAV_SEVERITY
 _ERRORS = tomllib.loads(Path(__file__).with_name("errors.toml").read_text("utf-8"))
 SUBSYSTEMS: dict[int, str] = dict(enumerate(_ERRORS["subsystems"], 1))
 ANGLES = ("Roll", "Pitch", "Yaw")
@@ -235,7 +241,7 @@ ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM wi
 
 def translated(
     tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None
-) -> tuple[dict[str, Columns], dict[str, str], tuple[str, ...]]:
+) -> tuple[dict[str, Columns], dict[str, str], tuple[Fact, ...]]:
     """Returns MAVLink's messages with data in DataFlash's ``tables``, what the log calls each, and notes on oddities.
 
     ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
@@ -291,7 +297,7 @@ def translated(
 
 def _attitude(
     tables: Mapping[str, Columns], version: tuple[int, int] | None
-) -> tuple[Columns | None, str, tuple[str, ...]]:
+) -> tuple[Columns | None, str, tuple[Fact, ...]]:
     """At the stamps of the slower of angles and rates; with the name of that message, and what is odd about RATE."""
     named = _faster_angles(tables, ANGLES)
     angles = having(tables, named, ANGLES)
@@ -300,7 +306,7 @@ def _attitude(
     if angles is None or (rates is None and gyros is None):
         return None, named, ()
     angles_rad = np.radians(values(angles, ANGLES))
-    notes: tuple[str, ...] = ()
+    notes: tuple[Fact, ...] = ()
     if rates is None or (
         count(rates) < SLOWER_SHARE * count(angles) and count(rates) < count(gyros)
     ):
@@ -311,9 +317,8 @@ def _attitude(
     else:
         speeds = np.radians(values(rates, RATES))
         source = "RATE"
-        if because := _in_centidegrees(rates, speeds, gyros, version):
-            speeds = speeds / 100
-            notes = (f"RATE is in centidegrees/s, {because}: its rates were divided by 100.",)
+        notes = _in_centidegrees(rates, speeds, gyros, version)
+        speeds = speeds / 100 if notes else speeds
     base, named = (
         (rates, source) if count(rates) < SLOWER_SHARE * count(angles) else (angles, named)
     )
@@ -334,18 +339,19 @@ def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> st
 
 def _in_centidegrees(
     rates: Columns, speeds: Array, gyros: Columns | None, version: tuple[int, int] | None
-) -> str:
+) -> tuple[Fact, ...]:
     """Why ``speeds`` (N, 3), from degrees, were centidegrees: by the gyro where it turns, else by version; or empty."""
+    code = Repair.CENTIDEGREES_CONVERTED
     if gyros is not None:
         turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
         moving = turning > MOVING_RATE
         if np.count_nonzero(moving) >= MIN_MOVING:
             ratio = float(np.median(np.linalg.norm(speeds[moving], axis=1) / turning[moving]))
             low, high = CENTIDEGREES
-            return f"{ratio:.0f} times the gyro's rate in IMU" if low < ratio < high else ""
+            return repair(code, ratio=ratio, version=None) if low < ratio < high else ()
     if version is not None and version < (3, 4):  # the first whose releases log RATE in degrees/s
-        return f"as ArduCopter {version[0]}.{version[1]} logs it"
-    return ""
+        return repair(code, ratio=None, version=version)
+    return ()
 
 
 def _servos(tables: Mapping[str, Columns]) -> Columns | None:
@@ -394,22 +400,20 @@ def _targets(
     return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
 
 
-def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:
-    """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a note where they were scaled."""
+def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[Fact, ...]]:
+    """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a repair where they were scaled."""
     if (logged := having(tables, "RATE", DEMANDS)) is None:
         return None, ()
     controls = np.pad(values(logged, DEMANDS), ((0, 0), (0, 8 - len(DEMANDS))))
     thrust = having(tables, "RATE", ("AOut",))
     controls[:, 3] = np.nan if thrust is None else thrust["AOut"]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Fact, ...] = ()
     demanded = np.abs(controls[:, :3])
     demanded = demanded[demanded > 0]
     if len(demanded) and np.percentile(demanded, 75) > MAX_DEMAND:
         controls[:, :3] /= OLD_DEMAND
         controls[:, 3] /= OLD_THRUST
-        notes = (
-            f"RATE's demands are outside the range -1 to 1: they were divided by {OLD_DEMAND:.0f}.",
-        )
+        notes = repair(Repair.DEMANDS_SCALED, divisor=OLD_DEMAND)
     group = np.zeros(len(controls), dtype=np.uint8)
     return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 

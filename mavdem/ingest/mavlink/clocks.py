@@ -15,6 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Repair
+from mavdem.ingest.telemetry import repair
+
 Times = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Places = NDArray[np.integer]  # Places of messages in the stream, of any integer type
@@ -73,7 +77,7 @@ BOOT_SLACK = 30.0
 AHEAD = 600.0
 # Median offset, s, of a type's stamps from the reference above which they are of another clock
 OTHER_EPOCH = 10.0
-BATCH = 1 << 16  # Messages placed together: bounds the memory of intermediate arrays
+BATCH = 1 << 16  # Messages placed or sorted together: bounds the memory of intermediate arrays
 
 
 class Sent(NamedTuple):
@@ -98,8 +102,8 @@ class PlacedStamps(NamedTuple):
 
 def boot_clock(
     sent: Sequence[Sent], received: Callable[[Places], Times] | None = None
-) -> tuple[dict[str, PlacedStamps], tuple[str, ...]]:
-    """Places each of a component's messages on its boot clock: those of each type by name, and a sentence a repair.
+) -> tuple[dict[str, PlacedStamps], tuple[Fact, ...]]:
+    """Places each of a component's messages on its boot clock: those of each type by name, and the repairs.
 
     Messages before the first stamp have the first stamp; without any stamp all times are NaN. Stamps are read one type
     at a time: those of all types of a long log take much memory. ``received`` returns when the messages at the places
@@ -117,8 +121,8 @@ def boot_clock(
         (places, seconds) = _stamps(kind)
         own = reference
         if kind is not chosen and len(places):
-            own, repair = _placed_against(reference, kind, places, seconds)
-            repairs += repair
+            own, further = _placed_against(reference, kind, places, seconds)
+            repairs += further
         if len(places) and len(own.places):
             rows = _last_at(kind.places, places)
             # A message whose stamp was ignored repeats the last time of its type: that of another type would look like
@@ -127,7 +131,7 @@ def boot_clock(
             placed[kind.message].time[rows] = own.time[at]
             placed[kind.message].boot[rows] = own.boot[at]
     _fill(sent, placed)
-    return placed, tuple(repairs)
+    return placed, repairs
 
 
 class _Kept(NamedTuple):
@@ -214,7 +218,7 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
 
 def _placed_alone(
     kind: Sent, places: Places, raw: Times, received: Times
-) -> tuple[_Kept, list[str]]:
+) -> tuple[_Kept, tuple[Fact, ...]]:
     """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
     outlier = outliers(raw)
     outlier[~outlier] = _ahead(raw[~outlier], received[~outlier])
@@ -231,26 +235,14 @@ def _placed_alone(
     if len(wraps):
         time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
     late = before_lower(time, boot)
-    repairs = _ignored(kind.message, int(np.count_nonzero(outlier) + np.count_nonzero(late)))
+    ignored = np.count_nonzero(outlier) + np.count_nonzero(late)
+    repairs = repair(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
     if len(wraps):
-        repairs.append(
-            f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone."
-        )
+        repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
     if len(reboots):
         at = time[reboots[0] - 1]
-        times = "once," if len(reboots) == 1 else f"{len(reboots)} times, first"
-        repairs.append(f"The vehicle rebooted {times} when its clock read {at:.1f} s.")
+        repairs += repair(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboots), time=at)
     return _Kept(*without(late, places, time, boot)), repairs
-
-
-def _ignored(message: str, stamps: int) -> list[str]:
-    if stamps == 1:
-        return [f"1 time stamp of {message} far off its neighbours was ignored."]
-    return (
-        [f"{stamps} time stamps of {message} far off their neighbours were ignored."]
-        if stamps
-        else []
-    )
 
 
 def _ahead(raw: Times, received: Times) -> NDArray[np.bool_]:
@@ -297,7 +289,7 @@ def _reboots(time: Times, raw: Times, received: Times) -> Rows:
 
 def _placed_against(
     reference: _Kept, kind: Sent, places: Places, seconds: Times
-) -> tuple[_Kept, list[str]]:
+) -> tuple[_Kept, tuple[Fact, ...]]:
     """Another type, compared with the reference's stamps before and after each of its messages."""
     time = np.empty(len(places))
     off = np.empty(len(places))
@@ -309,23 +301,21 @@ def _placed_against(
         )
     inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
     typical = float(np.median(off[inside] if inside.start < inside.stop else off))
-    repairs = []
+    repairs: tuple[Fact, ...] = ()
     if abs(typical) > OTHER_EPOCH:
         for number in np.unique(boot):
             of_boot = boot == number
             shift = np.median(off[of_boot])
             time[of_boot] -= shift
             off[of_boot] -= shift
-        away = f"{typical:.6g} s away; they were moved to the boot clock."
-        repairs.append(f"The time stamps of {kind.message} are of another clock, {away}")
+        repairs += repair(Repair.CLOCK_MOVED, name=kind.message, offset=typical)
     outlier = outliers(off)
     near = slice(max(inside.start - MIN_RESET_STAMPS, 0), inside.stop + MIN_RESET_STAMPS)
     outlier[near] |= (np.abs(off[near]) > AHEAD) | (time[near] < 0)
     if abs(typical) <= OTHER_EPOCH and (np.abs(time - seconds)[~outlier] > kind.period / 2).any():
-        repairs.append(
-            f"The clock of {kind.message} wraps every {kind.period / 60:.1f} min; undone."
-        )
-    repairs += _ignored(kind.message, int(np.count_nonzero(outlier)))
+        repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
+    ignored = np.count_nonzero(outlier)
+    repairs += repair(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
     return _Kept(*without(outlier, places, time, boot)), repairs
 
 

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
 
 Bytes = NDArray[np.uint8]
 Registers = NDArray[np.uint16]
@@ -140,13 +141,14 @@ def no_progress(fraction: float) -> None:
     """Shows no progress."""
 
 
-MARKER_1 = 0xFE
-MARKER_2 = 0xFD
-SIGNED = 1
-SIGNATURE = 13
+MARKER_1: int = dialect.PROTOCOL_MARKER_V1
+MARKER_2: int = dialect.PROTOCOL_MARKER_V2
+SIGNED: int = dialect.MAVLINK_IFLAG_SIGNED
+# Bytes
+SIGNATURE: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
+HEADER_1: int = dialect.HEADER_LEN_V1
+HEADER: int = dialect.HEADER_LEN_V2
 CHECKSUM = 2
-HEADER_1 = 6
-HEADER = 10
 LONGEST_FRAME = HEADER + 255 + CHECKSUM + SIGNATURE
 BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
 GOOD = 0

@@ -11,7 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Flaw, Repair
 from mavdem.ingest.contents import require_whole
 from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock
 from mavdem.ingest.mavlink.definitions import (
@@ -23,7 +26,7 @@ from mavdem.ingest.mavlink.definitions import (
 )
 from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
 from mavdem.ingest.motors import MOTOR_MESSAGES
-from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair_sentences
+from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair
 from mavdem.ingest.vocabulary import (
     RADIO,
     RADIO_MESSAGES,
@@ -34,7 +37,6 @@ from mavdem.ingest.vocabulary import (
 
 Starts = NDArray[np.unsignedinteger]
 """Places of frames in the stream, in its order, in the smallest type that holds them."""
-BATCH = 1 << 16  # Frames sorted together
 SOURCES = 1 << 16  # Pairs of system and component; a source is ``system << 8 | component``
 
 
@@ -89,24 +91,12 @@ class FrameIndex:
     def sent(self) -> dict[int, dict[int, Starts]]:
         """Where the good frames of each message begin, by source and message id, both ascending; call it once, last."""
         starts = np.frombuffer(self._starts, self._starts.typecode)
-        kinds = np.frombuffer(self._kind, np.uint32)
+        # small numbers are sorted fastest
+        smallest = np.min_scalar_type(len(self._kinds))
+        kinds = np.frombuffer(self._kind, np.uint32).astype(smallest)
         del self._starts, self._kind
-        batches = [slice(begin, begin + BATCH) for begin in range(0, len(kinds), BATCH)]
-        none = np.zeros(len(self._kinds), dtype=np.int64)
-        ends = np.cumsum(
-            sum((np.bincount(kinds[rows], minlength=len(none)) for rows in batches), none)
-        )
-        free = np.concatenate([[0], ends])
-        ordered = np.empty_like(starts)
-        for rows in batches:
-            # small numbers are sorted fastest
-            kind = kinds[rows].astype(np.min_scalar_type(len(none)))
-            order = np.argsort(kind, kind="stable")
-            present, first, number = np.unique(kind[order], return_index=True, return_counts=True)
-            ordered[np.repeat(free[present] - first, number) + np.arange(len(kind))] = starts[rows][
-                order
-            ]
-            free[present] += number
+        ends = np.cumsum(np.bincount(kinds, minlength=len(self._kinds)))
+        ordered = starts[np.argsort(kinds, kind="stable")]
         found: dict[int, dict[int, Starts]] = {}
         parts = np.split(ordered, ends[:-1])
         for pair, row in sorted(self._kinds.items()):
@@ -124,7 +114,7 @@ class FrameIndex:
             total = count + len(sent.get(source, {}).get(message_id, ()))
             # Of another dialect all frames of a message fail, and more than two, which may be damage.
             strange = source in sent if key in unknown else count == total >= 3
-            cause = "another dialect" if strange else "damage"
+            cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
             found.append(Unread(message_id, source >> 8, source & 0xFF, count, total, cause))
         return tuple(found)
 
@@ -153,8 +143,6 @@ NOT_VEHICLES = frozenset(
         "CHARGING_STATION",
         "FLARM",
         "SERVO",
-    }
-    | {
         "ODID",
         "BATTERY",
         "LOG",
@@ -172,16 +160,22 @@ NOT_VEHICLES = frozenset(
 VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES})
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
 # Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
-PARAMETER_STORE = 190
+PARAMETER_STORE: int = dialect.MAV_COMP_ID_MISSIONPLANNER
 BOARDS: dict[int, tuple[str, Callable[[Any], str]]] = {
     253: ("text", lambda text: board_number_in_texts([text.decode(errors="replace")])),
     148: ("uid2", lambda uid: board_number_in_bytes(uid.tobytes(), words=True)),
 }
 """The field of STATUSTEXT and AUTOPILOT_VERSION with the number of the board, and how to read it."""
-PARAMETERS = 22  # Id of PARAM_VALUE
+PARAMETERS: int = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 # Parameters that no two vehicles share, where they are not 0
 CALIBRATIONS = (b"INS_ACCOFFS_X", b"CAL_ACC0_XOFF")
-ATTITUDES = (30, 31, 32, 33)  # Ids of messages with attitude or position, stamped by the autopilot
+ATTITUDES: tuple[int, ...] = (
+    dialect.MAVLINK_MSG_ID_ATTITUDE,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+)
+"""Ids of messages with attitude or position, stamped by the autopilot."""
 CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units in a second."""
 
@@ -193,7 +187,7 @@ def assemble(
     receive_time: tuple[float, float],
     bytes_skipped: int,
     source: str,
-    repairs: tuple[str, ...],
+    repairs: tuple[Fact, ...],
 ) -> Log:
     """Returns the log of a stream; raises ``Unreadable`` where the file was cut short meanwhile.
 
@@ -202,14 +196,11 @@ def assemble(
     """
     sent = index.sent()
     unread = index.unread(sent)
-    failed = sum(kind.frames for kind in unread if kind.cause == "damage")
-    foreign = sum(kind.frames for kind in unread if kind.cause == "another dialect")
-    repairs += repair_sentences(
-        (failed, f"{failed} damaged frames were left out."),
-        (foreign, f"{foreign} frames of another dialect were left out."),
-        (bytes_skipped, f"{bytes_skipped} bytes that belong to no frame were skipped."),
-    )
-    heard: list[tuple[Component, dict[str, _Columns], tuple[str, ...]]] = []
+    for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
+        frames = sum(kind.frames for kind in unread if kind.cause is cause)
+        repairs += repair(Repair.FRAMES_LEFT_OUT, count=frames, flaw=cause)
+    repairs += repair(Repair.BYTES_SKIPPED, count=bytes_skipped, part="frame")
+    heard: list[tuple[Component, dict[str, _Columns], tuple[Fact, ...]]] = []
     parts = {ids: _by_board(data, starts) for ids, starts in sent.items()}
     free = iter(sorted(set(range(1, 512)) - {ids >> 8 for ids in sent}))
     for ids, n, starts in (
@@ -218,8 +209,7 @@ def assemble(
         messages, of_clock = _messages(data, starts, received, source)
         system = next(free) if n else ids >> 8
         if (several := len(parts[ids])) > 1:
-            said = f"The file holds logs of {several} vehicles, by their boards or calibrations: this is {system}."
-            of_clock = (said, *of_clock)
+            of_clock = repair(Repair.VEHICLES_PARTED, count=several, system=system) + of_clock
         kind, autopilot = (
             identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
         )
@@ -305,7 +295,7 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
 
 def _messages(
     data: Bytes, sent: Mapping[int, Starts], received: Callable[[Places], Times], source: str
-) -> tuple[dict[str, _Columns], tuple[str, ...]]:
+) -> tuple[dict[str, _Columns], tuple[Fact, ...]]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
     placed, repairs = boot_clock(
@@ -387,7 +377,7 @@ class FrameStream:
     # (N,) UNIX microseconds each was received, as recorded; 0 where that was not
     stamps: NDArray[np.uint64]
     bytes_skipped: int
-    repairs: tuple[str, ...]
+    repairs: tuple[Fact, ...]
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
         """The stamp and the bytes of each frame; a frame without a stamp has that of the frame before."""

@@ -31,7 +31,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.errors import Unreadable, require
+from mavdem.errors import Unreadable
+from mavdem.extras import require
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off
 from mavdem.ingest.mavlink.definitions import (
@@ -51,9 +54,9 @@ from mavdem.ingest.mavlink.framing import (
     no_progress,
 )
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
-from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
+from mavdem.ingest.mcap.records import BATCH, Channel, McapMessage, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
-from mavdem.ingest.telemetry import Log, listed, repair_sentences
+from mavdem.ingest.telemetry import Log, repair
 from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
 JSON = frozenset({"json", "json5"})
@@ -71,7 +74,7 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     if stream is None:
         if not flight_topics(recording.channels.values(), recording.schemas):
             raise Unreadable(_nothing_in(path, recording, seen))
-        require(f"{os.fspath(path)} is a ROS 2 recording, which", "ros2")
+        require("ros2", os.fspath(path))
         return read_ros2(recording, os.fspath(path), _within(progress, 0.5, 1.0))
     index = FrameIndex(len(stream.data))
     index.add(stream.frames)
@@ -129,7 +132,7 @@ def _stream(
     stamps = part.log_time // np.uint64(1000)
     repairs = [*recording.repairs(), *left_out]
     if flight_topics(channels, recording.schemas):
-        repairs.append("The recording also has ROS 2 topics of a flight; they were not read.")
+        repairs += repair(Repair.TOPICS_NOT_READ, name="ros2")
     skipped = sum(skipped for _, skipped in found)
     return FrameStream(
         source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)
@@ -164,7 +167,7 @@ class _FrameChannel:
 
 def _json_parts(
     content: bytes, channels: Sequence[Channel], heard: set[FrameSender], progress: Progress
-) -> tuple[list[RecordingPart], int, tuple[str, ...]]:
+) -> tuple[list[RecordingPart], int, tuple[Fact, ...]]:
     """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some were left out."""
     kinds = _own_kinds(channels)
     repeats = {
@@ -182,7 +185,7 @@ def _json_parts(
         if kind is not None and kind.sender not in heard:
             topics.add(kind, place, message)
     progress(1.0)
-    return list(topics.parts()), topics.unknown.total(), topics.sentences()
+    return list(topics.parts()), topics.unknown.total(), topics.repairs()
 
 
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
@@ -219,26 +222,19 @@ def _received(stamps: NDArray[np.uint64]) -> Times:
     return received
 
 
-def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> str:
+def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> Fact:
+    source = os.fspath(path)
     if messages:
-        what = f"is an MCAP recording of {messages} messages that look like MAVLink, but none matches a dialect "
-        return f"{os.fspath(path)} {what}that pymavlink has: it is of another dialect or damaged throughout."
-    if flight_topics(recording.channels.values(), recording.schemas):
-        what = "is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or converted to a table"
-        return f"{os.fspath(path)} {what} (.csv), but not to a stream of MAVLink."
+        return Fact(Source.DIALECT_UNKNOWN, path=source, count=messages, recording=True)
     names = {channel.topic for channel in recording.channels.values()}
-    if recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
-        what = (
-            f"is an MCAP recording whose MAVLink messages ({listed(names)}) are damaged or cut off"
-        )
-        return (
-            f"{os.fspath(path)} {what}: none can be read. Copy it anew from where it was recorded."
-        )
-    if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.conversion
-        return f"{os.fspath(path)} was written by `mavdem learn` for viewers: name the log of the flight instead."
-    contents = f"its topics are {listed(names)}" if names else "nothing in it can be read"
-    what = f"is an MCAP recording without MAVLink and without topics of PX4 or MAVROS ({contents}): record mavlink/…,"
-    return f"{os.fspath(path)} {what} or in ROS 2 /fmu/out/… or /mavros/…."
+    code = Source.MCAP_WITHOUT_FLIGHT
+    if flight_topics(recording.channels.values(), recording.schemas):
+        code = Source.MCAP_OF_ROS2
+    elif recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
+        code = Source.MCAP_DAMAGED
+    elif names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.conversion
+        code = Source.MCAP_OF_MAVDEM
+    return Fact(code, path=source, names=sorted(names))
 
 
 NOT_SENT = object()  # Value of a field that the JSON lacks
@@ -431,8 +427,6 @@ def _text(value: Any) -> bytes | None:
         return None
 
 
-# Messages of one topic that are parsed together: parsed, they take ten times the memory of their payloads
-BATCH = 4096
 KIND_PATTERNS = [
     re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")
 ]
@@ -523,19 +517,18 @@ class JsonTopics:
             ):
                 yield topic.part(numbers)
 
-    def sentences(self) -> tuple[str, ...]:
-        """A sentence for each reason for which messages were left out."""
+    def repairs(self) -> tuple[Fact, ...]:
+        """What was left out."""
         names = [name for name, _ in self.unknown.most_common(5)]
-        unknown = self.unknown.total()
-        more = (
-            f" and {len(self.unknown) - len(names)} more" if len(self.unknown) > len(names) else ""
-        )
-        return repair_sentences(
-            (self._damaged, f"{self._damaged} JSON messages in damaged chunks were left out."),
-            (
-                unknown,
-                f"{unknown} JSON messages of no known dialect ({', '.join(names)}{more}) were left out.",
+        unknown = {"names": names, "more": len(self.unknown) - len(names)}
+        return (
+            *repair(
+                Repair.LOGGED_MESSAGES_LEFT_OUT,
+                count=self._damaged,
+                flaw=Flaw.DAMAGED_CHUNK,
+                name="JSON",
             ),
+            *repair(Repair.JSON_OF_NO_DIALECT, count=self.unknown.total(), **unknown),
         )
 
 

@@ -23,35 +23,32 @@ from typing import Any, BinaryIO, NamedTuple
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.contents import require_whole
+from mavdem.facts import Fact
+from mavdem.ingest.codes import Repair
+from mavdem.ingest.contents import MAX_RATIO, require_whole
 from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions
 from mavdem.ingest.mavlink.framing import GOOD, Bytes, Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from mavdem.ingest.telemetry import repair_sentences
+from mavdem.ingest.telemetry import repair
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER = 0x02
-SCHEMA = 0x03
-CHANNEL = 0x04
-MESSAGE = 0x05
-CHUNK = 0x06
-LAST_OPCODE = 0x0F
+LAST_OPCODE = max(Opcode)
 PRIVATE_OPCODES = 0x80
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
 # Channel, sequence, log time and publish time before a message's data
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 CHUNK_HEAD = struct.Struct("<QQQI")
 """First and last time, unpacked size and checksum before a chunk's compression and records."""
-PIECE_BYTES = 1 << 20
+CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default, or unpacked together
 MAX_CHUNK_BYTES = 1 << 28  # Unpacked bytes of one chunk
 MAX_BYTES = 1 << 24
-MAX_RATIO = 100
-"""Unpacked bytes of all chunks: so many, plus so many per byte of the file. JSON packs to a fiftieth. In memory, the
-smallest messages take ten times their bytes."""
+"""Unpacked bytes of all chunks: so many, plus ``MAX_RATIO`` per byte of the file. JSON packs to a fiftieth. In memory,
+the smallest messages take ten times their bytes."""
 
 
 class Channel(NamedTuple):
@@ -127,29 +124,29 @@ class McapRecording:
         self._allowance = MAX_BYTES + MAX_RATIO * len(self.content)
         first = len(MAGIC) if self.content.startswith(MAGIC) else 0
         records = list(self._records(self.content, first))
-        self.cut |= not records or records[-1][0] != FOOTER
+        self.cut |= not records or records[-1][0] != Opcode.FOOTER
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
         for opcode, start, stop in records:
-            if opcode in (CHANNEL, SCHEMA):
+            if opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
                 self._note(opcode, self.content, start, stop)
         # After damage, messages outside of chunks are the rest of a chunk that has lost its checksum.
-        sound = not (self.skipped and any(opcode == CHUNK for opcode, _, _ in records))
+        sound = not (self.skipped and any(opcode == Opcode.CHUNK for opcode, _, _ in records))
         for opcode, start, stop in records:
-            if opcode == CHUNK:
+            if opcode == Opcode.CHUNK:
                 yield from self._in_chunk(start, stop)
                 progress(stop / len(self.content))
-            elif opcode == MESSAGE:
+            elif opcode == Opcode.MESSAGE:
                 message = self._message(self.content, start, stop, sound)
                 if message is not None:
                     yield message
         progress(1.0)
 
-    def repairs(self) -> tuple[str, ...]:
-        """A sentence for each kind of damage."""
-        return repair_sentences(
-            (self.damaged, f"{self.damaged} damaged chunks were read as far as possible."),
-            (self.skipped, f"{self.skipped} damaged bytes of the recording were skipped."),
-            (self.cut, "The recording is cut off at its end; it was read up to the cut."),
+    def repairs(self) -> tuple[Fact, ...]:
+        """Each kind of damage."""
+        return (
+            *repair(Repair.CHUNKS_DAMAGED, count=self.damaged),
+            *repair(Repair.BYTES_SKIPPED, count=self.skipped, part="recording"),
+            *(repair(Repair.RECORDING_CUT) if self.cut else ()),
         )
 
     def _records(self, content: bytes, place: int) -> Iterator[tuple[int, int, int]]:
@@ -166,7 +163,7 @@ class McapRecording:
                     place = stop
                     continue
                 # A chunk whose two lengths agree extends beyond the end of the file.
-                cut = _Chunk.at(content, start, end) if opcode == CHUNK else None
+                cut = _Chunk.at(content, start, end) if opcode == Opcode.CHUNK else None
                 if cut is not None and cut.end == stop:
                     self.cut = True
                     yield opcode, start, end
@@ -196,11 +193,11 @@ class McapRecording:
         )
         self.damaged += not sound
         for opcode, inner, end in self._records(records, 0):
-            if opcode == MESSAGE:
+            if opcode == Opcode.MESSAGE:
                 message = self._message(records, inner, end, sound)
                 if message is not None:
                     yield message
-            elif opcode == CHANNEL or (opcode == SCHEMA and sound):
+            elif opcode == Opcode.CHANNEL or (opcode == Opcode.SCHEMA and sound):
                 # One wrong letter in a schema makes every message of a sound chunk wrong.
                 self._note(opcode, records, inner, end)
 
@@ -219,11 +216,11 @@ class McapRecording:
         number, schema = (
             int.from_bytes(content[at : at + 2], "little") for at in (start, start + 2)
         )
-        name, place = _text(content, start + (4 if opcode == CHANNEL else 2), stop)
+        name, place = _text(content, start + (4 if opcode == Opcode.CHANNEL else 2), stop)
         encoding, place = _text(content, place, stop)
         if name is None or encoding is None:
             return
-        if opcode == CHANNEL:
+        if opcode == Opcode.CHANNEL:
             self.channels[number] = Channel(name, encoding, schema)
         elif (text := _text(content, place, stop)[0]) is not None:
             self.schemas[number] = Schema(name, encoding, text)
@@ -290,19 +287,20 @@ def _pieces(compression: str, packed: bytes) -> Iterator[bytes]:
         yield packed
     elif compression == "zstd":
         with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
-            while piece := reader.read(PIECE_BYTES):
+            while piece := reader.read(CHUNK_BYTES):
                 yield piece
     elif compression == "lz4":
         unpacker = lz4.frame.LZ4FrameDecompressor()
-        piece = unpacker.decompress(packed, max_length=PIECE_BYTES)
+        piece = unpacker.decompress(packed, max_length=CHUNK_BYTES)
         while piece:
             yield piece
-            piece = b"" if unpacker.eof else unpacker.decompress(b"", max_length=PIECE_BYTES)
+            piece = b"" if unpacker.eof else unpacker.decompress(b"", max_length=CHUNK_BYTES)
 
 
 HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
-CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default
-BATCH = 1 << 13  # Frames whose JSON is held at a time
+BATCH = (
+    1 << 12
+)  # Messages of JSON that are held at a time: parsed, they take ten times the memory of their payloads
 # The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554
 MAX_STAMP = 2**64 // 1000 - 1
 # Times (T,), s, and columns (T,) by name

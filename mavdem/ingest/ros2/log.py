@@ -25,7 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
 from mavdem.ingest import px4_topics
+from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress
@@ -37,9 +39,8 @@ from mavdem.ingest.telemetry import (
     Log,
     Telemetry,
     joined,
-    listed,
     log_of_vehicles,
-    repair_sentences,
+    repair,
     selected,
 )
 from mavdem.ingest.vocabulary import (
@@ -156,8 +157,6 @@ _ARDUPILOT_MODES = frozenset(
         "POSHOLD",
         "BRAKE",
         "AUTOTUNE",
-    }
-    | {
         "GUIDED_NOGPS",
         "SMART_RTL",
         "DRIFT",
@@ -273,17 +272,15 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress = no_pro
         if (one := vehicle(own, source)) is not None
     ]
     if not made:
-        why = "no message of a flight in it can be decoded: it is damaged, or the definitions of its messages are."
-        raise Unreadable(f"{source} is a ROS 2 recording, but {why}")
+        raise Unreadable(Fact(Source.ROS2_DAMAGED, path=source))
     failed = {channel.topic: reader.failed for channel, reader in readers.items() if reader.failed}
-    lost = sum(failed.values())
-    repairs = anew.repairs() + repair_sentences(
-        (damaged, f"{damaged} ROS 2 messages in damaged chunks were left out."),
-        (
-            undefined,
-            f"{undefined} ROS 2 messages whose definition is damaged or missing were left out.",
-        ),
-        (lost, f"{lost} ROS 2 messages that cannot be decoded were left out, of {listed(failed)}."),
+    code = Repair.LOGGED_MESSAGES_LEFT_OUT
+    undecodable = {"count": sum(failed.values()), "names": sorted(failed)}
+    repairs = (
+        *anew.repairs(),
+        *repair(code, count=damaged, flaw=Flaw.DAMAGED_CHUNK, name="ROS 2"),
+        *repair(code, count=undefined, flaw=Flaw.UNDEFINED),
+        *repair(code, flaw=Flaw.UNDECODABLE, **undecodable),
     )
     vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
     return log_of_vehicles(vehicles, count, anew.skipped, (first / 1e9, last / 1e9))
@@ -317,11 +314,7 @@ def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry |
     made = _px4_vehicle(px4, source)
     if made is None:
         return _mavros_vehicle(mavros, source)
-    also = (
-        ("MAVROS's topics of the same vehicle were not read: PX4's own are there.",)
-        if mavros
-        else ()
-    )
+    also = repair(Repair.TOPICS_NOT_READ, name="mavros") if mavros else ()
     return replace(made, repairs=made.repairs + also)
 
 
@@ -336,11 +329,9 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
             yield one
             continue
         system = next(free)
-        what = f"have system id {one.system}, as others do" if one.system else "have no system id"
-        repair = f"The topics of {listed([namespace or '/'])} {what}: numbered {system}."
-        yield replace(
-            one, system=system, repairs=(*one.repairs, repair) if len(vehicles) > 1 else one.repairs
-        )
+        numbering = {"name": namespace or "/", "given": one.system, "system": system}
+        further = repair(Repair.SYSTEM_NUMBERED, **numbering) if len(vehicles) > 1 else ()
+        yield replace(one, system=system, repairs=one.repairs + further)
 
 
 def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
@@ -410,8 +401,8 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
 
 def _on_one_clock(
     tables: Mapping[str, TopicColumns], stamps: Mapping[str, NDArray[np.int64]]
-) -> tuple[dict[str, Columns], tuple[str, ...]]:
-    """Each topic's columns by its ``stamps``, ns, with ``time`` and ``boot``, and a sentence for each repair.
+) -> tuple[dict[str, Columns], tuple[Fact, ...]]:
+    """Each topic's columns by its ``stamps``, ns, with ``time`` and ``boot``, and the repairs.
 
     UNIX time counts from a second before the first stamp: floats of seconds since 1970 do not resolve a microsecond.
     """
@@ -419,11 +410,8 @@ def _on_one_clock(
     start, repairs = _start(every[every > 0])
     seconds = {name: (own - start) / 1e9 for name, own in stamps.items()}
     usable = {name: (own > 0) & (seconds[name] > 0) for name, own in stamps.items()}
-    without = sum(int(np.count_nonzero(~some)) for some in usable.values())
-    if without:
-        repairs.append(
-            f"{without} messages without a time stamp, or with one of another clock, were left out."
-        )
+    without = sum(np.count_nonzero(~some) for some in usable.values())
+    repairs += repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=without, flaw=Flaw.NO_STAMP)
     # Without receive times: by them, a companion's clock that was set back would not be a restart.
     sent = [
         Sent(
@@ -445,18 +433,18 @@ def _on_one_clock(
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
         kept = selected(tables[name].columns, np.flatnonzero(usable[name])[new])
         placed[name] = kept | {"time": time[new], "boot": boot[new]}
-    return placed, (*repairs, *of_clock)
+    return placed, repairs + of_clock
 
 
-def _start(stamps: NDArray[np.int64]) -> tuple[int, list[str]]:
-    """The origin of time, ns, and a sentence where that is not the boot of the vehicle."""
+def _start(stamps: NDArray[np.int64]) -> tuple[int, tuple[Fact, ...]]:
+    """The origin of time, ns, and a repair where that is not the boot of the vehicle."""
     # The middle stamp itself: the mean of two clocks' stamps, half of the messages each, would be near neither.
     middle = int(np.partition(stamps, len(stamps) // 2)[len(stamps) // 2]) if len(stamps) else 0
     if middle < 10**9 * SECOND:  # the year 2001: no autopilot runs for so long
-        return 0, []
+        return 0, ()
     # Stamps a month away are not of the same recording.
     first = int(stamps[np.abs(stamps - middle) < 30 * 86400 * SECOND].min()) // SECOND - 1
-    return first * SECOND, [f"The time stamps are UNIX time; here they count from {first} s."]
+    return first * SECOND, repair(Repair.UNIX_TIME_MOVED, origin=first)
 
 
 def _nanoseconds(values: NDArray[np.float64], unit: int) -> NDArray[np.int64]:

@@ -56,8 +56,10 @@ PRIMITIVES = frozenset(
         "uint16",
         "int32",
         "uint32",
+        "int64",
+        "uint64",
+        "string",
     }
-    | {"int64", "uint64", "string"}
 )
 MAX_DEPTH = 8  # Depth of nested messages; PX4's and MAVROS's have 3
 _LOWER = "[a-z](?:_?[a-z0-9])*"  # Names of packages and fields

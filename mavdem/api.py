@@ -1,0 +1,87 @@
+"""What rooms make of flights, models and facts for rooms below them; each is imported when it is called for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mavdem.extras import require
+from mavdem.facts import Fact, Words
+
+if TYPE_CHECKING:
+    from mavdem.condition.loop.loop import Loop
+    from mavdem.dem import Learned
+    from mavdem.flight import Flight
+    from mavdem.report.figures import Plots
+
+
+def words(fact: Fact) -> Words:
+    """Returns the sentence and the remedy of a ``fact``."""
+    from mavdem.report.words import words
+
+    return words(fact)
+
+
+def to_pandas(flight: Flight) -> Any:
+    """Returns a ``flight`` as a ``pandas.DataFrame``."""
+    require("pandas", "Flight.to_pandas()")
+    from mavdem.export.conversion import to_pandas
+
+    return to_pandas(flight)
+
+
+def to_xarray(flight: Flight) -> Any:
+    """Returns a ``flight`` as an ``xarray.Dataset``."""
+    require("xarray", "Flight.to_xarray()")
+    from mavdem.export.conversion import to_xarray
+
+    return to_xarray(flight)
+
+
+def flight_html(flight: Flight) -> str:
+    """Returns a ``flight`` for a notebook."""
+    from mavdem.report.page import flight_html
+
+    return flight_html(flight)
+
+
+def learned_html(learned: Learned) -> str:
+    """Returns a model for a notebook."""
+    from mavdem.report.page import learned_html
+
+    return learned_html(learned)
+
+
+def plots(learned: Learned) -> Plots:
+    """Returns the pictures of a model."""
+    from mavdem.report.figures import Plots
+
+    return Plots(learned)
+
+
+def summary(learned: Learned) -> str:
+    """Returns what a model says of its vehicle, on one screen."""
+    from mavdem.report.screen import summary
+
+    return summary(learned)
+
+
+def score(learned: Learned, flight: Flight) -> float:
+    """Returns 1 − error ratio of a ``flight`` that the model has not seen."""
+    from mavdem.evaluate import score_of
+
+    return score_of(learned, flight)
+
+
+def to_control(learned: Learned, model: str) -> Any:
+    """Returns a ``model`` as a ``control.StateSpace``."""
+    require("control", "Learned.to_control()")
+    from mavdem.export.conversion import to_control
+
+    return to_control(learned, model)
+
+
+def loop(learned: Learned, controller: Any) -> Loop:
+    """Returns the control loops of a model."""
+    from mavdem.condition.loop.from_flight import loop
+
+    return loop(learned, controller)

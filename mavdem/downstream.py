@@ -1,0 +1,101 @@
+"""Downstream: what flights and models become in rooms above their own, by functions that ``mavdem`` installs."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+
+class Downstream(Protocol):
+    """What is made of flights and models."""
+
+    def to_pandas(self, flight: Any) -> Any:
+        """A ``pandas.DataFrame`` of a flight."""
+
+    def to_xarray(self, flight: Any) -> Any:
+        """An ``xarray.Dataset`` of a flight."""
+
+    def flight_html(self, flight: Any) -> str:
+        """A flight as HTML for notebooks."""
+
+    def learned_html(self, learned: Any) -> str:
+        """A model as HTML for notebooks."""
+
+    def plots(self, learned: Any) -> Any:
+        """The pictures of a model."""
+
+    def summary(self, learned: Any) -> str:
+        """What a model says of its vehicle, on one screen."""
+
+    def score(self, learned: Any, flight: Any) -> float:
+        """1 − error ratio of a flight that the model has not seen."""
+
+    def to_control(self, learned: Any, model: str) -> Any:
+        """A model as a ``control.StateSpace``."""
+
+    def loop(self, learned: Any, controller: Any) -> Any:
+        """The control loops of a model."""
+
+
+_upstairs: Downstream
+
+
+def install(upstairs: Downstream) -> None:
+    """Sets what makes all this."""
+    global _upstairs
+    _upstairs = upstairs
+
+
+class FlightDownstream:
+    """What becomes of a :class:`mavdem.Flight`; ImportError is raised where a package is not installed."""
+
+    def to_pandas(self) -> Any:
+        """Returns a ``pandas.DataFrame``: a row a sample, by time in s; columns with units as in ``flight.csv``."""
+        return _upstairs.to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """Returns an ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them."""
+        return _upstairs.to_xarray(self)
+
+    def _repr_html_(self) -> str:
+        return _upstairs.flight_html(self)
+
+
+class LearnedDownstream:
+    """What becomes of a :class:`mavdem.Learned`; ImportError is raised where a package is not installed."""
+
+    @property
+    def plot(self) -> Any:
+        """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``."""
+        return _upstairs.plots(self)
+
+    def summary(self) -> str:
+        """Returns what the vehicle does in wind, on one screen; without windows that the model has not seen.
+
+        ``mavdem.evaluate.held_out_windows`` forecasts such windows.
+        """
+        return _upstairs.summary(self)
+
+    def score(self, flight: Any) -> float:
+        """Returns 1 − error ratio (NMSE) of a ``flight`` that it has not seen; :func:`mavdem.evaluate.score_of`."""
+        return _upstairs.score(self, flight)
+
+    def to_control(self, model: str = "physical") -> Any:
+        """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
+
+        About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, and ``.draws``,
+        plants from the posterior, are the physical plant's. ``ValueError`` where there is none, with the reason.
+        """
+        return _upstairs.to_control(self, model)
+
+    def loop(self, controller: Any = None) -> Any:
+        """Returns rate and attitude loop: the plant, and the ``controller`` of the log's parameters unless given.
+
+        >>> loop = learned.loop()
+        >>> loop.phase_margin, loop.phase_margin_interval, loop.gain_margin, loop.crossover  # degrees, dB, Hz
+
+        Raises :class:`NotLearnable`: the plant is not identifiable, or the controller is not known.
+        """
+        return _upstairs.loop(self, controller)
+
+    def _repr_html_(self) -> str:
+        return _upstairs.learned_html(self)

@@ -1,0 +1,79 @@
+"""Codes of what is read: why a source is refused, and what was odd or damaged in it and what was done about it."""
+
+from __future__ import annotations
+
+from enum import StrEnum, auto
+
+from mavdem.facts import Code
+
+
+class Source(Code):
+    """Why a file cannot be read or has nothing that can be used; how motors are known."""
+
+    FOLDER_GIVEN = auto()
+    SPECIAL_FILE = auto()
+    FILE_MISSING = auto()
+    FILE_NOT_OPENED = auto()
+    FILE_TOO_LARGE = auto()
+    FILE_EMPTY = auto()
+    FILE_CUT_IN_USE = auto()
+    ARCHIVE_DAMAGED = auto()
+    FORMAT_UNKNOWN = auto()
+    FORMAT_WITHOUT_FRAMES = auto()
+    GIT_LFS_POINTER = auto()
+    DIALECT_UNKNOWN = auto()
+    DATAFLASH_WITHOUT_MESSAGES = auto()
+    DATAFLASH_OF_SDLOG2 = auto()
+    DATAFLASH_WITHOUT_STAMPS = auto()
+    DATAFLASH_WITHOUT_FLIGHT = auto()
+    ULOG_OF_LATER_FORMAT = auto()
+    ULOG_WITHOUT_FLIGHT = auto()
+    MCAP_OF_ROS2 = auto()
+    MCAP_OF_MAVDEM = auto()
+    MCAP_DAMAGED = auto()
+    MCAP_WITHOUT_FLIGHT = auto()
+    ROS2_DAMAGED = auto()
+    MOTOR_BASIS = auto()
+
+
+class Repair(Code):
+    """What was odd or damaged in a source, and what was done about it."""
+
+    FRAMES_LEFT_OUT = auto()
+    BYTES_SKIPPED = auto()
+    CARRIAGE_RETURNS_UNDONE = auto()
+    STAMPS_IGNORED = auto()
+    CLOCK_WRAPPED = auto()
+    LOG_OF_SEVERAL_BOOTS = auto()
+    CLOCK_MOVED = auto()
+    UNIX_TIME_MOVED = auto()
+    VEHICLES_PARTED = auto()
+    SYSTEM_NUMBERED = auto()
+    DEFINITION_CONTRADICTED = auto()
+    LOGGED_MESSAGES_LEFT_OUT = auto()
+    LINES_LEFT_OUT = auto()
+    LOGGER_WITHOUT_ROOM = auto()
+    LOGGER_DROPPED_OUT = auto()
+    CENTIDEGREES_CONVERTED = auto()
+    DEMANDS_SCALED = auto()
+    ATTITUDE_INTERPOLATED = auto()
+    ULOG_DAMAGED = auto()
+    SUBSCRIPTIONS_LEFT_OUT = auto()
+    CHUNKS_DAMAGED = auto()
+    RECORDING_CUT = auto()
+    JSON_OF_NO_DIALECT = auto()
+    TOPICS_NOT_READ = auto()
+
+
+class Flaw(StrEnum):
+    """Why frames or messages were left out."""
+
+    DAMAGE = auto()
+    ANOTHER_DIALECT = auto()
+    DAMAGED_CHUNK = auto()
+    UNDEFINED = auto()
+    UNDECODABLE = auto()
+    CUT_OFF = auto()
+    FAR_STAMP = auto()
+    IMPOSSIBLE_STAMP = auto()
+    NO_STAMP = auto()

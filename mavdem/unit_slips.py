@@ -1,0 +1,57 @@
+"""Unit slips: arrays whose angle, rate or time seem to be in degrees or milliseconds."""
+
+from __future__ import annotations
+
+from enum import StrEnum, auto
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.facts import Code, Fact, Level
+
+
+class Arrays(Code):
+    """What is wrong with arrays that a flight is made of."""
+
+    UNIT_SLIP = auto()
+
+
+class Slip(StrEnum):
+    """What seems to be in another unit than rad, rad/s and s."""
+
+    ANGLE_IN_DEGREES = auto()
+    RATE_IN_DEGREES = auto()
+    BOTH_IN_DEGREES = auto()
+    TIME_IN_MILLISECONDS = auto()
+    TIME_IN_MICROSECONDS = auto()
+
+
+SLIPS = {
+    1.0: Slip.BOTH_IN_DEGREES,
+    57.3: Slip.ANGLE_IN_DEGREES,
+    1 / 57.3: Slip.RATE_IN_DEGREES,
+    1e-3: Slip.TIME_IN_MILLISECONDS,
+    1e-6: Slip.TIME_IN_MICROSECONDS,
+}
+"""What is likely by how many times as much an angle changes as its rate says; 1.0 only of angles beyond π."""
+
+
+def unit_slip(outputs: NDArray[np.float64], dt: float) -> Fact | None:
+    """Returns what unit an angle and its rate, ``outputs`` (T, 2), or time ``dt`` seem to have instead of rad and s."""
+    if outputs.shape[1] != 2:
+        return None
+    angle = outputs[:, 0]
+    turned = outputs[:, 1].cumsum() * dt
+    # so that noise counts little
+    changed = angle[8:] - angle[:-8]
+    expected = turned[8:] - turned[:-8]
+    power = expected @ expected
+    if not changed @ expected > 0.9 * (changed @ changed * power) ** 0.5:
+        return None  # no angle and its rate
+    ratio = changed @ expected / power
+    largest = abs(angle).max()
+    slip = next((slip for factor, slip in SLIPS.items() if 0.8 < ratio / factor < 1.25), None)
+    if slip is None or (slip is Slip.BOTH_IN_DEGREES and largest <= pi):
+        return None
+    return Fact(Arrays.UNIT_SLIP, Level.WATCH, slip=slip, ratio=ratio, largest=largest)
