@@ -8,7 +8,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any, get_args, get_type_hints
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 
 def unit(name: str) -> Any:
@@ -16,8 +16,12 @@ def unit(name: str) -> Any:
     return Field(json_schema_extra={"unit": name})
 
 
+def _iso(date: Any) -> Any:
+    return date.isoformat(timespec="seconds") if isinstance(date, datetime) else date
+
+
 Number = float | None
-UtcText = Annotated[str, unit("ISO 8601, UTC")]
+UtcText = Annotated[str, BeforeValidator(_iso), unit("ISO 8601, UTC")]
 Acceleration = Annotated[float | None, unit("m/s²")]
 Amperes = Annotated[float | None, unit("A")]
 AngularAcceleration = Annotated[float | None, unit("rad/s²")]

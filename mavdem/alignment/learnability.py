@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -70,18 +69,6 @@ class Learnability:
     def remedy(self) -> str:
         """What to change, with the command where there is one; empty when learnable."""
         return self.reason.remedy
-
-    def as_dict(self) -> dict[str, Any]:
-        """Its values by name, without the flight and the other segments."""
-        return {
-            "axis": self.axis,
-            "learnable": self.learnable,
-            "reason": self.reason,
-            "remedy": self.remedy,
-            "cautions": self.cautions,
-            "segment": self.segment and asdict(self.segment),
-            "figures": asdict(self.figures),
-        }
 
 
 def learnability_of(

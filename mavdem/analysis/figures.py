@@ -73,7 +73,7 @@ class VehicleFigures(NamedTuple):
             }
             for name, one in self.axes.items()
         }
-        return {"axes": axes, "hover": None if self.hover is None else self.hover.as_dict()}
+        return {"axes": axes, "hover": self.hover}
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +156,13 @@ class LogAnalysis:
             **self.tier.as_dict(),
             "reason": "" if self.reason is None else str(self.reason),
             "remedy": "" if self.reason is None else self.reason.remedy,
-            "condition": self.condition.as_dict(),
-            "identity": self.identity.as_dict(),
+            "condition": self.condition,
+            "identity": self.identity,
             **alarm_figures(self.alarms),
             **self.findings.as_dict(),
             "truth": self.truth,
             "settings": None if learned is None else asdict(learned.settings),
-            "verdict": self.verdict.as_dict(),
+            "verdict": self.verdict,
         }
 
 

@@ -15,7 +15,7 @@ Trim: how hard each motor works in settled flight, how much it has left, and how
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
@@ -76,10 +76,6 @@ class HoverFigures:
     def imbalance(self) -> tuple[float, ...]:
         """How much more each motor works than the mean of all, %: 100 (``trim_share`` - 1)."""
         return tuple(100 * (share - 1) for share in self.trim_share)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values, ``imbalance`` too."""
-        return asdict(self) | {"imbalance": self.imbalance}
 
 
 def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> HoverFigures:
@@ -268,15 +264,6 @@ class Condition:
     def collective(self) -> float | None:
         """Mean of all motors, as a share of their range."""
         return None if self.hover is None else float(np.mean(self.hover.trim_of_range))
-
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values; angles in rad, but for those of ``hover``."""
-        return {
-            **asdict(self),
-            "hover": self.hover and self.hover.as_dict(),
-            "oscillation": self.oscillation and self.oscillation._asdict(),
-            "collective": self.collective,
-        }
 
 
 def condition_of(signals: Signals) -> Condition:

@@ -60,12 +60,6 @@ class Identity:
     hardware: str = ""
     place: tuple[float, float] | None = None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; the date in ISO 8601."""
-        return asdict(self) | {
-            "date": None if self.date is None else self.date.isoformat(timespec="seconds")
-        }
-
 
 def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
     """Returns the identity of the vehicle of ``signals``; ``received`` is when the log's first message was, UNIX s."""
@@ -292,7 +286,7 @@ def inventory(
             for one in log.components
         ],
         "vehicles": described,
-        "learnable": any(one["verdict"]["learnable"] for one in described),
+        "learnable": any(one["verdict"].learnable for one in described),
     }
 
 
@@ -336,10 +330,10 @@ def _vehicle(
             {**asdict(segment), "duration": segment.duration} for segment in verdict.segments
         ],
         "repairs": list(map(str, telemetry.repairs)),
-        "verdict": verdict.as_dict(),
+        "verdict": verdict,
         **tier_of(verdict, condition).as_dict(),
-        "identity": identity.as_dict(),
-        "condition": condition.as_dict(),
+        "identity": identity,
+        "condition": condition,
         "autopilot_alarms": autopilot_alarms(telemetry),
     }
 

@@ -340,7 +340,7 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
     def value_at(place: str) -> Any:
         value: Any = report
         for key in place.split("."):
-            value = None if value is None else value.get(key)
+            value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
         return value
 
     places = {

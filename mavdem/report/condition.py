@@ -37,15 +37,15 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     """
     verdict = vehicle["verdict"]
     names = vehicle["names"]
-    is_tilt = verdict["axis"] in TILT_AXES
-    is_said = says(vehicle.get("headline"), verdict["reason"])
+    is_tilt = verdict.axis in TILT_AXES
+    is_said = says(vehicle.get("headline"), verdict.reason)
     blocks: list[Block] = [
         *section("vehicle", **vehicle, is_tilt=is_tilt, is_said=is_said),
         *section("tier", **vehicle),
-        *section("identity", **vehicle["identity"]),
-        *section("condition", **vehicle["condition"]),
+        *section("identity", vehicle["identity"]),
+        *section("condition", vehicle["condition"]),
         *section("health", **vehicle),
-        *map(caution, verdict["cautions"]),
+        *map(caution, verdict.cautions),
         *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),
         *section("settled", **vehicle),
     ]

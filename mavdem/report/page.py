@@ -240,7 +240,7 @@ def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     if learned is None or analysis.tier.name != "a":
         blocks += [
             *section("tier", **analysis.tier.as_dict()),
-            *section("condition", **analysis.condition.as_dict()),
+            *section("condition", analysis.condition),
         ]
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     return Chapter("Motors", blocks, pictures)

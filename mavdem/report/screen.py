@@ -131,8 +131,8 @@ def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
     if analysis.tier.name != "a" or learned is None:
         blocks += [
             *section("tier", **analysis.tier.as_dict()),
-            *section("identity", **analysis.identity.as_dict()),
-            *section("condition", **analysis.condition.as_dict()),
+            *section("identity", analysis.identity),
+            *section("condition", analysis.condition),
         ]
     return blocks
 

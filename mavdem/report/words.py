@@ -80,9 +80,14 @@ def _paragraphs(section: str) -> list[dict[str, Template]]:
     return [{part: make(str(text)) for part, text in paragraph.items()} for paragraph in told]
 
 
-def section(name: str, /, **known: Any) -> list[Sentence]:
-    """Returns the paragraphs of the section of this ``name`` that say something of what is ``known``, in order."""
+def section(name: str, record: object = None, /, **known: Any) -> list[Sentence]:
+    """Returns the paragraphs of the section of this ``name`` that say something, in order.
+
+    They say it of the attributes of a ``record``, and of what else is ``known``.
+    """
     sentences = []
+    if record is not None:
+        known |= {key: getattr(record, key) for key in dir(record) if not key.startswith("_")}
     for paragraph in _paragraphs(name):
         parts = {part: template.render(known).strip() for part, template in paragraph.items()}
         if parts.get("text") or "text" not in parts or "always" in parts:
