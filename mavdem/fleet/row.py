@@ -340,7 +340,8 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
     def value_at(place: str) -> Any:
         value: Any = report
         for key in place.split("."):
-            value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
+            if value is not None:
+                value = value.get(key) if isinstance(value, Mapping) else getattr(value, key)
         return value
 
     places = {

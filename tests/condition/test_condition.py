@@ -1,6 +1,5 @@
 """Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
 
-import json
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -18,6 +17,7 @@ from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import LEVEL, condition_of, hover_of, mean_interval
 from mavdem.condition.inventory import Tier, autopilot_alarms, identity_of, inventory, tier_of
+from mavdem.documents import vehicle as documents
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason
 from mavdem.ingest import Log, read_log
@@ -82,7 +82,7 @@ def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
     )
     assert found.battery.current_mean == pytest.approx(15, abs=0.3)
     assert found.battery.voltage_start > found.battery.voltage_end
-    assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["hover"]["unit"] == "µs"
+    assert documents.Condition.model_validate(found).as_dict()["hover"]["unit"] == "µs"
 
 
 def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
@@ -178,9 +178,7 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
     assert found.at_lower_limit == (0, 0, 0, 0)
     assert (found.roll, found.pitch) == pytest.approx((10, -4), abs=0.2)
     assert found.seconds == pytest.approx(HOVER.hovering, abs=1.5)
-    assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["imbalance"] == pytest.approx(
-        found.imbalance
-    )
+    assert documents.Hover.model_validate(found).as_dict()["imbalance"] == pytest.approx(found.imbalance)
 
 
 @pytest.mark.parametrize(
