@@ -178,7 +178,9 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
     assert found.at_lower_limit == (0, 0, 0, 0)
     assert (found.roll, found.pitch) == pytest.approx((10, -4), abs=0.2)
     assert found.seconds == pytest.approx(HOVER.hovering, abs=1.5)
-    assert documents.Hover.model_validate(found).as_dict()["imbalance"] == pytest.approx(found.imbalance)
+    assert documents.Hover.model_validate(found).as_dict()["imbalance"] == pytest.approx(
+        found.imbalance
+    )
 
 
 @pytest.mark.parametrize(
