@@ -50,6 +50,9 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert (slow.learned.physical, slow.learned.wind) == (None, None)
     assert slow.learned.physical_reason.code is NoPhysical.SAMPLED_TOO_SLOWLY
     assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
+    headline = slow.findings.headline
+    assert slow.alarms == () and headline.code is Headline.NO_FULL_MODEL
+    assert headline.figures["is_slow"] and headline.figures["because"] == slow.reason
     assert "Hz" in str(slow.reason) and slow.reason.remedy
     told = text_of(analysis_blocks(slow))
     assert "Lean:" in told and "mean lean" not in told and told.count("± is") == 1
@@ -62,19 +65,13 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
 
 @pytest.mark.slow
 def test_a_motor_that_weakened_in_flight_is_told_first(slow):
-    headline = slow.findings.headline
-    assert slow.alarms == () and headline.code is Headline.NO_FULL_MODEL
-    assert headline.figures["is_slow"] and headline.figures["because"] == slow.reason
     alarm = MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98, loss=(0.18, 0.4))
     weak = replace(slow, alarms=(alarm, alarm._replace(time=50.0, size=0.0)))
-    assert "gives its thrust again" in str(analysis_blocks(weak))
-    first, then, *_ = analysis_blocks(weak)
-    assert first == Sentence("", "Motor 2 (rear left) lost 18 to 40 % of its thrust at 28 s.")
-    assert alarm.fact.subject in then.text and weak.findings.overrides[0].remedy in str(
-        analysis_blocks(weak)
-    )
+    first, then, *_ = blocks = analysis_blocks(weak)
+    assert first == Sentence("", str(weak.findings.headline)) and alarm.fact.subject in then.text
+    assert str(weak.alarms[1].fact) in str(blocks)
     (said,) = weak.as_dict()["alarms"]
-    assert (said["motor"], said["since"]) == (2, 28.5) and "motor 2" in said["sentence"]
+    assert (said["motor"], said["since"]) == (2, 28.5)
 
 
 @pytest.mark.parametrize(

@@ -38,34 +38,6 @@ def test_a_flight_with_its_truth(kind, tmp_path, capsys):
         assert np.abs(read["rollspeed"] - known).max() < 0.1
 
 
-@pytest.mark.slow
-def test_it_can_be_learnt_from_and_motors_are_where_they_are(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
-    mine = tmp_path / "mine.toml"
-    scenario = load("iris_multisine").model_dump(mode="json", exclude_none=True)
-    scenario["stream"]["autopilot"] = "ardupilot"
-    scenario["vehicle"]["frame"] = "plus"
-    scenario["duration"] = 30.0
-    mine.write_text(in_toml(scenario_of(scenario)))
-    fly(capsys, mine, "--out", tmp_path / "f.tlog")
-    assert (
-        main(["learn", str(tmp_path / "f.tlog"), "--out", str(tmp_path / "r"), "--train", "600"])
-        == 0
-    )
-    said = capsys.readouterr().out
-    assert "assumed" not in said and "motor 1 (right)" in said
-    model = json.loads((tmp_path / "r" / "model.json").read_text())["model"]
-    with np.load(tmp_path / "f.truth.npz") as truth:
-        true = truth["roll_B"][1]
-    # What the motors do to the roll rate, directly and by way of the hidden state.
-    a = np.array(model["A"])
-    b = np.array(model["B"])
-    effect = b[1] + (a[1, 2] / -a[2, 2] * b[2] if len(a) > 2 else 0)
-    turns = np.abs(true) > 0
-    assert (np.sign(effect[turns]) == np.sign(true[turns])).all(), (effect, true)
-    assert np.abs(effect[~turns]).max(initial=0.0) < np.abs(effect[turns]).min()
-
-
 def test_a_recording_to_look_at(tmp_path, capsys):
     rrd = tmp_path / "flight.rrd"
     assert fly(capsys, "hover_blower", "--rrd", rrd, *SHORT)["rrd"] == str(rrd)

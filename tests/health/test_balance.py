@@ -175,12 +175,6 @@ def verdicts(flights):
     }
 
 
-def kind(verdicts, *names: str):
-    found = [verdict for flight, verdict in verdicts.items() if flight.split("_")[1] in names]
-    assert found
-    return found
-
-
 @pytest.mark.slow
 def test_each_flight_by_itself_is_judged_as_the_documentation_says(verdicts):
     # docs/evidence/motors.md: the probabilities of a fault and of any change.
@@ -203,15 +197,6 @@ def test_each_flight_by_itself_is_judged_as_the_documentation_says(verdicts):
         assert [found.fault_probability, found.change_probability] == pytest.approx(
             probabilities, abs=0.005
         )
-
-
-def test_20_and_25_mm_are_faults_of_motor_1_apart_from_good_and_5_mm(verdicts):
-    found = kind(verdicts, "cut20mm", "cut25mm")
-    assert {one.health for one in found} == {"fault"}
-    assert {one.suspect_motor for one in found} == {1}
-    bad = [one.fault_probability for one in kind(verdicts, "cut20mm", "cut25mm")]
-    rest = [one.fault_probability for one in kind(verdicts, "good", "cut5mm")]
-    assert min(bad) > 5 * max(rest)
 
 
 def test_10_mm_flown_one_after_the_other_are_a_drift(flights):

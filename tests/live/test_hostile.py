@@ -142,7 +142,7 @@ def test_thousands_of_senders_take_no_memory_and_not_the_place_of_the_vehicle():
 @pytest.mark.slow
 def test_parameters_and_events_are_bounded():
     stream = LiveStream(vehicle="1:1")
-    for number in range(5000):
+    for number in range(2500):
         stream.feed(
             0.0, message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9)
         )

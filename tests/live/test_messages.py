@@ -64,7 +64,7 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     assert finder.unread == sum(one.verdict != GOOD for one in frames)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_damaged_streams_hold_what_the_file_reader_finds(seed):
     chance = random.Random(seed)
     content = bytearray(b"".join(flight(np.arange(1.0, 3.0, 0.01).tolist())))

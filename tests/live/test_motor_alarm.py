@@ -1,7 +1,5 @@
 """A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
 
-import ast
-import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +24,6 @@ from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, Vehicle
 from sitl_scenarios.simulation import fly
 
 EVENTS = SHARED / "sitl_events"
-FAULTS = SHARED / "sitl_live" / "ap_F1.tlog.xz"
 
 
 def streamed(path):
@@ -136,25 +133,3 @@ def test_a_recorded_motor_is_found_and_a_jump_of_the_wind_is_no_motor():
     assert alarm.motor == 1 and 117.3 < alarm.time < 122.3
     assert not of_log(EVENTS / "px4_windjump.tlog")
     assert not of_log(EVENTS / "ap_quiet10.BIN")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not FAULTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
-def test_each_of_twelve_recorded_faults_is_found_and_so_is_its_end():
-    events = json.loads(FAULTS.with_name("ap_F1.notes.json").read_text())["events"]
-    truth = [event for event in events if "SIM_ENGINE_FAIL" in event["what"]]
-    changes = of_log(FAULTS)
-    assert len(truth) == 24 and [one.motor for one in changes[::2]] == [
-        one.motor for one in changes[1::2]
-    ]
-    for change, event in zip(changes, truth, strict=True):
-        set_to = ast.literal_eval(event["what"].removeprefix("param ").split(" [")[0])
-        weak = set_to["SIM_ENGINE_FAIL"]
-        left = set_to["SIM_ENGINE_MUL"]
-        assert 0 < change.time - event["boot_ms"] / 1e3 < 1.5 and change.size == pytest.approx(
-            1 / left - 1, abs=0.03
-        )
-        # In this hover thrust goes with the square of the command (1000 µs is none).
-        assert not weak or (
-            change.motor == weak.bit_length() and change.loss[0] < 1 - left**2 < change.loss[1]
-        )

@@ -14,7 +14,6 @@ pytestmark = pytest.mark.usefixtures("without_wind_fits")
 GUIDED = 4
 LAND = 9
 # MAV_STATE
-STANDBY = 3
 ACTIVE = 4
 IN_FLIGHT = 0.58
 ON_THE_GROUND = 0.22

@@ -218,24 +218,6 @@ def test_rates_are_asked_for_and_given_back(now):
 
 
 @pytest.mark.slow
-def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight():
-    one, screen, _ = session_of(recorded(shared("sitl_events/ap_motor.tlog"), 0.1, start=135.0))
-    flown: list[AlignedRow] = []
-    take = one._take
-    one._take = lambda row: (flown.append(row), take(row))[1]  # type: ignore[method-assign]
-    run(one)
-    flown = [row for row in flown if 140.0 < row.time < 155.0]
-    inputs, outputs = (
-        np.array([getattr(row, kind) for row in flown]) for kind in ("inputs", "outputs")
-    )
-    errors = (one.final_model().forecast_every(25, inputs, outputs) - outputs)[100:]
-    assert np.mean(np.mean(errors**2, axis=0) / outputs.var(axis=0)) < 0.05, (
-        "0.6 with the touch-down in the memory"
-    )
-    assert not any(estimate for at, _, estimate in screen.rows if at > 169.0)
-
-
-@pytest.mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
     one, _, said = session_of(batches(9.0))
     run(one)

@@ -99,25 +99,6 @@ def words(before, after):
     return text_of(difference_blocks(vehicle_difference(before, after)))
 
 
-def test_a_changed_motor_is_named_with_its_interval_and_what_is_the_same_has_one_too():
-    before = [row for number in range(5) for row in flown(number)]
-    after = [row for number in range(5, 10) for row in flown(number, **WEAK)]
-    text = words(before, after)
-    changed = next(line for line in text.splitlines() if line.startswith("Changed:"))
-    assert (
-        "motor 3's share +12" in changed and "motor 3's control effectiveness −29.1 % ±" in changed
-    )
-    same = next(line for line in text.splitlines() if line.startswith("The same:"))
-    assert "rate damping on roll (±" in same and "motor time constant on pitch (±" in same
-    assert "5 flights of A and 5 flights of B" in text
-    unknown = (
-        words(flown(0), flown(1, trim_share=(1.0, 0.98, 1.08, 0.99)))
-        .split("Not known:")[1]
-        .splitlines()[0]
-    )
-    assert "motor 3's share +5 % ±" in unknown
-
-
 def test_wind_battery_and_lean_are_conditions():
     other = {"wind_torque_sd": 4.0, "voltage_mean": 14.0, "lean_roll": 0.2}
     text = words(flown(0), flown(1, **other))

@@ -24,7 +24,6 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun_file import chunks, views
 
-import mavdem
 from mavdem.dem import Estimate, LinearModel
 from mavdem.facts import Level
 from mavdem.facts.prose import prose
@@ -311,31 +310,6 @@ def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_
         if name == "log"
     ]
     assert sorted(np.concatenate(stamps) / 1e9) == pytest.approx([81.75, 85.0 - LATE], abs=0.02)
-
-
-@pytest.mark.slow
-def test_a_flight_is_shown_as_it_is_learned_from(tmp_path):
-    log = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
-    path = tmp_path / "flight.rrd"
-    flight = mavdem.read_flight(log)[:400]
-    up = np.array(flight.effect_directions) / 2
-    channels = CHANNELS._replace(dt=flight.dt, input_names=flight.input_names, command=tuple(up))
-    learner = mavdem.OnlineLearner(dt=flight.dt, n_inputs=4, n_outputs=2, horizons=HORIZONS)
-    with showing(RecordingFile(path), channels=channels) as view:
-        for now, outputs, inputs in zip(flight.time, flight.outputs, flight.inputs, strict=True):
-            view.put(
-                now, 0.0, 0, outputs, inputs, learner.update(now, outputs, inputs), learner.learned
-            )
-    assert view.troubles == []
-    lines = drawn(path)
-    np.testing.assert_allclose(
-        lines["outputs/roll/1_measured"][1][:, 0], np.degrees(flight.outputs[:, 0])
-    )
-    np.testing.assert_allclose(lines["command"][1][:, 0], flight.inputs @ up)
-    assert len(lines["free_energy_of_samples"][0]) > 80
-    times, precisions = lines["noise_precisions"]
-    np.testing.assert_array_equal(times, lines["free_energy_action"][0])
-    assert precisions.shape[1] == len(learner.learned.learning.lambda_[-1])
 
 
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
