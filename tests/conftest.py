@@ -1,6 +1,8 @@
 """What holds for every test."""
 
+import faulthandler
 import os
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -20,6 +22,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 # A busy machine may take long over an example, and every run tries the same ones; the rest is as hypothesis has it.
 settings.register_profile("without deadline", settings(), deadline=None, derandomize=True)
 settings.load_profile("without deadline")
+
+
+HANGING_SECONDS = 400.0  # of one test, however busy the machine is
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol() -> Iterator[None]:
+    """Ends the process of a test that hangs, as where Rerun never answers: no exception reaches it there."""
+    faulthandler.dump_traceback_later(HANGING_SECONDS, exit=True)
+    try:
+        return (yield)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 @pytest.fixture(scope="module")

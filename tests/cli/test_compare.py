@@ -12,7 +12,7 @@ import time
 import numpy as np
 import psutil
 import pytest
-from command_line import FLIGHT, LOGS, SLOW, strict_json
+from command_line import FLIGHT, SLOW, strict_json
 
 from mavdem import baselines
 from mavdem.cli.commands import main
