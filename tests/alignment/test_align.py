@@ -1,6 +1,5 @@
 """Airborne and settled: a report of EXTENDED_SYS_STATE counts for the time it covers, elsewhere the motors' thrust."""
 
-from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -108,19 +107,6 @@ def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cu
     (segment,) = settled_segments(Signals(HOVER.telemetry(without=("LOCAL_POSITION_NED",))))
     assert segment.start == pytest.approx(6.0 + TRANSIENT_SECONDS, abs=1.0)
     assert segment.end == pytest.approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
-    # What the autopilot says of take-off and landing is believed.
-    time = HOVER.stamps(2.0)
-    landed = np.where(
-        time < 6, 1, np.where(time < 20, 3, np.where(time < 40, 2, np.where(time < 60, 4, 1)))
-    )
-    telemetry = changed(
-        HOVER.telemetry(), "EXTENDED_SYS_STATE", **columns(time, landed_state=landed)
-    )
-    (segment,) = settled_segments(Signals(telemetry))
-    assert (
-        20 <= segment.start <= 21 + TRANSIENT_SECONDS
-        and 39 - TRANSIENT_SECONDS <= segment.end <= 40
-    )
     # A log cut out of a hover is used whole.
     cut_out = only(HOVER.telemetry(), lambda time: (time >= 15) & (time < 45))
     (segment,) = settled_segments(Signals(cut_out))
@@ -131,85 +117,71 @@ GROUNDED = Hover(hovering=40.0)
 ON_GROUND = GROUNDED.landed + 1.0  # the motors run on for 30 s, as if nobody disarmed them
 
 
-def landed(motors, rate=None, **changes) -> Signals:
+def landed(motors, rate=None) -> Telemetry:
     """A hover that lands, without any report of that: on the ground ``motors`` (4,) µs, and a roll ``rate`` of it."""
-    hover = replace(GROUNDED, **changes)
     time = np.arange(0.0, ON_GROUND + 30.0, 0.02)
-    ground = time > hover.landed
-    telemetry = hover.telemetry(time, time, without=("LOCAL_POSITION_NED",))
-    outputs = np.where(ground[:, None], motors, hover.motors(time))
+    ground = time > GROUNDED.landed
+    telemetry = GROUNDED.telemetry(time, time, without=("LOCAL_POSITION_NED",))
+    outputs = np.where(ground[:, None], motors, GROUNDED.motors(time))
     outputs += 3.0 * np.random.default_rng(1).standard_normal(outputs.shape)
     telemetry = with_pulses(telemetry, outputs.T)
     turning = np.where(
-        ground, 1e-3 * np.sin(90 * time) if rate is None else rate(time), hover.roll_rate(time)
+        ground, 1e-3 * np.sin(90 * time) if rate is None else rate(time), GROUNDED.roll_rate(time)
     )
     beat = telemetry.messages["HEARTBEAT"]
     armed = np.where(beat["time"] >= 5.0, beat["base_mode"] | 128, beat["base_mode"])
     telemetry = changed(telemetry, "HEARTBEAT", base_mode=armed)
-    return Signals(
-        changed(
-            telemetry, "ATTITUDE", roll=np.where(ground, 0.1, hover.roll(time)), rollspeed=turning
-        )
-    )
+    roll = np.where(ground, 0.1, GROUNDED.roll(time))
+    return changed(telemetry, "ATTITUDE", roll=roll, rollspeed=turning)
 
 
-HELD = {
-    "idles at half of what it takes to hover": ([1320.0] * 4, None),
-    "idles while a hand turns it": ([1320.0] * 4, lambda time: 0.7 * np.sin(1.1 * time)),
-    "fights what holds it, with as much thrust as in hover": (
-        [1950.0, 1150.0, 1950.0, 1350.0],
-        None,
+FLOWN = landed([1600.0] * 4, GROUNDED.roll_rate)
+"""It flies on where the others are on the ground."""
+TIME = FLOWN.messages["SERVO_OUTPUT_RAW"]["time"]
+
+
+def in_landing_mode() -> Telemetry:
+    beat = FLOWN.messages["HEARTBEAT"]
+    mode = np.where(beat["time"] < GROUNDED.sinking, 5, 9)
+    return changed(FLOWN, "HEARTBEAT", custom_mode=mode, base_mode=beat["base_mode"] | 1)
+
+
+def chopped_after_calm() -> Telemetry:
+    wild = np.where(TIME < 30, 2e-3, 0.5) * np.sin(3 * TIME)
+    chopped = np.where(np.abs(TIME - 35) < 0.5, 1100.0, pulses(FLOWN))
+    return changed(with_pulses(FLOWN, chopped), "ATTITUDE", rollspeed=wild)
+
+
+HELD = np.where((TIME > 6) & (TIME < 26), 1300.0, 1600.0)
+FAST = np.where(TIME < 6, 1000.0, np.where(TIME < 25, 1500.0, 1690.0))
+FLIGHTS = {
+    "idles at half of what it takes to hover": (landed([1320.0] * 4), LIFTED, GROUNDED.landed),
+    "idles while a hand turns it": (
+        landed([1320.0] * 4, lambda time: 0.7 * np.sin(1.1 * time)),
+        LIFTED,
+        GROUNDED.landed,
     ),
+    "fights what holds it, with as much thrust as in hover": (
+        landed([1950.0, 1150.0, 1950.0, 1350.0]),
+        LIFTED,
+        GROUNDED.landed,
+    ),
+    "held in the hand at half the thrust": (with_pulses(FLOWN, [HELD] * 4), 26.0, inf),
+    "a mode that lands": (in_landing_mode(), LIFTED, GROUNDED.sinking),
+    "a moment without throttle, calm before manoeuvres": (chopped_after_calm(), LIFTED, inf),
+    "a hover before a fast flight": (with_pulses(FLOWN, [FAST] * 4), LIFTED, inf),
 }
+"""Telemetry, and the seconds of take-off and landing; inf: the flight goes on until the log ends."""
 
 
-@pytest.mark.parametrize("held", HELD)
-def test_the_ground_shows_without_any_report(held):
-    ((start, end),) = phases.settled(landed(*HELD[held]), 0)
-    assert start == pytest.approx(LIFTED + TRANSIENT_SECONDS, abs=1.5)
-    assert end == pytest.approx(GROUNDED.landed - TRANSIENT_SECONDS, abs=1.5)
-
-
-def test_the_ground_shows_before_a_flight_too():
-    """Held in the hand at half the thrust for 20 s, and then flown."""
-    signals = landed([1600.0] * 4, GROUNDED.roll_rate)
-    telemetry = signals.telemetry
-    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    held = np.where((time > 6) & (time < 26), 1300.0, 1600.0)
-    ((start, _),) = phases.settled(Signals(with_pulses(telemetry, [held] * 4)), 0)
-    assert start == pytest.approx(26.0 + TRANSIENT_SECONDS, abs=1.5)
-
-
-def test_a_mode_that_lands_ends_settled_flight_where_nothing_else_shows_the_landing():
-    signals = landed([1600.0] * 4, GROUNDED.roll_rate)
-    beat = signals.telemetry.messages["HEARTBEAT"]
-    mode = {
-        "custom_mode": np.where(beat["time"] < GROUNDED.sinking, 5, 9),
-        "base_mode": beat["base_mode"] | 1,
-    }
-    ((_, end),) = phases.settled(Signals(changed(signals.telemetry, "HEARTBEAT", **mode)), 0)
-    assert end == pytest.approx(GROUNDED.sinking - TRANSIENT_SECONDS, abs=1.5)
-
-
-def test_a_calm_hover_before_manoeuvres_and_a_moment_without_throttle_are_flight():
-    def calm_then_wild(time):
-        return np.where(time < 30, 2e-3, 0.5) * np.sin(3 * time)
-
-    signals = landed([1600.0] * 4, GROUNDED.roll_rate)
-    telemetry = signals.telemetry
-    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    chopped = with_pulses(telemetry, np.where(np.abs(time - 35) < 0.5, 1100.0, pulses(telemetry)))
-    telemetry = changed(chopped, "ATTITUDE", rollspeed=calm_then_wild(time))
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_the_ground_shows_without_any_report_and_nothing_else_is_ground(name):
+    telemetry, lifted, down = FLIGHTS[name]
     ((start, end),) = phases.settled(Signals(telemetry), 0)
-    assert start == pytest.approx(LIFTED + TRANSIENT_SECONDS, abs=1.5) and end > ON_GROUND
-
-
-def test_a_hover_before_a_fast_flight_is_flight():
-    telemetry = landed([1600.0] * 4, GROUNDED.roll_rate).telemetry
-    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    fast = np.where(time < 6, 1000.0, np.where(time < 25, 1500.0, 1690.0))
-    ((start, end),) = phases.settled(Signals(with_pulses(telemetry, [fast] * 4)), 0)
-    assert start == pytest.approx(LIFTED + TRANSIENT_SECONDS, abs=1.5) and end > ON_GROUND
+    assert start == pytest.approx(lifted + TRANSIENT_SECONDS, abs=1.5)
+    assert (
+        end > ON_GROUND if down == inf else end == pytest.approx(down - TRANSIENT_SECONDS, abs=1.5)
+    )
 
 
 def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
@@ -308,16 +280,6 @@ def test_neither_motors_nor_attitude_get_a_lag(stamps, offset):
         assert abs(delays[np.argmin(errors)]) <= 0.0002
 
 
-def test_the_slower_stream_sets_the_step():
-    telemetry = HOVER.telemetry(attitude_time=200.0, motor_time=50.0)
-    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
-    assert flight.dt == 0.02
-    # The filter is flat where the dynamics are.
-    np.testing.assert_allclose(
-        flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway
-    )
-
-
 def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     """49 Hz, seen well at 400 Hz, would be 1 Hz on the 50 Hz of the motors; at the ends of the segment too."""
     telemetry = HOVER.telemetry(attitude_time=400.0, motor_time=50.0)
@@ -328,6 +290,10 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     assert flight.dt == 0.02
     errors = np.abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time))
     assert errors.max() < 0.01 * 0.2
+    # The filter is flat where the dynamics are.
+    np.testing.assert_allclose(
+        flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway
+    )
     assert flight.provenance["resampling"]["attitude"] == str(
         Fact(Resampling.LOW_PASSED, rate=20.0)
     )

@@ -246,66 +246,88 @@ FOUR, SIX = (
     for step, first, last in ((1, 4, 5), (2, 0, 7))
 )
 REFUSED = {
-    "slow": (HOVER.telemetry(4.0, 4.0), Reason.STREAMS_TOO_SLOW, Remedy.ARDUPILOT_STREAMS),
+    "slow": (
+        HOVER.telemetry(100.0, 10.0),
+        Reason.STREAMS_TOO_SLOW,
+        Remedy.ARDUPILOT_STREAMS,
+        {"names": ("SERVO_OUTPUT_RAW",), "rates": pytest.approx((10.0,), 0.01)},
+    ),
     "slow PX4": (
         HOVER.telemetry(4.0, 4.0, autopilot="PX4"),
         Reason.STREAMS_TOO_SLOW,
         Remedy.PX4_STREAMS,
+        {},
     ),
     "slow other": (
         HOVER.telemetry(4.0, 4.0, autopilot="INVALID"),
         Reason.STREAMS_TOO_SLOW,
         Remedy.MESSAGE_INTERVALS,
+        {},
     ),
-    "gaps": (HOVER.telemetry(GAPS, GAPS), Reason.TOO_SHORT, None),
-    "short": (Hover(hovering=4.0).telemetry(), Reason.TOO_SHORT, None),
+    "gaps": (
+        HOVER.telemetry(GAPS, GAPS),
+        Reason.TOO_SHORT,
+        None,
+        {"duration": pytest.approx(2.5, 0.02)},
+    ),
     "no attitude": (
         HOVER.telemetry(without=("ATTITUDE",)),
         Reason.NO_ATTITUDE,
         Remedy.ARDUPILOT_STREAMS,
+        {},
     ),
     "no motors": (
         HOVER.telemetry(without=("SERVO_OUTPUT_RAW",)),
         MotorObstacle.NO_MOTOR_MESSAGE,
         Remedy.ARDUPILOT_STREAMS,
+        {},
     ),
-    "disarmed": (disarmed(HOVER.telemetry()), Reason.NEVER_ARMED, Remedy.RECORD_A_FLIGHT),
-    "still": (with_outputs(1000.0), MotorObstacle.MOTORS_CONSTANT, Remedy.RECORD_A_FLIGHT),
+    "disarmed": (disarmed(HOVER.telemetry()), Reason.NEVER_ARMED, Remedy.RECORD_A_FLIGHT, {}),
+    "still": (with_outputs(1000.0), MotorObstacle.MOTORS_CONSTANT, Remedy.RECORD_A_FLIGHT, {}),
     "other channels": (
         with_outputs(**FOUR),
         MotorObstacle.CHANNELS_CONSTANT,
         Remedy.RECORD_A_FLIGHT,
+        {"channels": (5, 6, 7, 8)},
     ),
-    "too few": (with_outputs(**SIX), MotorObstacle.CHANNELS_MISSING, Remedy.RECORD_A_FLIGHT),
-    "never changes": (with_steps(1e9, HOVER.telemetry()), Reason.OUTPUT_CONSTANT, None),
-    "idling": (idling(), Reason.NEVER_AIRBORNE, Remedy.RECORD_A_FLIGHT),
-    "shaking": (shaking(), Reason.RATE_CONTRADICTS_ANGLE, Remedy.ARDUPILOT_STREAMS),
-    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), Reason.NO_MULTIROTOR, None),
+    "too few": (
+        with_outputs(**SIX),
+        MotorObstacle.CHANNELS_MISSING,
+        Remedy.RECORD_A_FLIGHT,
+        {"missing": (10, 12)},
+    ),
+    "never changes": (with_steps(1e9, HOVER.telemetry()), Reason.OUTPUT_CONSTANT, None, {}),
+    "idling": (
+        idling(),
+        Reason.NEVER_AIRBORNE,
+        Remedy.RECORD_A_FLIGHT,
+        {"collective": pytest.approx(0.105, abs=0.005), "least_collective": pytest.approx(0.2)},
+    ),
+    "shaking": (
+        shaking(),
+        Reason.RATE_CONTRADICTS_ANGLE,
+        Remedy.ARDUPILOT_STREAMS,
+        {"still": False, "rate": 200},
+    ),
+    "shaking while it stands": (
+        shaking(0.01, 0.0),
+        Reason.RATE_CONTRADICTS_ANGLE,
+        Remedy.ARDUPILOT_STREAMS,
+        {"still": True},
+    ),
+    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), Reason.NO_MULTIROTOR, None, {}),
 }
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_learned_from_is_refused_with_its_figures_and_a_remedy(name):
-    telemetry, code, remedy = REFUSED[name]
+def test_what_cannot_be_learned_from_is_refused_with_the_figures_that_decided_and_a_remedy(name):
+    telemetry, code, remedy, figures = REFUSED[name]
     reason = refused_for(telemetry)
     assert reason.code is code
     advice = reason.figures.get("remedy")
     assert (advice and advice.code) is remedy
-
-
-def test_refusals_have_the_figures_that_decided():
-    slow = refused_for(HOVER.telemetry(100.0, 10.0)).figures
-    assert slow["names"] == ("SERVO_OUTPUT_RAW",) and slow["rates"] == pytest.approx((10.0,), 0.01)
-    assert refused_for(HOVER.telemetry(GAPS, GAPS)).figures["duration"] == pytest.approx(2.5, 0.02)
-    idle = refused_for(idling()).figures
-    assert int(100 * idle["collective"]) == 10
-    assert idle["least_collective"] == pytest.approx(0.2)
-    constant = refused_for(with_outputs(**FOUR)).figures
-    assert constant["channels"] == (5, 6, 7, 8)
-    assert refused_for(with_outputs(**SIX)).figures["missing"] == (10, 12)
-    assert refused_for(shaking()).figures["remedy"].figures["rate"] == 200
-    still = refused_for(shaking(0.01, 0.0)).figures
-    assert still["still"] and not refused_for(shaking()).figures["still"]
+    decided = {**(advice.figures if advice else {}), **reason.figures}
+    assert {figure: decided[figure] for figure in figures} == figures
 
 
 def test_another_vehicle_is_named_only_where_there_is_one():
