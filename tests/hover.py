@@ -1,6 +1,6 @@
 """A made-up hover for tests: a vehicle whose every signal is a known function of time, sampled as a stream would."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,6 +152,29 @@ def with_demand(
     controls[:, 3] = 0.5
     fields = {"controls": controls, "group_mlx": np.full(len(time), group)}
     return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, **fields))
+
+
+def disarmed(telemetry: Telemetry) -> Telemetry:
+    """The telemetry of a vehicle that never armed."""
+    beats = len(telemetry.messages["HEARTBEAT"]["time"])
+    return changed(telemetry, "HEARTBEAT", base_mode=np.ones(beats, dtype=np.uint8))
+
+
+def with_texts(telemetry: Telemetry, *texts: bytes, severity: Sequence[int] = ()) -> Telemetry:
+    """The telemetry with texts of the autopilot, one a second from 1 s on."""
+    time = np.arange(1.0, len(texts) + 1)
+    fields = {"text": np.array(texts), "severity": np.array(severity)}
+    return changed(telemetry, "STATUSTEXT", **columns(time, **fields))
+
+
+def px4_rotors(*rotors: tuple[float, ...]) -> dict[str, float]:
+    """The parameters of rotors, each with its place, forward and right, and perhaps the torque by its thrust."""
+    known = {
+        f"CA_ROTOR{n}_{name}": value
+        for n, rotor in enumerate(rotors)
+        for name, value in zip(("PX", "PY", "KM"), rotor, strict=False)
+    }
+    return {"CA_ROTOR_COUNT": float(len(rotors)), **known}
 
 
 def log_of(telemetry: Telemetry) -> Log:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from hover import X_QUAD, Hover, changed, columns, only, pulses, with_demand, with_pulses
+from hover import X_QUAD, Hover, changed, columns, disarmed, only, pulses, with_demand, with_pulses
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.drive import DEMAND_MESSAGE
@@ -215,10 +215,6 @@ def with_outputs(outputs: float | None = None, **parameters: float) -> Telemetry
         if outputs is None
         else with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), outputs))
     )
-
-
-def disarmed(telemetry: Telemetry) -> Telemetry:
-    return changed(telemetry, "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0)), dtype=int))
 
 
 def idling() -> Telemetry:

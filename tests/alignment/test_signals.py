@@ -11,6 +11,7 @@ from hover import (
     Hover,
     changed,
     columns,
+    px4_rotors,
     with_demand,
     with_pulses,
 )
@@ -112,9 +113,8 @@ def test_ardupilot_motors_by_servo_function_and_frame():
 
 
 def test_px4_motors_by_function_and_rotor_places():
-    parameters = {"CA_ROTOR_COUNT": 4} | {f"PWM_MAIN_FUNC{n}": 105 - n for n in (1, 2, 3, 4)}
-    for n, (forward, right) in enumerate([(0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2)]):
-        parameters |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right}
+    parameters = {f"PWM_MAIN_FUNC{n}": 105 - n for n in (1, 2, 3, 4)}
+    parameters |= px4_rotors((0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2))
     motors = drive.motors_or_obstacle(
         HOVER.telemetry(autopilot="PX4", parameters=parameters)
     ).layout
@@ -130,11 +130,8 @@ def test_yaw_is_by_the_direction_of_the_propellers():
         frame = functions | {"FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
         found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, 5), bank=8)
         np.testing.assert_array_equal(4 * found.effect("yaw"), signs)
-    rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)} | {"CA_ROTOR_COUNT": 4.0}
-    for n, (forward, right, moment) in enumerate(
-        [(1, 1, 0.05), (-1, -1, 0.04), (1, -1, -0.05), (-1, 1, -0.04)]
-    ):
-        rotors |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right, f"CA_ROTOR{n}_KM": moment}
+    rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)}
+    rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, -0.05), (-1, 1, -0.04))
     found = motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16)
     np.testing.assert_array_equal(4 * found.effect("yaw"), [1, 1, -1, -1])
     del rotors["CA_ROTOR2_KM"]

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, log_of, only, with_pulses
+from hover import Hover, changed, columns, disarmed, log_of, only, with_pulses, with_texts
 from recorded_flights import shared
 from scipy.signal import lfilter
 
@@ -86,12 +86,7 @@ def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
 
 
 def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
-    telemetry = uneven(10.0)
-    beats = telemetry.messages["HEARTBEAT"]
-    grounded = changed(
-        telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8)
-    )
-    found = condition_of(Signals(grounded))
+    found = condition_of(Signals(disarmed(uneven(10.0))))
     assert (found.armed, found.settled, found.hover, found.lean, found.vibration) == (
         0,
         0,
@@ -279,9 +274,7 @@ def name_of(telemetry: Telemetry) -> tuple[str, str]:
 
 
 def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version():
-    said = changed(
-        flown(), "STATUSTEXT", **columns(np.array([1.0]), text=np.array([TEXT.encode()]))
-    )
+    said = with_texts(flown(), TEXT.encode())
     words = bytes.fromhex("".join(TEXT.split()[1:]))
     raw = b"".join(words[at : at + 4][::-1] for at in (0, 4, 8)).ljust(18, b"\0")
     uid2 = np.frombuffer(raw, dtype=np.uint8)[None]
@@ -325,11 +318,7 @@ def test_the_date_is_when_the_settled_flight_began():
 
 
 def test_firmware_is_what_the_autopilot_says_or_sends():
-    said = changed(
-        flown(),
-        "STATUSTEXT",
-        **columns(np.array([1.0]), text=np.array([b"ArduCopter V4.5.7 (2a3dc4b7)"])),
-    )
+    said = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
     assert identity_of(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
     version = columns(
         np.array([1.0]), flight_sw_version=np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
@@ -343,29 +332,15 @@ def test_firmware_is_what_the_autopilot_says_or_sends():
 
 
 def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
-    sent = [
-        (4, b"Battery 1 is low"),
-        (6, b"Takeoff"),
-        (2, b"EKF variance"),
-        (4, b"Battery 1 is low"),
-    ]
-    severity, text = map(np.array, zip(*sent, strict=True))
-    telemetry = changed(
-        flown(), "STATUSTEXT", **columns(np.arange(4.0), severity=severity, text=text)
-    )
+    low = b"Battery 1 is low"
+    telemetry = with_texts(flown(), low, b"Takeoff", b"EKF variance", low, severity=(4, 6, 2, 4))
     found = [tuple(one.values()) for one in autopilot_alarms(telemetry)]
     assert found == [
-        ("critical", "EKF variance", 2.0, 0, 1),
-        ("warning", "Battery 1 is low", 0.0, 0, 2),
+        ("critical", "EKF variance", 3.0, 0, 1),
+        ("warning", "Battery 1 is low", 1.0, 0, 2),
     ]
-    old = columns(
-        np.arange(2.0),
-        severity=np.array([1, 3]),
-        text=np.array([b"GROUND START", b"ARMING MOTORS"]),
-    )
-    assert (
-        autopilot_alarms(changed(flown(), "STATUSTEXT", **old)) == autopilot_alarms(flown()) == []
-    )
+    old = with_texts(flown(), b"GROUND START", b"ARMING MOTORS", severity=(1, 3))
+    assert autopilot_alarms(old) == autopilot_alarms(flown()) == []
 
 
 @pytest.mark.slow
@@ -404,11 +379,7 @@ def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
 
 
 def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
-    telemetry = HOVER.telemetry(10.0, 10.0)
-    beats = telemetry.messages["HEARTBEAT"]
-    found = tier(
-        changed(telemetry, "HEARTBEAT", base_mode=np.zeros(len(beats["time"]), dtype=np.uint8))
-    )
+    found = tier(disarmed(HOVER.telemetry(10.0, 10.0)))
     assert (found.name, found.next_tier, found.reason.code) == (None, "c", Reason.NEVER_ARMED)
     submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
     assert submarine.name is None and submarine.reason.code is Reason.NO_MULTIROTOR

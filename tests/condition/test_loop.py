@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns
+from hover import Hover, changed, columns, px4_rotors
 from recorded_flights import shared
 
 import mavdem
@@ -28,16 +28,15 @@ from sitl_scenarios.truth import truth
 
 HOVER = Hover()
 X_ROLL = (-1.0, 1.0, 1.0, -1.0)
-ARDUPILOT = {f"ATC_RAT_RLL_{name}": 0.0 for name in ("FLTT", "FLTE", "FLTD")} | {
-    "ATC_ANG_RLL_P": 4.5
-}
-ARDUPILOT |= {
+ARDUPILOT = {
+    "ATC_RAT_RLL_FLTT": 0.0,
+    "ATC_RAT_RLL_FLTE": 0.0,
+    "ATC_RAT_RLL_FLTD": 0.0,
     "ATC_RAT_RLL_P": 0.14,
     "ATC_RAT_RLL_I": 0.3,
     "ATC_RAT_RLL_D": 0.004,
+    "ATC_ANG_RLL_P": 4.5,
     "FRAME_CLASS": 1.0,
-}
-ARDUPILOT |= {
     "MOT_THST_EXPO": 0.65,
     "MOT_SPIN_MIN": 0.15,
     "MOT_SPIN_MAX": 0.95,
@@ -49,12 +48,11 @@ PX4 = {
     "MC_ROLLRATE_D": 0.003,
     "MC_ROLLRATE_K": 2.0,
     "MC_ROLL_P": 6.5,
+    "CA_AIRFRAME": 0.0,
+    "IMU_DGYRO_CUTOFF": 30.0,
+    "THR_MDL_FAC": 0.3,
+    **px4_rotors((0.1, 0.2, 0.05), (-0.1, -0.2, 0.05), (0.1, -0.2, -0.05), (-0.1, 0.2, -0.05)),
 }
-PX4 |= {"CA_ROTOR_COUNT": 4.0, "CA_AIRFRAME": 0.0, "IMU_DGYRO_CUTOFF": 30.0, "THR_MDL_FAC": 0.3}
-for rotor, (x, y, turn) in enumerate(
-    [(0.1, 0.2, 1), (-0.1, -0.2, 1), (0.1, -0.2, -1), (-0.1, 0.2, -1)]
-):
-    PX4 |= {f"CA_ROTOR{rotor}_PX": x, f"CA_ROTOR{rotor}_PY": y, f"CA_ROTOR{rotor}_KM": 0.05 * turn}
 
 
 def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():

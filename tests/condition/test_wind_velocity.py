@@ -223,8 +223,8 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
     stream = LiveStream()
     rows = dict[float, WindRow]()
     stream.air.drag = drag = Drag(prior.mean, 1e-4 * prior.covariance, "calibration")
-    for at in range(0, len(data := log.read_bytes()), 256):
-        stream.feed(0.0, data[at : at + 256])
+    for at in range(0, len(data := log.read_bytes()), 512):
+        stream.feed(0.0, data[at : at + 512])
         if (row := stream.status().wind) is not None and row.time not in rows:
             rows[row.time] = row
             assert stream.now - row.time < 1.0
