@@ -64,9 +64,9 @@ def random_model(
     )
 
 
-def random_samples(seed: int, model: GenerativeModel, number: int = 40) -> SufficientStatistics:
+def random_samples(seed: int, model: GenerativeModel) -> SufficientStatistics:
     rng = np.random.default_rng(seed + 1)
-    return SufficientStatistics.of(rng.standard_normal((number, model.hidden.start)))
+    return SufficientStatistics.of(rng.standard_normal((40, model.hidden.start)))
 
 
 def random_belief(

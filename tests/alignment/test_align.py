@@ -254,7 +254,7 @@ def test_boots_are_never_joined():
 def test_a_uniform_source_keeps_its_samples():
     telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.0004)
     flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
-    assert flight.dt == 0.01
+    assert flight.dt == 0.01 and flight.effect_directions is None
     assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
     np.testing.assert_allclose(flight.outputs[:, 1], HOVER.roll_rate(flight.time), atol=1e-12)
     np.testing.assert_allclose(
@@ -371,20 +371,12 @@ def test_the_inputs_that_are_asked_for_are_taken():
         learnability_of(Signals(both, inputs="torque"))
 
 
-def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
-    known = Signals(HOVER.telemetry(parameters=X_QUAD_PARAMETERS))
-    unknown = Signals(HOVER.telemetry())
-    roll = align(known, settled_segments(known)[0]).effect_directions
-    np.testing.assert_allclose(roll, np.array([-1, 1, 1, -1]) / 4)
-    assert align(unknown, settled_segments(unknown)[0]).effect_directions is None
-
-
-def yawing(size: float = 0.3, correction: float = 0.0) -> Telemetry:
-    """A hover that swings in yaw over the south, by motors that turn as on an X quad; ``correction`` of the heading."""
+def yawing() -> Telemetry:
+    """A hover that swings by 0.3 rad in yaw over the south, by motors that turn as on an X quad."""
     telemetry = HOVER.telemetry(parameters=X_QUAD_PARAMETERS)
     time = telemetry.messages["ATTITUDE"]["time"]
-    yaw = np.remainder(size * np.sin(2 * time) + correction * np.sin(9 * time), 2 * np.pi) - np.pi
-    telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, yawspeed=2 * size * np.cos(2 * time))
+    yaw = np.remainder(0.3 * np.sin(2 * time), 2 * np.pi) - np.pi
+    telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, yawspeed=0.6 * np.cos(2 * time))
     motors = pulses(telemetry)
     turning = 30 * np.cos(2 * telemetry.messages["SERVO_OUTPUT_RAW"]["time"]) * (motors[0] > 1000)
     return with_pulses(telemetry, motors + np.outer([1, 1, -1, -1], turning))
@@ -402,6 +394,7 @@ def test_a_flight_of_yaw_has_the_rate_only():
     assert verdict.figures.consistency == pytest.approx(1, abs=1e-3)
     assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
     roll = learnability_of(Signals(telemetry, "roll")).flight
+    np.testing.assert_array_equal(4 * roll.effect_directions, X_QUAD)
     np.testing.assert_array_equal(flight.time, roll.time)
     np.testing.assert_array_equal(flight.inputs, roll.inputs)
 

@@ -153,8 +153,8 @@ def with_targets(
     return changed(HOVER.telemetry(), "ATTITUDE_TARGET", **columns(time, **fields))
 
 
-def flight_of(telemetry: Telemetry, axis: str = "roll") -> Flight:
-    signals = Signals(telemetry, axis)
+def flight_of(telemetry: Telemetry) -> Flight:
+    signals = Signals(telemetry)
     return align(signals, settled_segments(signals)[0])
 
 

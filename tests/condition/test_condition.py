@@ -31,14 +31,14 @@ SERIES = 1000
 """Series whose means have an interval."""
 
 
-def uneven(rate: float, noise: float = 3.0) -> Telemetry:
+def uneven(rate: float) -> Telemetry:
     """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° to the right; a battery, and vibration."""
     rng = np.random.default_rng(7)
     telemetry = HOVER.telemetry(attitude_time=rate, motor_time=rate)
     attitude = telemetry.messages["ATTITUDE"]
     motors = telemetry.messages["SERVO_OUTPUT_RAW"]
     flying = motors["servo1_raw"] != 1000
-    shaken = np.array([[1600.0], [1700.0], [1600.0], [1600.0]]) + noise * rng.standard_normal(
+    shaken = np.array([[1600.0], [1700.0], [1600.0], [1600.0]]) + 3.0 * rng.standard_normal(
         (4, len(flying))
     )
     telemetry = with_pulses(telemetry, np.where(flying, shaken, 1000.0))

@@ -92,9 +92,9 @@ def att(time: float, roll: float, pitch: float = 0.0, yaw: float = 0.0) -> bytes
     return message("ATT", round(1e6 * time), 0, centi[0], 0, centi[1], 0, centi[2], 0, 0, 3)
 
 
-def rate(time: float, roll: float, demand: float = 0.0) -> bytes:
-    """Roll rate in °/s, roll demand -1 to 1; the last field is 1."""
-    return message("RATE", round(1e6 * time), 0, roll, demand, 0, 0, 0, 0, 0, 0, 0, 0, 0.5, 1.0)
+def rate(time: float, roll: float) -> bytes:
+    """Roll rate in °/s; the last field is 1."""
+    return message("RATE", round(1e6 * time), 0, roll, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.5, 1.0)
 
 
 def rcou(time: float, *pulses: int) -> bytes:

@@ -112,10 +112,10 @@ def message(
     return frame(kind.id, kind.unpacker.pack(*flat), system, component, sequence, version)
 
 
-def tlog(frames: list[bytes], first: int = NOW, step: int = 10_000) -> bytes:
-    """Frames behind their receive stamps, ``step`` microseconds apart."""
+def tlog(frames: list[bytes]) -> bytes:
+    """Frames behind their receive stamps, 10 ms apart."""
     return b"".join(
-        struct.pack(">Q", first + step * row) + content for row, content in enumerate(frames)
+        struct.pack(">Q", NOW + 10_000 * row) + content for row, content in enumerate(frames)
     )
 
 

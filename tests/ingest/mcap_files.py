@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from mavlink_streams import NOW
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import Writer
 
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap.records import write_mcap
@@ -116,12 +116,10 @@ def converted(log: Path, folder: Path) -> Path:
     return path
 
 
-def json_only(
-    mcap: Path, folder: Path, compression: CompressionType = CompressionType.ZSTD
-) -> Path:
+def json_only(mcap: Path, folder: Path) -> Path:
     """The same file without the frames, everything repeated on ``mavlink/out`` as BlueOS does."""
     path = folder / f"{mcap.stem}_json.mcap"
-    with mcap.open("rb") as file, Recorder(path, compression=compression) as recorder:
+    with mcap.open("rb") as file, Recorder(path) as recorder:
         for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
             if schema is not None:
                 recorder.write(channel.topic, message.data, time=message.log_time)

@@ -12,6 +12,7 @@ from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 IRIS = AIRFRAMES["iris"]
 CYCLE = 0.004
+CYCLES = 100
 GUSTY = AirState(north=2.0, east=-3.0, down=0.5, p=0.3, q=-0.2, roll=0.02, pitch=-0.01, yaw=0.001)
 
 
@@ -35,16 +36,16 @@ def normed(state):
     return state._replace(attitude=tuple((q / np.linalg.norm(q)).tolist()))
 
 
-def flown(steps, cycles=100):
-    """The state as one row after ``cycles``, in steps of CYCLE/steps."""
+def flown(steps):
+    """The state as one row after ``CYCLES``, in steps of CYCLE/steps."""
     body = Body(VehicleSpec(model="iris"), CYCLE / steps)
     state = normed(begun())
-    for cycle in range(cycles):
+    for cycle in range(CYCLES):
         state = body.moved(state, targets(cycle), GUSTY, steps)
     return np.concatenate(state[:5])
 
 
-def reference(cycles=100):
+def reference():
     """The same by scipy's DOP853 at its tightest, from cycle to cycle."""
     change, up, down = dynamics(VehicleSpec(model="iris")), *IRIS.lag
     row = np.concatenate(normed(begun())[:5])
@@ -65,7 +66,7 @@ def reference(cycles=100):
         lag = np.where(rotors < wanted, up, down)
         return np.concatenate([velocity, acting[:3], turned, acting[3:6], (wanted - rotors) / lag])
 
-    for cycle in range(cycles):
+    for cycle in range(CYCLES):
         wanted = np.array(targets(cycle))
         row = solve_ivp(
             derivative, (0, CYCLE), row, "DOP853", rtol=1e-12, atol=1e-12, args=(wanted,)

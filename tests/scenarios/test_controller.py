@@ -30,8 +30,8 @@ def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
     assert roll / pitch == pytest.approx(1.5)
 
 
-def sensed(sensors, states, seed=0):
-    sensing = Sensing(sensors, CYCLE, np.random.default_rng(seed))
+def sensed(sensors, states):
+    sensing = Sensing(sensors, CYCLE, np.random.default_rng(0))
     return [sensing.estimate(state) for state in states]
 
 
