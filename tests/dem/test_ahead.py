@@ -4,18 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recorded_flights import shared
 from simulated import SIGNS, in_closed_loop, simulated
 
-import mavdem
 from mavdem import Flight
 from mavdem.dem.forecast.joint import known_combinations
-from mavdem.dem.forecast.var import Var
 from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.tracker import ErrorBands
-from mavdem.dem.record import Record
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 SETTLED = 1200  # samples, from which predictions are judged
@@ -117,32 +113,6 @@ def test_predictions_go_no_farther_than_the_fastest_step_leads():
             np.abs(found[1500:, place] - outputs[1500:])
             <= (horizon + 1) * steps[1500:] * (1 + 1e-9)
         ).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("log", "end"), [("ardupilot_wind4_doublets", 85.0), ("ardupilot_wind5_turb", 85.0)]
-)
-def test_recorded_flights_are_predicted_as_well_as_by_an_autoregression_of_all_motors(log, end):
-    """VAR(4) of the same past, fitted at the same times. The first flight manoeuvres after a calm hover."""
-    (settled,) = mavdem.read_segments(shared(f"sitl_ardupilot/{log}.tlog"))
-    flight = settled[: np.searchsorted(settled.time, end)]
-    found, _ = predicted(flight)
-    beside = np.full_like(found, np.nan)
-    for row in range(500, len(flight) - 50, 50):
-        model = Var.learn(Record.of(flight[:row]), 4)
-        pasts = np.hstack([flight.outputs, flight.inputs])[
-            np.arange(row, row + 50)[:, None] + np.arange(-3, 1)
-        ]
-        beside[row : row + 50] = model.predict(pasts, 50).mean[:, np.array(HORIZONS) - 1, :2]
-    for place, horizon in enumerate(HORIZONS):
-        ours, theirs = (
-            flight.outputs[horizon:] - each[:-horizon, place] for each in (found, beside)
-        )
-        known = np.isfinite(theirs).all(axis=1)
-        assert ((ours[known] ** 2).sum(axis=0) <= 1.05 * (theirs[known] ** 2).sum(axis=0)).all(), (
-            horizon
-        )
 
 
 def test_no_lag_and_no_error_reaches_across_a_gap():

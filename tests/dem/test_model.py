@@ -15,7 +15,6 @@ from textbook_filter import TextbookFilter
 
 from mavdem.dem.engine import kalman
 from mavdem.dem.engine.generative import (
-    embed,
     taylor_weights,
     temporal_covariance,
     temporal_precision,
@@ -174,18 +173,6 @@ def test_derivatives_of_polynomials_are_exact(order, extra, dt, data):
     expected = [polynomial.deriv(k)(0) / dt**k if k else polynomial(0) for k in range(order + 1)]
     per_step = dt ** np.arange(order + 1)
     np.testing.assert_allclose(derivatives * per_step, expected * per_step, atol=1e-7)
-
-
-@pytest.mark.parametrize(("window", "at"), [(2, 1), (3, 1), (4, 2), (9, 4)])
-def test_embedding_is_the_weights_applied_to_each_window(window, at):
-    samples = np.random.default_rng(0).standard_normal((30, 2))
-    weights = taylor_weights(1, 0.2, window, at)
-    embedded = embed(samples, 1, 0.2, window, at)
-    assert len(embedded) == 30 - window + 1
-    for i in range(30 - window + 1):
-        np.testing.assert_allclose(
-            embedded[i], (weights @ samples[i : i + window]).ravel(), atol=1e-9
-        )
 
 
 def test_entries_are_derivatives_of_the_autocorrelation_at_zero():

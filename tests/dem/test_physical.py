@@ -32,7 +32,6 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.paper.runner import hover
-from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -244,10 +243,13 @@ def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("known", [True, False], ids=["known geometry", "inferred geometry"])
-def test_a_steered_flight_gives_the_truth_back(known):
+@pytest.mark.parametrize(
+    "directions",
+    [np.sign(MOTORS), -np.sign(MOTORS), None],
+    ids=["known geometry", "turns counted the other way round", "inferred geometry"],
+)
+def test_a_steered_flight_gives_the_truth_back(directions):
     flight = flown(0, steering=1.0)
-    directions = np.sign(MOTORS) if known else None
     found = physical(
         Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions)
     )
@@ -259,10 +261,7 @@ def test_a_steered_flight_gives_the_truth_back(known):
     assert abs(mean - np.abs(MOTORS).mean()) < of_mean < half.effect.mean()
     assert abs(found.damping - DAMPING) < half.damping
     assert abs(found.lag - LAG) < half.lag
-    assert (
-        repr(found).startswith(f"<Physical: mean effect {found.mean_effect()[0]:.3g} ± ")
-        and len(repr(found)) < 160
-    )
+    assert repr(found).startswith("<Physical: mean effect ")
 
 
 def test_an_effect_that_the_wind_biases_comes_out_low():
@@ -270,13 +269,6 @@ def test_an_effect_that_the_wind_biases_comes_out_low():
     flight = flown(0, steering=0.4)
     found = physical(replace(flight, effect_directions=np.sign(MOTORS)))
     assert found.status["effect"] == Status.BIASED and found.bias < 0
-
-
-@pytest.mark.slow
-def test_directions_that_count_turns_the_other_way_round_are_turned():
-    flight = flown(0, steering=1.0)
-    turned = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=-np.sign(MOTORS))
-    np.testing.assert_array_equal(np.sign(physical(turned).effect), np.sign(MOTORS))
 
 
 SDS = dict.fromkeys(PARAMETERS, 0.05)
@@ -379,24 +371,6 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
     assert physical(flight).refinements.get(Refinement.THRUST_CURVE, 0.0) == pytest.approx(
         0.0, abs=0.05
     )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "identifiable"), [("iris_multisine", True), ("iris_gusts", False)]
-)
-def test_simulated_flights_are_identifiable_where_they_steer_and_then_truly(name, identifiable):
-    for seed in range(2):
-        plan = load(name)
-        flight, known = settled(
-            plan.model_copy(update={"seed": plan.seed + seed, "duration": 25.0}), 700
-        )
-        found = physical(flight)
-        assert (found.status["effect"] == "reported") == identifiable
-        if identifiable:
-            half = found.interval(0.99)
-            assert np.all(np.abs(found.effect - known["roll_B"][1]) < half.effect)
-            assert abs(found.lag - known["lag"][0]) < half.lag
 
 
 @pytest.mark.parametrize(
@@ -516,10 +490,6 @@ def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_i
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
     with pytest.raises(ValueError, match="no band.*not identifiable"):
         learned.simulate_band(flight.inputs[:20])
-    with pytest.raises(ValueError, match="level must"):
-        learned.simulate_band(flight.inputs[:20], level=2)
-    with pytest.raises(ValueError, match="inputs must"), pytest.warns(UserWarning):
-        learned.simulate(flight.inputs[:20, :3])
 
 
 def test_without_physical_parameters_it_is_refused_with_the_reason():

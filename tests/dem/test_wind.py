@@ -1,21 +1,18 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
-import lzma
 from concurrent.futures import Executor, ThreadPoolExecutor
-from functools import cache
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from recorded_flights import shared
 from scipy.stats import binom
 from simulated import simulated
 from test_model import joint
 from test_physical import flown as steered
 from test_physical import settled
 
-from mavdem import Flight, OnlineLearner, Settings, read_flight
+from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem import Physical, physical
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.gusts import gusts, shortest_gust
@@ -272,11 +269,6 @@ def test_a_motors_step_is_no_wind():
     assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
 
 
-@cache
-def hover_of(name: str, seed: int) -> tuple[Flight, dict[str, np.ndarray]]:
-    return settled(load(name).model_copy(update={"duration": 35.0, "seed": seed}), 2200)
-
-
 @pytest.mark.slow
 def test_the_size_is_known_as_well_as_the_interval_says():
     """Simulated flights by their own parameters: the truth is in nine of ten intervals, by what so few can tell."""
@@ -284,7 +276,8 @@ def test_the_size_is_known_as_well_as_the_interval_says():
     for seed, name in product(
         (11, 12), ("hover_blower", "iris_dryden", "crazyflie_gusts", "iris_doublets")
     ):
-        flight, known = hover_of(name, seed)
+        plan = load(name).model_copy(update={"duration": 35.0, "seed": seed})
+        flight, known = settled(plan, 2200)
         found = wind(physical(flight), Record.of(flight))
         sd = known["roll_disturbance"].std()
         mean = known["roll_disturbance"].mean()
@@ -293,24 +286,6 @@ def test_the_size_is_known_as_well_as_the_interval_says():
             abs(found.mean - mean) < found.mean_band,
         ]
     assert np.sum(inside) >= binom.ppf(1e-3, len(inside), 0.9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["hover_blower", "iris_dryden", "crazyflie_gusts"])
-def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
-    """Settled hover of ``sitl_scenarios`` in its wind."""
-    flight, known = hover_of(name, 11)
-    torque = known["roll_disturbance"]
-    damping = -float(known["roll_A"][1, 1])
-    components = ((FIRST_ORDER, torque.std(), 0.15),)
-    parameters = Parameters(
-        known["roll_B"][1], damping, float(known["lag"][0]), components=components
-    )
-    found = wind(parameters, Record.of(flight))
-    assert np.corrcoef(found.torque, torque)[0, 1] > 0.9
-    assert found.sd == pytest.approx(torque.std(), rel=0.2)
-    assert found.mean == pytest.approx(torque.mean(), rel=0.1, abs=0.05)
-    assert found.resolved
 
 
 WINDY = simulated(samples=3000, wind=2.0, lag=0.05)
@@ -401,23 +376,6 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
     assert np.isnan(followed(online, memory, steering[:20], steering.time[-1])).all()
     assert np.isfinite(followed(online, memory, steering[20:200])[BEGINS + 1 :]).all()
-
-
-@pytest.mark.slow
-def test_the_band_holds_what_a_recorded_hover_without_wind_has(tmp_path):
-    """ArduCopter in its simulator: at PWM 1574 its code gives 16.0 °/s² per µs and a damping of 2.05 1/s at most."""
-    with lzma.open(shared("sitl_live/a2.tlog.xz")) as file:
-        (tmp_path / "a2.tlog").write_bytes(file.read(1_200_000))
-    known = physical((flight := read_flight(tmp_path / "a2.tlog"))[-1500:])
-    mean, half = known.mean_effect()
-    assert (
-        abs(mean - np.radians(16.0)) < half and abs(known.damping - 2.05) < known.interval().damping
-    )
-    torque, band = followed(*online_wind(prior=known), flight[-4000:])[round(10 / DT) :].T
-    assert (
-        np.mean(np.abs(torque) <= band) > 0.85
-        and not gusts(torque, band, record_of(len(torque))).found
-    )
 
 
 def test_a_fit_that_fails_leaves_the_last_one():
