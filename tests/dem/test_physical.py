@@ -23,6 +23,7 @@ from mavdem.dem.graybox.likelihood import (
     Parameters,
     delayed,
     followed,
+    plant,
     smooth,
 )
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
@@ -80,6 +81,12 @@ def flown(
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 
+def root_of(covariance: np.ndarray) -> np.ndarray:
+    """The symmetric root: the signs of single eigenvectors differ between processors, and the noise with them."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
+
+
 def settled(plan: Scenario, samples: int) -> tuple[Flight, dict[str, np.ndarray]]:
     """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
     motion = fly(plan)
@@ -114,24 +121,12 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     theta = model.prior[0].copy()
     theta[0], theta[2] = np.log(3.0), np.log(1.5)
     transition, _, _ = model.filters(theta[None], DT)
-    n = transition.state.shape[-1]
-    A = np.zeros((n, n))
-    drive = np.zeros((n, n))
-    A[0, 0], A[0, 1], A[1, 1], start = -model.damping(theta), 1.0, -1 / model.lag(theta, DT), 2
-    for each, size, time in zip(wind, model.sizes(theta), model.times(theta), strict=True):
-        of = slice(start, start + len(each.A))
-        A[of, of] = each.A / time
-        drive[of, of] = each.drive / time
-        A[0, of] = each.C * size
-        start = of.stop
-    stationary = solve_continuous_lyapunov(A, -drive)
-    process = stationary - transition.state[0] @ stationary @ transition.state[0].T
-    values, vectors = np.linalg.eigh(process)
-    # The symmetric root: the signs of single eigenvectors differ between processors, and the noise with them.
-    root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
+    components = list(zip(wind, model.sizes(theta), model.times(theta), strict=True))
+    true = plant(model.damping(theta), model.lag(theta, DT), components, DT)
+    root = root_of(true.process)
     inputs = rng.standard_normal((samples, 1))
     before, after = delayed(3.0 * inputs, theta[model.motors + 3] / DT)
-    state = np.zeros(n)
+    state = np.zeros(len(root))
     rates = np.zeros(samples)
     for k in range(samples - 1):
         # The constant acceleration is the second input of the transition.
@@ -139,7 +134,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
             after[k, 0],
             0.7,
         ]
-        state = transition.state[0] @ state + known + root @ rng.standard_normal(n)
+        state = true.step.state @ state + known + root @ rng.standard_normal(len(root))
         rates[k + 1] = state[0]
     measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
     errors, variance = model.innovations(

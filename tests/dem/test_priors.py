@@ -115,7 +115,7 @@ def test_unknown_inputs_are_estimated():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6)])
+@pytest.mark.parametrize(("p", "d"), [(0, 6), (6, 0)])
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(

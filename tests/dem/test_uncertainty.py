@@ -10,10 +10,8 @@ from mavdem.confidence import half_width, quantile, require_probability
 
 
 @pytest.mark.slow
-def test_intervals_hold_parameters_where_the_assumptions_hold(monkeypatch):
-    monkeypatch.setattr(calibration, "SYSTEMS", 60)
-    coverage = calibration.coverage(18.0, 2.0, 150, 0.1)
-    assert 0.85 <= coverage <= 0.95
+def test_intervals_hold_parameters_where_the_assumptions_hold():
+    assert 0.85 <= calibration.coverage() <= 0.95
 
 
 def test_of_two_motors_that_always_agree_each_has_half_of_what_they_do_together():

@@ -146,14 +146,11 @@ def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_la
     for smooth in (False, True):
         expected = plain.infer(samples[-LAGS:], ahead, smooth)
         got = found.infer(more[-LAGS:], wider, smooth)
-        assert np.isfinite(got.mean).all()
         # The prior is of other coefficients, so that the posterior is not quite the same.
         np.testing.assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
         np.testing.assert_allclose(got.variance, expected.variance, rtol=0.02)
-    # Motors that contradict what they always did.
-    odd = wider + np.random.default_rng(4).standard_normal(wider.shape)
-    for smooth in (False, True):
-        assert np.isfinite(found.infer(more[-LAGS:], odd, smooth).mean).all()
+        # Motors that contradict what they always did.
+        assert np.isfinite(found.infer(more[-LAGS:], wider[::-1] * wider, smooth).mean).all()
 
 
 def test_what_overflows_is_the_training_mean_with_infinite_variance():

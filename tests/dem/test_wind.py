@@ -10,7 +10,7 @@ from scipy.stats import binom
 from simulated import simulated
 from test_model import joint
 from test_physical import flown as steered
-from test_physical import settled
+from test_physical import root_of, settled
 
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem import Physical, physical
@@ -49,11 +49,6 @@ class Parameters(NamedTuple):
     components: tuple[tuple[Coloured, float, float], ...] = TURBULENCE
     noise: float = 0.004
     refinements: dict[str, float] = {}
-
-
-def root_of(covariance: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
 def flown(

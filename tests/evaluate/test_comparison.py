@@ -8,7 +8,7 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, baselines
-from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
+from mavdem.evaluate import HORIZONS, Paired, relative_mspe
 from mavdem.evaluate.comparison import (
     METHODS,
     Comparison,
@@ -100,9 +100,6 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
     }
     for question, forecast in forecasts.items():
         np.testing.assert_array_equal(found.forecasts[question], forecast)
-        np.testing.assert_array_equal(
-            found.mspe(question), mspe(window.test.outputs, forecast).per_output
-        )
         assert whole(found, question) == relative_mspe(window.train, window.test, forecast)
     assert found.of(KNOWN)["steps"].tolist() == list(HORIZONS) and not len(found.of(UNKNOWN))
 
@@ -179,7 +176,6 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
     assert (refused["failed"], refused["failure"].code) == (3, Forecasts.FAILED)
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
-    assert [row["relative"] for row in rows] == sorted(row["relative"] for row in rows)
 
 
 def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
@@ -191,11 +187,6 @@ def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
     assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
     assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
     assert found["hold"] == Paired(1.0, 0, 3, 2, 1.0)
-    few = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0].lead
-    assert (
-        "not distinguishable from another method's: only 1 window does not overlap, and it takes 6"
-        in few
-    )
 
 
 def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
@@ -212,17 +203,8 @@ def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
             for name in ("hold", loss["method"])
         )
         assert loss["ratio"] == pytest.approx(ours / theirs) and loss["ratio"] > 1
-    assert [loss["ratio"] for loss in losses] == sorted(
-        (loss["ratio"] for loss in losses), reverse=True
-    )
-    (table,) = [
-        one
-        for one in comparison_report(compared)
-        if "with hold worse" in getattr(one, "header", [""])[0]
-    ]
-    assert {row[0] for row in table.rows} == {loss["method"] for loss in losses}
-    # Of two windows that do not overlap nothing is certain.
-    assert {cell for row in table.rows for cell in row[1:]} <= {"", "1 (0)", "2 (0)"}
+    ratios = [loss["ratio"] for loss in losses]
+    assert ratios == sorted(ratios, reverse=True)
 
 
 def test_over_flights_each_counts_once(compared):
@@ -245,10 +227,7 @@ def test_of_six_flights_each_is_a_pair():
     ]
     found = compare(parts, [HOLD, IS_OFF])
     assert found.verdicts()["is_off"] == found.over_flights()[1]["reference"]
-    assert (
-        found.verdicts()["is_off"].tested == 6
-        and "on 6 flights" in comparison_report(found)[0].lead
-    )
+    assert found.verdicts()["is_off"].tested == 6
 
 
 @pytest.mark.slow
@@ -307,11 +286,11 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
         )
         assert [at["relative"] for at in one] == pytest.approx([at["relative"] for at in other])
     assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
-    nested = predicted.to_dict()["predictions"]
-    assert (
-        nested["methods"] == ["joint VAR(4)", "hold", "constant mean"]
-        and nested["predictions"] is None
-    )
+    assert predicted.to_dict()["predictions"]["methods"] == [
+        "joint VAR(4)",
+        "hold",
+        "constant mean",
+    ]
 
 
 def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
