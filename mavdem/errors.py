@@ -4,39 +4,22 @@ from __future__ import annotations
 
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
-from mavdem.facts.prose import Prose, prose
-
-REMEDIES = [
-    "attach",
-    "check",
-    "convert",
-    "cut",
-    "delete",
-    "fetch",
-    "give",
-    "install",
-    "make",
-    "move",
-    "name",
-    "save",
-]
-"""Words that begin what to do; transitional, until each refusal is a fact of its own."""
 
 
 class Refusal(ValueError):
-    """What cannot be done, and why: a fact, whose sentence and remedy are the message."""
+    """What cannot be done, and why: a ``fact``, whose sentence and remedy are the message."""
 
-    def __init__(self, fact: Fact | str, remedy: str = "") -> None:
-        super().__init__(fact, remedy)
-        self.fact = prose(fact, remedy) if isinstance(fact, str) else fact
+    def __init__(self, fact: Fact) -> None:
+        super().__init__(fact)
+        self.fact = fact
 
     def __str__(self) -> str:
-        return f"{self.fact} {self.fact.remedy}".strip()
+        return self.fact.advised
 
     @property
     def reason(self) -> str:
         """The sentence: what is wrong, with the figures."""
-        return str(self.fact)
+        return self.fact.sentence
 
     @property
     def remedy(self) -> str:
@@ -46,17 +29,6 @@ class Refusal(ValueError):
 
 class Unreadable(Refusal):
     """A source that cannot be opened, or that holds nothing which can be read."""
-
-    def __init__(self, fact: Fact | str, remedy: str = "") -> None:
-        if isinstance(fact, str):
-            advice = fact.rpartition(": ")[2]
-            remedy = remedy or (
-                advice[:1].upper() + advice[1:] if advice.split(" ")[0] in REMEDIES else ""
-            )
-        super().__init__(fact, remedy)
-
-    def __str__(self) -> str:
-        return self.reason if self.fact.code is Prose.PROSE else super().__str__()
 
 
 class NotLearnable(Refusal):

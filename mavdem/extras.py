@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from enum import auto
 from importlib.util import find_spec
 
-from mavdem.facts import Code, Fact
+from mavdem.facts import Fact
+from mavdem.facts.sources import Package
 
 EXTRAS = {
     "control": ("control",),
@@ -18,12 +18,6 @@ EXTRAS = {
     "xarray": ("xarray",),
 }
 """Modules by the name of the extra."""
-
-
-class Package(Code):
-    """What the installation lacks."""
-
-    EXTRA_MISSING = auto()
 
 
 class MissingExtra(ImportError):

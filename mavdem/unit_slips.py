@@ -2,30 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum, auto
 from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.facts import Code, Fact, Level
-
-
-class Arrays(Code):
-    """What is wrong with arrays that a flight is made of."""
-
-    UNIT_SLIP = auto()
-
-
-class Slip(StrEnum):
-    """What seems to be in another unit than rad, rad/s and s."""
-
-    ANGLE_IN_DEGREES = auto()
-    RATE_IN_DEGREES = auto()
-    BOTH_IN_DEGREES = auto()
-    TIME_IN_MILLISECONDS = auto()
-    TIME_IN_MICROSECONDS = auto()
-
+from mavdem.facts import Fact, Level
+from mavdem.facts.sources import Arrays, Slip
 
 SLIPS = {
     1.0: Slip.BOTH_IN_DEGREES,

@@ -3,12 +3,12 @@
 from types import SimpleNamespace
 
 import numpy as np
+from refusals import prose
 
 from mavdem.analysis.figures import LogAnalysis
 from mavdem.condition.condition import HoverFigures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
-from mavdem.facts.prose import prose
 
 MOTORS = (
     "motor 1 (front right)",

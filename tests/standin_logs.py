@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from refusals import prose
+
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
@@ -49,7 +51,7 @@ def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
     if "where" in name:
         return [FlightRow(file=str(path), status=f"{spare_cores()} {tempfile.gettempdir()}")], {}
     if "damaged" in name:
-        raise Unreadable(f"{path} is damaged.")
+        raise Unreadable(prose(f"{path} is damaged."))
     axes = ("roll", "pitch")
     return [
         FlightRow(file=str(path), vehicle=f"quad {size % 7}", axis=axis, tier="a") for axis in axes

@@ -8,33 +8,33 @@ import pytest
 
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
-from mavdem.facts.prose import Prose
+from mavdem.facts.forecasts import Forecasts
 from mavdem.report.words import advised, sentence, words
 
 
 def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
     fact = Fact(
-        Prose.PROSE,
+        Forecasts.FAILED,
         Level.WATCH,
         time=np.float64(3.5),
         subject="motor 2",
+        error="",
         text="It rings.",
-        remedy="",
         rate=np.float64(4),
     )
     assert (fact.code, fact.level, fact.time, fact.subject) == (
-        Prose.PROSE,
+        Forecasts.FAILED,
         "watch",
         3.5,
         "motor 2",
     )
-    assert dict(fact.figures) == {"text": "It rings.", "remedy": "", "rate": 4.0}
+    assert dict(fact.figures) == {"error": "", "text": "It rings.", "rate": 4.0}
     assert fact.units["rate"] == "Hz"
     assert type(fact.figures["rate"]) is type(fact.time) is float
 
 
 def test_a_fact_does_not_change_and_can_be_compared_hashed_and_sent():
-    fact = Fact(Prose.PROSE, text="It rings.", remedy="", names=["a", "b"])
+    fact = Fact(Forecasts.FAILED, error="", text="It rings.", names=["a", "b"])
     with pytest.raises(FrozenInstanceError):
         fact.level = Level.BAD
     with pytest.raises(TypeError):
@@ -43,11 +43,11 @@ def test_a_fact_does_not_change_and_can_be_compared_hashed_and_sent():
     assert hash(fact.but(Level.BAD)) != hash(fact)
     assert fact.but(text="It hums.").figures["text"] == "It hums."
     with pytest.raises(ValueError, match="colour"):
-        Fact(Prose.PROSE, colour=3)
+        Fact(Forecasts.FAILED, colour=3)
 
 
 def test_words_are_those_of_the_table_and_errors_say_them():
-    fact = Fact(Prose.PROSE, text="Too slow.", remedy="Log faster.")
+    fact = Fact(Forecasts.FAILED, error="", text="Too slow.", remedy="Log faster.")
     assert words(fact) == ("Too slow.", "Log faster.")
     assert sentence(fact) == str(fact) == "Too slow."
     assert advised(fact) == str(NotLearnable(fact)) == "Too slow. Log faster."

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import mavdem.facts
-import mavdem.ingest.codes
+import mavdem.facts.sources
 import mavdem.unit_slips
 from mavdem.facts import Code
 from mavdem.report.words import table

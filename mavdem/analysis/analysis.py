@@ -27,7 +27,7 @@ from mavdem.condition.inventory import identity_of, tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES, checked
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, fact_of
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.paired_test import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
@@ -35,7 +35,6 @@ from mavdem.evaluate.window import Length, TooFewSamples, no_test_window, part_s
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.forecasts import Forecasts, TestResult
-from mavdem.facts.prose import prose
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.ingest import Log
@@ -248,8 +247,7 @@ def _trained(
         with progress("Learning", measured=False):
             return how(flights, settings)
     except ValueError as error:
-        because = error.fact if isinstance(error, NotLearnable) else prose(str(error))
-        raise NotLearnable(Fact(NoModel.NOT_LEARNED, because=because)) from error
+        raise NotLearnable(Fact(NoModel.NOT_LEARNED, because=fact_of(error))) from error
 
 
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:

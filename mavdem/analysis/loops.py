@@ -17,7 +17,7 @@ def loops_of_log(signals: Signals, log: Log, start: float = 0.0) -> Loop:
     """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none."""
     segments, verdict = usable_segments(signals, log.components)
     if not segments:
-        raise NotLearnable(verdict.reason, verdict.remedy)
+        raise NotLearnable(verdict.reason)
     flights = flown_after(segments, start)
     plant = physical(flights)
     if isinstance(plant, NotIdentifiable):

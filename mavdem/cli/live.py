@@ -32,6 +32,8 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import lacking, require
+from mavdem.facts import Fact
+from mavdem.facts.session import Session
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
@@ -85,7 +87,7 @@ class Dashboard:
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
-            raise Unreadable(f"The dashboard cannot be opened: {error}.") from None
+            raise Unreadable(Fact(Session.DASHBOARD_NOT_OPENED, because=str(error))) from None
         if not sinks:
             self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
             return

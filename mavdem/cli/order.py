@@ -27,7 +27,9 @@ from mavdem.dem.order_choice import (
     orders_of,
 )
 from mavdem.dem.parallel import parallel_map
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, fact_of
+from mavdem.facts import Fact
+from mavdem.facts.command import Source
 from mavdem.flight import Flight
 from mavdem.report.comparison import order_advice, order_report
 from mavdem.report.page import order_page
@@ -84,8 +86,8 @@ def order_command(
     def with_as_many_inputs(_: str, flight: Flight) -> Flight:
         channels.append(flight.inputs.shape[1])
         if channels[-1] != channels[0]:
-            reason = f"It has {channels.pop()} inputs, and the flights before it {channels[0]}."
-            raise NotLearnable(reason, "Find its order by itself.")
+            other = channels.pop()
+            raise NotLearnable(Fact(Source.AS_MANY_INPUTS_NEEDED, count=other, needed=channels[0]))
         return flight
 
     flights, refused = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
@@ -98,10 +100,7 @@ def order_command(
     with progress(title) as done, closing(parallel_map(work, flights.values())) as coming:
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
             if isinstance(result, ValueError):
-                why = NotLearnable(
-                    f"{str(result).capitalize()}.",
-                    "Record a longer flight, or one with more motion.",
-                )
+                why = NotLearnable(Fact(Source.NO_ORDER_OF_FLIGHT, because=fact_of(result)))
                 refused.append(Refused(name, named[name], why))
             else:
                 found[name] = result

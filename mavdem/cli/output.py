@@ -25,7 +25,6 @@ from rich.table import Table as Grid
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
-from mavdem.facts.prose import Prose
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Sentence, Table
 
@@ -155,10 +154,7 @@ def _grid(table: Table, width: int) -> Grid:
 
 def complain(fact: Fact, as_json: bool) -> None:
     """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
-    sentence = fact.sentence
-    is_said = fact.code is Prose.PROSE and sentence.lower().endswith(fact.remedy.lower())
-    said = sentence if is_said else f"{sentence} {fact.remedy}".strip()
-    say_aside(_one_line(f"mavdem: {said}"))
+    say_aside(_one_line(f"mavdem: {fact.advised}"))
     if as_json:
         print_json({"error": {"reason": fact, "remedy": fact.remedy, "fact": fact}})
 

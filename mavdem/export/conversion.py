@@ -26,6 +26,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.extras import require
+from mavdem.facts import Fact
+from mavdem.facts.command import Place
+from mavdem.facts.model import Plant
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
@@ -227,13 +230,9 @@ def _plants(learned: Learned, names: dict[str, Any]) -> tuple[list[control.State
     count = len(names["outputs"])
     if physical is None or physical.caution is not None:
         reason = learned.physical_reason if physical is None else physical.caution
-        remedy = "Fly quick small movements on this axis (docs/manoeuvres.md); model='dem' is DEM's model."
-        raise NotLearnable(f"There is no physical plant. {reason}", remedy)
+        raise NotLearnable(Fact(Plant.NO_PLANT, because=reason))
     if count > 2:
-        raise NotLearnable(
-            f"The plant has an angle and its rate, and this model {count} outputs.",
-            "Take model='dem'.",
-        )
+        raise NotLearnable(Fact(Plant.TOO_MANY_OUTPUTS, count=count))
     if doubtful := [
         f"{name} {status}" for name, status in physical.status.items() if status != "reported"
     ]:
@@ -309,9 +308,8 @@ def convert(
         else:
             written = _convert_stream(source, out, progress)
     except OSError as error:
-        raise Unreadable(
-            f"{out} cannot be written ({error.strerror or error}): name another file."
-        ) from None
+        because = error.strerror or str(error)
+        raise Unreadable(Fact(Place.FILE_FAILED, path=str(out), because=because)) from None
     return {"source": str(source), "out": str(out), **written}
 
 

@@ -24,6 +24,8 @@ class Source(Code):
     STANDARD_INPUT_IS_NO_LOG = auto()
     LINK_IS_NO_LOG = auto()
     NO_FLIGHT_IS_LEFT = auto()
+    AS_MANY_INPUTS_NEEDED = auto()
+    NO_ORDER_OF_FLIGHT = auto()
 
 
 class End(Code):

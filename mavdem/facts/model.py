@@ -89,3 +89,10 @@ class Workers(Code):
 
     WORKER_DIED = auto()
     SCRIPT_IMPORTED_BY_WORKER = auto()
+
+
+class Plant(Code):
+    """Why a model has no plant for other programs."""
+
+    NO_PLANT = auto()
+    TOO_MANY_OUTPUTS = auto()

@@ -120,6 +120,8 @@ class Session(Code):
     PROCESS_FAILED = auto()
     NOT_LEARNED_IN_TIME = auto()
     DISPLAY_FAILED = auto()
+    ROW_NOT_DRAWN = auto()
+    DASHBOARD_NOT_OPENED = auto()
     COMPUTER_BEHIND = auto()
     COMPUTER_KEEPS_UP = auto()
     ESTIMATES_LATE = auto()

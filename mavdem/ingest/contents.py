@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Source
+from mavdem.facts.sources import Source
 
 LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
 MIN_MAPPED_BYTES = 64 << 20

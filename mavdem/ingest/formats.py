@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Source
+from mavdem.facts.sources import Source
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
 from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Source
+from mavdem.facts.sources import Source
 
 
 class ChannelBasis(StrEnum):

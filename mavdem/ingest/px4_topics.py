@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Repair
+from mavdem.facts.sources import Repair
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, repair, selected

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts import Fact, Level
-from mavdem.ingest.codes import Flaw, Repair
+from mavdem.facts.sources import Flaw, Repair
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]

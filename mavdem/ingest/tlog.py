@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Repair, Source
+from mavdem.facts.sources import Repair, Source
 from mavdem.ingest.contents import mapped_bytes, require_whole
 from mavdem.ingest.mavlink.clocks import BATCH, Places, Times, far_off, without
 from mavdem.ingest.mavlink.definitions import seeds

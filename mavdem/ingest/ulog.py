@@ -26,7 +26,7 @@ from scipy.ndimage import median_filter
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress

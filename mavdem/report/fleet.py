@@ -8,7 +8,6 @@ from pathlib import PurePath
 
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
-from mavdem.facts.prose import Prose
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import Flights
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
@@ -185,7 +184,7 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
 
 def _reason(row: FlightRow) -> str:
     """By what rows of logs that could not be used are grouped: the code, or else the text."""
-    return row.status if row.status_code in (None, Prose.PROSE) else row.status_code or ""
+    return row.status_code or row.status
 
 
 def cut(text: str, longest: int) -> str:

@@ -24,7 +24,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts.identifiability import Status
-from mavdem.facts.prose import prose
 from mavdem.flight import Flight
 from mavdem.report.blocks import (
     Block,
@@ -313,7 +312,7 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     if physical is None:
         return []
     says = str if doubted else advised
-    reasons = {name: says(prose(reason)) for name, reason in physical.reasons.items() if reason}
+    reasons = {name: says(reason) for name, reason in physical.reasons.items() if reason}
     status = Status(physical.status["effect"])
     if status is not Status.REPORTED and set(map(Status, physical.status.values())) == {status}:
         # What is wrong with the effectiveness is enough to know.

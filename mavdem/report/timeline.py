@@ -18,7 +18,8 @@ from mavdem.analysis.findings import known_wind
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.dem.engine.linalg import Array
-from mavdem.facts.prose import prose
+from mavdem.facts import Fact
+from mavdem.facts.vehicle import Flown
 from mavdem.live.history import AHEAD, Event, LiveHistory
 from mavdem.live.stream import announced
 from mavdem.report import palette
@@ -160,12 +161,10 @@ def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> 
     alarms = [alarm for alarm in analysis.alarms if alarm.boot == boot]
     ends_of_modes = zip(changes, [*changes[1:], (span[1], "")], strict=False)
     modes = [(max(at, span[0]), min(end, span[1]), name) for (at, name), (end, _) in ends_of_modes]
-    said = [Event(at, prose(f"{name} mode.")) for at, name in changes]
-    said += [
-        Event(edge, prose(word))
-        for part in armed
-        for edge, word in zip(part, ("Armed.", "Disarmed."), strict=True)
-    ]
+    said = [Event(at, Fact(Flown.MODE_ENTERED, time=at, name=name)) for at, name in changes]
+    for since, until in armed:
+        said.append(Event(since, Fact(Flown.ARMED, time=since)))
+        said.append(Event(until, Fact(Flown.DISARMED, time=until)))
     said += [Event(alarm.since, announced(alarm)) for alarm in alarms]
     events = sorted(
         (one for one in said if span[0] <= one.seconds <= span[1]), key=lambda one: one.seconds

@@ -20,8 +20,8 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
-from mavdem.facts import Level
-from mavdem.facts.prose import prose
+from mavdem.facts import Fact, Level
+from mavdem.facts.session import Session
 from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
 from mavdem.live.wind import WindRow
@@ -104,7 +104,7 @@ class SinkThread(threading.Thread):
         except (
             Exception
         ) as error:  # a row that cannot be drawn ends neither the view nor the flight
-            fact = prose(f"not drawn: {error}").but(Level.BAD)
+            fact = Fact(Session.ROW_NOT_DRAWN, Level.BAD, because=str(error))
             self.put(Event(self._last.time if self._last else 0.0, fact))
 
     def _open(self) -> None:

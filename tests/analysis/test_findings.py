@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from made_up_analysis import HOVER, analysis, held_out, model, physical
+from refusals import prose
 
 from mavdem import Flight
 from mavdem.analysis.findings import Finding, disown_torque, findings_of, next_step, warnings_of
@@ -27,7 +28,6 @@ from mavdem.facts.assessment import (
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import InFlight
-from mavdem.facts.prose import prose
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.report.screen import parameter_reasons
 

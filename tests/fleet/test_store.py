@@ -243,7 +243,7 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     assert track(out, tmp_path / "logs").read == 2 and track(out, tmp_path / "logs").read == 0
     assert {Path(row.file).name: row.status_code for row in read_rows(out)} == {
         "bug_0.bin": Reading.READING_FAILED,
-        "damaged_0.bin": "prose",
+        "damaged_0.bin": "failed",
     }
     monkeypatch.setattr(store.metadata, "version", lambda name: "99.0")
     assert track(out, tmp_path / "logs").read == 1

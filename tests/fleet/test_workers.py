@@ -21,6 +21,7 @@ import distributed
 import pytest
 from distributed import LocalCluster
 from recorded_flights import LOGS
+from refusals import prose
 from standin_logs import LIMITS, READ, InThisProcess, make_logs, seen_by, table_of, track
 
 from mavdem.errors import Unreadable
@@ -35,7 +36,7 @@ from mavdem.fleet.workers import Job, LogRows, WorkerPool, outcome_of
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     (path,) = make_logs(tmp_path, 1)
-    memory = Unreadable("It does not fit.")
+    memory = Unreadable(prose("It does not fit."))
     memory.__context__ = MemoryError()
 
     def failing(error: Exception) -> Any:
@@ -52,7 +53,7 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     )
     assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"
     damaged = outcome_of(
-        Job(str(path)), failing(Unreadable(f"{path} is damaged, and {path} is cut."))
+        Job(str(path)), failing(Unreadable(prose(f"{path} is damaged, and {path} is cut.")))
     )
     assert (damaged.ended, damaged.rows[0].status) == ("read", "It is damaged, and the log is cut.")
     assert (damaged.rows[0].file, damaged.rows[0].key) == (str(path), found.key)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mavdem.ingest.codes import Repair
+from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock, far_off
 
 WRAP_US = 2.0**32 / 1e6

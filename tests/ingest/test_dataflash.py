@@ -16,8 +16,8 @@ from mavdem.alignment.signals import Signals, setpoints
 from mavdem.condition.inventory import autopilot_alarms, inventory
 from mavdem.errors import Unreadable
 from mavdem.facts import Code
+from mavdem.facts.sources import Repair
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.codes import Repair
 from mavdem.ingest.dataflash.binary import (
     FIELD_TYPES,
     MAX_DEFINITIONS,

@@ -11,8 +11,8 @@ from pyulog import ULog
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
+from mavdem.facts.sources import Repair, Source
 from mavdem.ingest import read_log
-from mavdem.ingest.codes import Repair, Source
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
 

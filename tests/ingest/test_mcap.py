@@ -18,8 +18,8 @@ from ros2_files import TIMES as SHORT
 from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
 
 from mavdem.errors import Unreadable
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
 from mavdem.ingest.mcap.records import MAGIC, McapRecording

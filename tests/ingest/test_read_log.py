@@ -21,10 +21,10 @@ from ros2_files import Ros2Recorder, px4_flight
 from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import atomic_write
 from mavdem.ingest import Log, read_log
 from mavdem.ingest import contents as files
-from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mcap.records import write_mcap

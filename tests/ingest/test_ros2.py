@@ -30,8 +30,8 @@ from mavdem.alignment import signals
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import NotLearnable
 from mavdem.extras import MissingExtra
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
-from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.mcap.log import mcap_stream
 from mavdem.ingest.ros2.messages import rewritten
 from mavdem.ingest.telemetry import Telemetry

@@ -31,9 +31,9 @@ from ulog_files import (
 
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
-from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
 
 

@@ -22,11 +22,11 @@ import psutil
 import pytest
 import rerun as rr
 from numpy.typing import NDArray
+from refusals import prose
 from rerun_file import chunks, views
 
 from mavdem.dem import Estimate, LinearModel
 from mavdem.facts import Level
-from mavdem.facts.prose import prose
 from mavdem.facts.session import Session
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
@@ -215,7 +215,10 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
 
 
 def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording):
-    assert [text for text in texts(recording) if "unusual" not in text] == ["attached", "link lost"]
+    assert [text for text in texts(recording) if "unusual" not in text] == [
+        "attached.",
+        "link lost.",
+    ]
     document = texts(recording, "TextDocument:text")[-1]
     for fact in (
         CHANNELS.title,

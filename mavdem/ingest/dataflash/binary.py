@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Flaw, Repair
+from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import joined, repair, selected
 

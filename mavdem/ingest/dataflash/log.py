@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
 from mavdem.ingest.dataflash import binary
 from mavdem.ingest.dataflash.binary import (

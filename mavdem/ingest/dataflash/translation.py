@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Repair
+from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.telemetry import Array, Columns, joined, repair, rows_by, selected
 from mavdem.ingest.vocabulary import (

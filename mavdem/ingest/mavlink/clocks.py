@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Repair
+from mavdem.facts.sources import Repair
 from mavdem.ingest.telemetry import repair
 
 Times = NDArray[np.float64]

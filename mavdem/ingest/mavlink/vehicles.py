@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Flaw, Repair
+from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.contents import require_whole
 from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock
 from mavdem.ingest.mavlink.definitions import (

@@ -34,7 +34,7 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.errors import Unreadable
 from mavdem.extras import require
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off
 from mavdem.ingest.mavlink.definitions import (

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
-from mavdem.ingest.codes import Repair
+from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_RATIO, require_whole
 from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions
 from mavdem.ingest.mavlink.framing import GOOD, Bytes, Progress, no_progress

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import px4_topics
-from mavdem.ingest.codes import Flaw, Repair, Source
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress, no_progress

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum, auto
 
-from mavdem.facts import Code
+from mavdem.facts.fact import Code
 
 
 class Source(Code):
@@ -77,3 +77,25 @@ class Flaw(StrEnum):
     FAR_STAMP = auto()
     IMPOSSIBLE_STAMP = auto()
     NO_STAMP = auto()
+
+
+class Package(Code):
+    """What the installation lacks."""
+
+    EXTRA_MISSING = auto()
+
+
+class Arrays(Code):
+    """What is wrong with arrays that a flight is made of."""
+
+    UNIT_SLIP = auto()
+
+
+class Slip(StrEnum):
+    """What seems to be in another unit than rad, rad/s and s."""
+
+    ANGLE_IN_DEGREES = auto()
+    RATE_IN_DEGREES = auto()
+    BOTH_IN_DEGREES = auto()
+    TIME_IN_MILLISECONDS = auto()
+    TIME_IN_MICROSECONDS = auto()
