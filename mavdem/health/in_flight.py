@@ -30,6 +30,7 @@ from mavdem.alignment.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
+from mavdem.facts.session import Session
 from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import motor_signatures
 
@@ -412,3 +413,11 @@ class MotorWatch:
         )
         self.alarms.append(alarm)
         return alarm
+
+
+def announced(change: MotorAlarm) -> Fact:
+    """Returns the fact of a ``change``, as an alarm where a motor lost thrust."""
+    fact = change.fact
+    if fact.level is not Level.BAD:
+        return fact
+    return Fact(Session.ALARM, Level.BAD, time=fact.time, subject=fact.subject, because=fact)

@@ -1,7 +1,8 @@
 """Live: the offline path in small steps, from the bytes of a link to aligned rows, and a model learned from them."""
 
+from mavdem.facts.event import Event
 from mavdem.live.decisions import Setup
-from mavdem.live.history import Event, SessionStatus
+from mavdem.live.history import SessionStatus
 from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 

@@ -14,6 +14,7 @@ from mavdem.analysis.findings import Findings
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
+from mavdem.facts.event import Event
 from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.rows import STAMP_RESOLUTION_SECONDS
@@ -31,30 +32,6 @@ SETTLED_GAP = 1.0
 def horizons(dt: float) -> tuple[int, ...]:
     """Returns the horizons of a live session in steps of ``dt``, s."""
     return tuple(sorted({1, *(max(1, round(seconds / dt)) for seconds in HORIZONS)}))
-
-
-class Event(NamedTuple):
-    """What happened.
-
-    Attributes:
-        seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
-        fact: what it was; its time is that of its boot's clock.
-        since: when what a history's fact is about began, s of the same clock as ``seconds``; else NaN.
-    """
-
-    seconds: float
-    fact: Fact
-    since: float = nan
-
-    @property
-    def sentence(self) -> str:
-        """What happened, and what to do about it."""
-        return f"{self.fact} {self.fact.remedy}".strip()
-
-    @property
-    def is_alarm(self) -> bool:
-        """Whether it is bad."""
-        return self.fact.level is Level.BAD
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,12 @@ from mavdem.analysis.findings import Findings, findings_of
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, Refusal
 from mavdem.facts import Code, Fact, Level
+from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live.decisions import Setup, findings_on, judged
-from mavdem.live.history import Event, LiveHistory, SessionStatus, horizons
+from mavdem.live.history import LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import (
     MAX_TRIES,

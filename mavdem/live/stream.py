@@ -23,8 +23,9 @@ from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RA
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
 from mavdem.facts import Code, Fact, Level
-from mavdem.facts.session import Rows, Session, VehicleFact
-from mavdem.health.in_flight import MotorAlarm, MotorWatch
+from mavdem.facts.event import Event
+from mavdem.facts.session import Rows, VehicleFact
+from mavdem.health.in_flight import MotorAlarm, MotorWatch, announced
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
@@ -32,7 +33,7 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.decisions import InputChoice, Inputs, Phase, Setup
-from mavdem.live.history import Event, SessionStatus
+from mavdem.live.history import SessionStatus
 from mavdem.live.messages import (
     Frame,
     FrameReader,
@@ -466,11 +467,3 @@ class MotorAlarms:
         if obstacle is not None and obstacle.code not in self._reported:
             self._reported.add(obstacle.code)
             yield obstacle
-
-
-def announced(change: MotorAlarm) -> Fact:
-    """Returns the fact of a ``change``, as an alarm where a motor lost thrust."""
-    fact = change.fact
-    if fact.level is not Level.BAD:
-        return fact
-    return Fact(Session.ALARM, Level.BAD, time=fact.time, subject=fact.subject, because=fact)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import degrees, isfinite
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import LITTLE_HEADROOM, Findings, known_wind
@@ -15,8 +15,8 @@ from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST
 from mavdem.facts import Level
 from mavdem.facts.assessment import Purpose
+from mavdem.facts.event import Event
 from mavdem.health.in_flight import MotorAlarm
-from mavdem.live.history import Event, SessionStatus
 from mavdem.report.condition import wind_words
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import TORQUE, readable, rounded, short, with_unit
@@ -28,6 +28,9 @@ FEW_POINTS = 2_000
 """Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; of a small page."""
 MARGINS = {Level.GOOD: "enough", Level.WATCH: "perhaps too little", Level.BAD: "too little"}
 """What is said of the margins of a loop by the level of their rating."""
+
+if TYPE_CHECKING:
+    from mavdem.live.history import SessionStatus
 
 
 class KeyFigure(NamedTuple):

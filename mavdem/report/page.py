@@ -32,14 +32,11 @@ from mavdem.facts import Fact
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.session import Spent
 from mavdem.flight import Flight
-from mavdem.live import SessionStatus
-from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks, wind_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, live_figures
 from mavdem.report.labels import Labels
-from mavdem.report.live import live_report
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
@@ -62,6 +59,8 @@ from mavdem.report.words import advised, section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from mavdem.live.history import LiveHistory, SessionStatus
 
 
 class Picture(NamedTuple):
@@ -446,6 +445,9 @@ def live_page(
     """
     found = status.findings or findings_of(learned, alarms=status.alarms)
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import live_report
+
     report = live_report(history, status, account, axis, seconds)
     timeline = live_timeline(history, axis)
     figures = [*live_figures(status)]

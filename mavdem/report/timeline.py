@@ -6,7 +6,7 @@ from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import cycle
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,14 @@ from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact
+from mavdem.facts.event import Event
 from mavdem.facts.vehicle import Flown
-from mavdem.live.history import AHEAD, Event, LiveHistory
-from mavdem.live.stream import announced
+from mavdem.health.in_flight import announced
 from mavdem.report import palette
 from mavdem.report.numbers import TORQUE, named, readable
+
+if TYPE_CHECKING:
+    from mavdem.live.history import LiveHistory
 
 GAP_STEPS = 3.0  # usual steps of a line without a sample, beyond which it breaks
 AROUND = 5.0  # s shown before arming and after disarming
@@ -281,6 +284,9 @@ def _wind(air: Air | None, boot: int) -> Iterator[Row]:
 
 def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     """Returns the timeline of a live flight: what was measured, predicted and estimated as it flew."""
+    # Imported here: the timeline of a log needs nothing of live sessions.
+    from mavdem.live.history import AHEAD
+
     segments, time, measured, *others = history.rows.T
     if np.count_nonzero(np.isfinite(measured)) < 2:
         return None

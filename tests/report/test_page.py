@@ -20,10 +20,11 @@ from mavdem.condition.condition import Condition
 from mavdem.condition.inventory import Identity, Tier, inventory
 from mavdem.evaluate import held_out_test
 from mavdem.facts import Fact
+from mavdem.facts.event import Event
 from mavdem.facts.session import Rows, Spent, VehicleFact
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
-from mavdem.live.history import Event, LiveHistory
+from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.figures.series import still
 from mavdem.report.figures.style import band, picture
