@@ -25,8 +25,8 @@ PROSE = {
     "fleet": 43,
     "mavdem": 17,
 }
-"""Literals of words below `report` that say nothing of a flight: SQL, units, names of columns and of terms of F̄, titles of
-progress bars, what ``repr`` shows, and pydantic's own messages."""
+"""Literals of words below `report` that say nothing of a flight: SQL, units, names of columns and of terms of F̄, titles
+of progress bars, what ``repr`` shows, and pydantic's own messages."""
 BUGS = {
     "ValueError",
     "TypeError",
