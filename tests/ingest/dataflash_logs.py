@@ -121,3 +121,8 @@ def told() -> bytes:
             message("PARM", 1_000_000, "FRAME_CLASS", 1.0, 0.0),
         ]
     )
+
+
+def log(*pieces: bytes) -> bytes:
+    """A file of all formats, of what is told at its beginning, and then the pieces."""
+    return b"".join([formats(), told(), *pieces])

@@ -1,6 +1,5 @@
 """The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by outliers."""
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,23 +16,13 @@ WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3
 
 
-@dataclass(frozen=True)
-class Stamps:
-    """The stamps of one type: ``rows`` among the messages of the component, ``seconds``, and where they wrap."""
-
-    message: str
-    rows: NDArray[Any]
-    seconds: NDArray[Any]
-    period: float
-
-
-def clock(kinds: list[Stamps], received: NDArray[Any]) -> SimpleNamespace:
+def clock(sent: list[Sent], received: NDArray[Any]) -> SimpleNamespace:
     """``time`` and ``boot`` of all messages in the order they came; rows of no kind are messages without stamps."""
     unstamped = np.setdiff1d(
-        np.arange(len(received)), np.concatenate([kind.rows for kind in kinds])
+        np.arange(len(received)), np.concatenate([kind.places for kind in sent])
     )
-    sent = [Sent(kind.message, kind.rows, kind.seconds.copy, kind.period) for kind in kinds]
-    sent += [Sent("HEARTBEAT", unstamped)] if len(unstamped) else []
+    if len(unstamped):
+        sent = [*sent, Sent("HEARTBEAT", unstamped)]
     placed, repairs = boot_clock(sent, lambda places: received[places])
     time = np.empty(len(received))
     boot = np.empty(len(received), dtype=np.int64)
@@ -48,7 +37,7 @@ def clock_of(
     rows = np.arange(len(times))
     unknown = np.full(len(times), np.nan)
     return clock(
-        [Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received
+        [Sent("ATTITUDE", rows, times.copy, period)], unknown if received is None else received
     )
 
 
@@ -56,8 +45,8 @@ def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> SimpleNamespace:
     """ATTITUDE and SERVO_OUTPUT_RAW in turn, received as the clock runs."""
     rows = np.arange(len(times))
     stamps = [
-        Stamps("ATTITUDE", 2 * rows, times, WRAP_MS),
-        Stamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US),
+        Sent("ATTITUDE", 2 * rows, times.copy, WRAP_MS),
+        Sent("SERVO_OUTPUT_RAW", 2 * rows + 1, servo.copy, WRAP_US),
     ]
     return clock(stamps, np.full(2 * len(times), np.nan))
 
@@ -146,8 +135,8 @@ def test_unix_time_is_moved_to_the_boot_clock():
     times = np.linspace(50.0, 59.9, 100)
     rows = np.arange(100)
     stamps = [
-        Stamps("ATTITUDE", 2 * rows, times, WRAP_MS),
-        Stamps("GPS_RAW_INT", 2 * rows + 1, times + 1.6e9, np.inf),
+        Sent("ATTITUDE", 2 * rows, times.copy, WRAP_MS),
+        Sent("GPS_RAW_INT", 2 * rows + 1, (times + 1.6e9).copy, np.inf),
     ]
     made = clock(stamps, np.full(200, np.nan))
     assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
@@ -155,7 +144,7 @@ def test_unix_time_is_moved_to_the_boot_clock():
     assert moved.code is Repair.CLOCK_MOVED
     assert moved.figures["offset"] == pytest.approx(1.6e9, abs=0.2)
     # Messages without a clock take the last before them.
-    stamps = [Stamps("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
+    stamps = [Sent("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]).copy, WRAP_MS)]
     assert clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 
 
@@ -187,7 +176,7 @@ def test_stamps_that_the_receiver_contradicts_are_no_wraps(wrong, damaged):
     for first, columns in enumerate([(stamps, times), (times, stamps)]):
         sent = zip(("ATTITUDE", "GLOBAL_POSITION_INT"), columns, strict=True)
         kinds = [
-            Stamps(name, row + 2 * np.arange(600), values, WRAP_MS)
+            Sent(name, row + 2 * np.arange(600), values.copy, WRAP_MS)
             for row, (name, values) in enumerate(sent)
         ]
         made = clock(kinds, 1e9 + np.repeat(times, 2))

@@ -17,7 +17,7 @@ from mavdem.condition.inventory import autopilot_alarms, inventory
 from mavdem.errors import Unreadable
 from mavdem.facts import Code
 from mavdem.facts.sources import Repair
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import Log
 from mavdem.ingest.dataflash.binary import (
     FIELD_TYPES,
     MAX_DEFINITIONS,
@@ -144,8 +144,7 @@ def test_a_made_up_log(tmp_path):
     events = made.message("EV", 20_500_000, 10) + made.message("EV", 20_900_000, 28)
     landed = made.message("EV", 21_700_000, 18) + made.message("ARM", 21_800_000, 0, 0, 0, 1)
     landed += made.message("ERR", 21_900_000, 16, 2) + made.message("ERR", 21_950_000, 16, 0)
-    content = made.formats() + made.told() + b"".join(made.flight(TIMES[:50])) + events
-    content += b"".join(made.flight(TIMES[50:])) + landed
+    content = made.log(*made.flight(TIMES[:50]), events, *made.flight(TIMES[50:]), landed)
     log = log_of(content, tmp_path)
     (vehicle,) = log.vehicles
     assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (
@@ -168,12 +167,11 @@ def test_a_made_up_log(tmp_path):
 
 
 def test_a_log_that_begins_in_the_air_says_so(tmp_path):
-    content = made.formats() + made.told() + b"".join(made.flight(TIMES))
-    content += made.message("EV", 21_990_000, 18) + made.message("EV", 21_991_000, 11)
-    vehicle = vehicle_of(content, tmp_path)
+    landed = made.message("EV", 21_990_000, 18) + made.message("EV", 21_991_000, 11)
+    vehicle = vehicle_of(made.log(*made.flight(TIMES), landed), tmp_path)
     assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == [128, 128, 0]
     assert vehicle.messages["EXTENDED_SYS_STATE"]["landed_state"].tolist() == [2, 2, 1]
-    silent = vehicle_of(made.formats() + made.told() + b"".join(made.flight(TIMES)), tmp_path)
+    silent = vehicle_of(made.log(*made.flight(TIMES)), tmp_path)
     assert "HEARTBEAT" not in silent.messages and "EXTENDED_SYS_STATE" not in silent.messages
 
 
@@ -182,8 +180,7 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
     rows = made.flight([20 + 0.5 * row for row in range(20)])
     for row, stamp in ((13, 26_100_000), (5, 22_100_000)):
         rows.insert(row, made.message("EV", stamp, 28))
-    content = made.formats() + made.told() + b"".join(rows)
-    states = vehicle_of(content, tmp_path).messages["EXTENDED_SYS_STATE"]
+    states = vehicle_of(made.log(*rows), tmp_path).messages["EXTENDED_SYS_STATE"]
     told = dict(
         zip(np.floor(states["time"]).tolist(), states["landed_state"].tolist(), strict=False)
     )
@@ -215,48 +212,12 @@ def test_no_attitude_is_invented_between_slow_rates_nor_in_their_gaps(tmp_path):
 def test_a_reboot_within_a_file(tmp_path):
     first = [500 + 0.1 * row for row in range(50)]
     second = [3 + 0.1 * row for row in range(50)]
-    content = (
-        made.formats()
-        + made.told()
-        + b"".join(made.flight(first))
-        + made.formats()
-        + b"".join(made.flight(second))
-    )
+    content = made.log(*made.flight(first), made.formats(), *made.flight(second))
     vehicle = vehicle_of(content, tmp_path)
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "ACTUATOR_CONTROL_TARGET"):
         assert vehicle.messages[name]["boot"].tolist() == [0] * 50 + [1] * 50
         assert np.allclose(vehicle.messages[name]["time"], first + second, atol=1e-9)
     assert Repair.LOG_OF_SEVERAL_BOOTS in [fact.code for fact in vehicle.repairs]
-
-
-@pytest.mark.parametrize("by", ["boards", "calibrations"])
-def test_joined_logs_of_two_vehicles_are_two_vehicles(tmp_path, by):
-    """Their clocks need not show it: the second may have been on for longer."""
-
-    def one(letter, times):
-        said = made.message("MSG", 1_000_000, f"fmuv3 00{letter}A002F 30395113 33333539")
-        if by == "calibrations":
-            said = made.message("PARM", 1_000_000, "INS_ACCOFFS_X", float(int(letter)), 0.0)
-        return made.formats() + made.told() + said + b"".join(made.flight(times))
-
-    path = tmp_path / "joined.bin"
-    later = [time + 100 for time in TIMES]
-    path.write_bytes(one("1", TIMES) + one("2", later) + one("2", [time + 200 for time in TIMES]))
-    first, second = read_log(path).vehicles
-    assert (first.system, second.system) == (7, 8)
-    assert first.repairs[0].code is Repair.VEHICLES_PARTED
-    assert dict(second.repairs[0].figures) == {"count": 2, "system": 8}
-    assert (
-        first.board[:3] == ("001" if by == "boards" else "")
-        and first.board != second.board
-        or by != "boards"
-    )
-    assert [len(one.messages["ATTITUDE"]["time"]) for one in (first, second)] == [
-        len(TIMES),
-        2 * len(TIMES),
-    ]
-    path.write_bytes(one("1", TIMES) + one("1", later))
-    assert len(read_log(path).vehicles) == 1
 
 
 def test_an_appended_log_of_other_definitions(tmp_path):
@@ -403,7 +364,7 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
         at = 50 + 10 * row
         pieces[at] += made.message("RATE", stamp, 10.0 * row, 1.0, 0, -20.0 * row, 0, 0, 30.0 * row)
         pieces[at] += made.message("ATT", stamp + 5000, 100 * row, 0, -200 * row, 0, 9000, 0)
-    vehicle = vehicle_of(made.formats() + made.told() + b"".join(pieces), tmp_path)
+    vehicle = vehicle_of(made.log(*pieces), tmp_path)
     for axis, degrees in (("roll", (10, 1)), ("pitch", (-20, -2))):
         rate, angle = setpoints(vehicle, axis)
         for one, each, late in ((rate, degrees[0], 0.003), (angle, degrees[1], 0.008)):
@@ -418,8 +379,8 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
 
 
 def test_a_text_log_reads_as_the_binary_one(tmp_path):
-    content = made.formats() + made.told() + made.message("MSG", 2, "a, text, with commas")
-    content += b"".join(made.flight(TIMES)) + made.message("EV", 21_990_000, 18)
+    commas = made.message("MSG", 2, "a, text, with commas")
+    content = made.log(commas, *made.flight(TIMES), made.message("EV", 21_990_000, 18))
     binary = vehicle_of(content, tmp_path)
     text = text_of(read_binary(content), ["MSG", "PARM", "ATT", "RATE", "RCOU", "EV"])
     broken = text.replace("\r\nRATE", "\r\nRATE, 5\r\nnonsense\r\nRATE", 1) + "ATT, 1, 2"
@@ -444,10 +405,7 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
         made.message("DSF", round(1e6 * (20 + i)), count, 0, 0, 0, 0, 0)
         for i, count in enumerate((7, 7, 12, 0, 3))
     ]
-    (tmp_path / "a.bin").write_bytes(
-        made.formats() + made.told() + b"".join([*made.flight([20.0, 20.1]), *lost])
-    )
-    (vehicle,) = read_dataflash(tmp_path / "a.bin").vehicles
+    vehicle = vehicle_of(made.log(*made.flight([20.0, 20.1]), *lost), tmp_path)
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()
 

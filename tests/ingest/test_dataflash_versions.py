@@ -193,8 +193,7 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
         messages.append(
             dataflash.message("GPS", time, 0, fix, round(1e3 * (seconds + n)), int(week))
         )
-    log = [dataflash.formats(), dataflash.told(), *dataflash.flight(SECONDS), *messages]
-    (tmp_path / "a.bin").write_bytes(b"".join(log))
+    (tmp_path / "a.bin").write_bytes(dataflash.log(*dataflash.flight(SECONDS), *messages))
     (found,) = read_log(tmp_path / "a.bin").vehicles
     assert found.board == "001a002f3039511333333539" and found.called("VIBRATION") == "VIBE"
     power, shaking, clock = (

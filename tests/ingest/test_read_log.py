@@ -5,6 +5,7 @@ import os
 import random
 import struct
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import dataflash_logs
@@ -28,6 +29,7 @@ from mavdem.ingest import contents as files
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mcap.records import write_mcap
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.tlog import tlog_stream
 
 TIMES = [20 + 0.01 * row for row in range(300)]
@@ -63,52 +65,70 @@ def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path):
     ]
 
 
-@pytest.mark.parametrize("stray", [heartbeat(kind=0, autopilot=8), heartbeat(kind=6, autopilot=8)])
-def test_stray_heartbeats_do_not_change_who_flies(tmp_path, stray):
-    frames = flight(TIMES) + [heartbeat()] * 3 + [stray] * 2
-    (vehicle,) = log_of(tlog(frames), tmp_path).vehicles
-    assert (vehicle.vehicle, vehicle.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
+def vehicle_of(frames: list[bytes], folder: Path) -> Telemetry:
+    (vehicle,) = log_of(tlog(frames), folder).vehicles
+    return vehicle
 
 
-def test_a_vehicle_without_heartbeats_is_one_still(tmp_path):
-    (vehicle,) = log_of(tlog(flight(TIMES)), tmp_path).vehicles
-    assert (vehicle.vehicle, vehicle.autopilot) == ("UNKNOWN", "UNKNOWN")
+@pytest.mark.parametrize(
+    ("beats", "who"),
+    [
+        ([], ("UNKNOWN", "UNKNOWN")),
+        ([heartbeat()] * 3 + [heartbeat(kind=0, autopilot=8)] * 2, ("QUADROTOR", "ARDUPILOTMEGA")),
+        ([heartbeat()] * 3 + [heartbeat(kind=6, autopilot=8)] * 2, ("QUADROTOR", "ARDUPILOTMEGA")),
+    ],
+)
+def test_stray_heartbeats_and_none_do_not_change_who_flies(tmp_path, beats, who):
+    vehicle = vehicle_of(flight(TIMES) + beats, tmp_path)
+    assert (vehicle.vehicle, vehicle.autopilot) == who
 
 
-@pytest.mark.parametrize(("autopilot", "expected"), [(12, -7.0), (3, 99.0)])
-def test_integer_parameters_travel_as_each_autopilot_sends_them(tmp_path, autopilot, expected):
-    copied = float(np.int32(-7).view(np.float32))
-    old = message("PARAM_VALUE", param_id=b"COUNT", param_value=99.0, param_type=9)
-    sent = message("PARAM_VALUE", param_id=b"COUNT", param_value=copied, param_type=6)
-    gain = message("PARAM_VALUE", param_id=b"GAIN_OF_16_CHARS", param_value=0.5, param_type=9)
-    (vehicle,) = log_of(
-        tlog([heartbeat(autopilot=autopilot), *flight(TIMES), old, sent, gain]), tmp_path
-    ).vehicles
-    assert vehicle.parameters["COUNT"] == expected  # -7 copied is no finite float32
-    assert vehicle.parameters["GAIN_OF_16_CHARS"] == 0.5
+def parameter(name: bytes, value: float, kind: int = 9, component: int = 1) -> bytes:
+    fields = {"param_id": name, "param_value": value, "param_type": kind}
+    return message("PARAM_VALUE", component=component, **fields)
 
 
-def test_parameters_a_ground_station_noted_fill_in(tmp_path):
-    noted = [
-        message("PARAM_VALUE", component=190, param_id=name, param_value=1.0, param_type=9)
-        for name in (b"A", b"B")
-    ]
-    own = message("PARAM_VALUE", param_id=b"A", param_value=2.0, param_type=9)
-    (vehicle,) = log_of(tlog([heartbeat(), *flight(TIMES), own, *noted]), tmp_path).vehicles
-    assert vehicle.parameters == {"A": 2.0, "B": 1.0}
+COPIED = float(np.int32(-7).view(np.float32))
+"""-7 copied, which is no finite float32."""
+SENT = [
+    parameter(b"COUNT", 99.0),
+    parameter(b"COUNT", COPIED, kind=6),
+    parameter(b"GAIN_OF_16_CHARS", 0.5),
+]
+NOTED = [
+    parameter(b"A", 2.0),
+    parameter(b"A", 1.0, component=190),
+    parameter(b"B", 1.0, component=190),
+]
 
 
-@pytest.mark.parametrize("autopilot", [3, 12])
-@pytest.mark.parametrize("value", [float("nan"), float("-inf")])
-def test_a_parameter_that_is_not_finite_was_not_sent(tmp_path, autopilot, value):
-    sent = [
-        message("PARAM_VALUE", param_id=name, param_value=number, param_type=9)
-        for name, number in ((b"SERVO1_FUNCTION", value), (b"GAIN", 0.5), (b"GAIN", value))
-    ]
-    (vehicle,) = log_of(
-        tlog([heartbeat(autopilot=autopilot), *flight(TIMES), *sent]), tmp_path
-    ).vehicles
-    assert vehicle.parameters == {"GAIN": 0.5}
+@pytest.mark.parametrize(
+    ("autopilot", "sent", "expected"),
+    [
+        (12, SENT, {"COUNT": -7.0, "GAIN_OF_16_CHARS": 0.5}),
+        (3, SENT, {"COUNT": 99.0, "GAIN_OF_16_CHARS": 0.5}),
+        (3, NOTED, {"A": 2.0, "B": 1.0}),
+        *(
+            (
+                autopilot,
+                [
+                    parameter(b"SERVO1_FUNCTION", wrong),
+                    parameter(b"GAIN", 0.5),
+                    parameter(b"GAIN", wrong),
+                ],
+                {"GAIN": 0.5},
+            )
+            for autopilot in (3, 12)
+            for wrong in (float("nan"), float("-inf"))
+        ),
+    ],
+)
+def test_parameters_are_what_the_autopilot_sent_or_a_ground_station_noted(
+    tmp_path, autopilot, sent, expected
+):
+    """Each autopilot sends integers in its own way; what is not finite was not sent; notes fill in."""
+    frames = [heartbeat(autopilot=autopilot), *flight(TIMES), *sent]
+    assert vehicle_of(frames, tmp_path).parameters == expected
 
 
 def test_who_only_beats_is_heard_but_no_vehicle(tmp_path):
@@ -167,7 +187,7 @@ def test_a_file_transferred_as_text_is_restored(tmp_path):
 @settings(max_examples=140)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, rate, kind):
     chance = random.Random(seed)
-    content = bytearray(BEGUN + b"".join(dataflash_logs.flight(TIMES[:20])))
+    content = bytearray(dataflash_logs.log(*dataflash_logs.flight(TIMES[:20])))
     if kind == "tlog":
         content = bytearray(tlog([heartbeat(), *flight(TIMES[:100])] * 2))
     elif kind == "ulg":
@@ -328,7 +348,7 @@ def recorded(kind: str, folder: Path) -> Path:
     elif kind == "ulg":
         path.write_bytes(ulog_files.log(*ulog_files.flight(ulog_files.TIMES)))
     else:
-        path.write_bytes(dataflash_logs.formats() + b"".join(dataflash_logs.flight(TIMES)))
+        path.write_bytes(dataflash_logs.log(*dataflash_logs.flight(TIMES)))
     return path
 
 
@@ -348,8 +368,7 @@ def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     rolls = [
         frame(30, struct.pack("<I", 20_000 + row) + signalling + bytes(20)) for row in range(3)
     ]
-    log = log_of(tlog([heartbeat(), odd, *rolls, *flight(TIMES)]), tmp_path)
-    (vehicle,) = log.vehicles
+    vehicle = vehicle_of([heartbeat(), odd, *rolls, *flight(TIMES)], tmp_path)
     assert "SYSID_THISMAV" not in vehicle.parameters
     seen = attitude(vehicle, "roll")
     assert seen is not None and seen.sent == len(TIMES) + 3 and len(seen.time) == len(TIMES)
@@ -370,34 +389,69 @@ def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
     ]
 
 
-@pytest.mark.parametrize(
-    ("by", "told"),
-    [
-        ("STATUSTEXT", lambda number: {"text": b"fmuv3 00%dA002F 30395113 33333539" % number}),
-        ("AUTOPILOT_VERSION", lambda number: {"uid2": [number, *[3] * 11, *[0] * 6]}),
-        (
-            "PARAM_VALUE",
-            lambda number: {"param_id": b"INS_ACCOFFS_X", "param_value": 0.25 * number},
-        ),
-    ],
-)
-def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, told, tmp_path):
-    """The second clock goes on from the first's, as far as anybody can see."""
+BOARD = b"fmuv3 00%dA002F 30395113 33333539"
 
-    def of(number, times):
+
+def stream_of(kind: str, **fields: Callable[[int], object]) -> Callable[[int, list[float]], bytes]:
+    def of(number: int, times: list[float]) -> bytes:
         frames = flight(times)
-        frames.insert(100, message(by, **told(number)))
-        return [heartbeat(), *frames]
+        frames.insert(100, message(kind, **{name: of(number) for name, of in fields.items()}))
+        return tlog([heartbeat(), *frames])
 
-    later = [time + 100 for time in TIMES]
-    log = log_of(tlog([*of(1, TIMES), *of(2, later)]), tmp_path)
-    assert [vehicle.system for vehicle in log.vehicles] == [1, 2]
+    return of
+
+
+def dataflash_of(
+    kind: str, *fields: Callable[[int], object]
+) -> Callable[[int, list[float]], bytes]:
+    def of(number: int, times: list[float]) -> bytes:
+        told = dataflash_logs.message(kind, 1_000_000, *(of(number) for of in fields))
+        return dataflash_logs.log(told, *dataflash_logs.flight(times))
+
+    return of
+
+
+JOINED = {
+    "texts": ("tlog", 1, stream_of("STATUSTEXT", text=lambda number: BOARD % number)),
+    "versions": (
+        "tlog",
+        1,
+        stream_of("AUTOPILOT_VERSION", uid2=lambda number: [number, *[3] * 11, *[0] * 6]),
+    ),
+    "calibrations": (
+        "tlog",
+        1,
+        stream_of(
+            "PARAM_VALUE",
+            param_id=lambda number: b"INS_ACCOFFS_X",
+            param_value=lambda number: 0.25 * number,
+        ),
+    ),
+    "boards in DataFlash": ("bin", 7, dataflash_of("MSG", lambda number: BOARD % number)),
+    "calibrations in DataFlash": (
+        "bin",
+        7,
+        dataflash_of("PARM", lambda number: "INS_ACCOFFS_X", float),
+    ),
+}
+
+
+@pytest.mark.parametrize("by", JOINED)
+def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, tmp_path):
+    """The second clock goes on from the first's, as far as anybody can see."""
+    kind, system, of = JOINED[by]
+    later, last = ([time + since for time in TIMES] for since in (100, 200))
+    log = log_of(of(1, TIMES) + of(2, later) + of(2, last), tmp_path, f"flight.{kind}")
+    assert [vehicle.system for vehicle in log.vehicles] == [system, system + 1]
     assert all(vehicle.repairs[0].code is Repair.VEHICLES_PARTED for vehicle in log.vehicles)
-    assert [vehicle.messages["ATTITUDE"]["time"][0] for vehicle in log.vehicles] == [
-        TIMES[0],
-        later[0],
+    assert dict(log.vehicles[1].repairs[0].figures) == {"count": 2, "system": system + 1}
+    times = [vehicle.messages["ATTITUDE"]["time"] for vehicle in log.vehicles]
+    assert [(round(time[0], 6), len(time)) for time in times] == [
+        (TIMES[0], len(TIMES)),
+        (later[0], 2 * len(TIMES)),
     ]
-    assert len(log_of(tlog([*of(1, TIMES), *of(1, later)]), tmp_path).vehicles) == 1
+    same = log_of(of(1, TIMES) + of(1, later), tmp_path, f"flight.{kind}")
+    assert len(same.vehicles) == 1
 
 
 OTHERS = [
@@ -447,8 +501,8 @@ def test_zeros_behind_the_data_take_neither_memory_nor_time(name: str, tmp_path:
     contents = {
         "tlog": tlog([heartbeat(), *flight(TIMES)]),
         "ulg": ulog_files.log(*ulog_files.flight(ulog_files.TIMES)),
+        "bin": dataflash_logs.log(*dataflash_logs.flight(TIMES)),
     }
-    contents["bin"] = dataflash_logs.formats() + b"".join(dataflash_logs.flight(TIMES))
     sound = written(tmp_path / f"sound.{name[7:]}", contents[name[7:]])
     path = written(tmp_path / name, contents[name[7:]])
     empty = written(tmp_path / f"empty.{name[7:]}", b"")

@@ -341,9 +341,7 @@ FIRST_FORMATS = {
 @pytest.mark.parametrize("lost", FIRST_FORMATS)
 def test_a_format_that_has_no_stamp_or_contains_itself_costs_its_topic(tmp_path, lost):
     first = message("F", FIRST_FORMATS[lost])
-    vehicle = vehicle_of(
-        HEADER + first + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path
-    )
+    vehicle = vehicle_of(log(*flight(TIMES), first=first), tmp_path)
     assert stamps_of(vehicle) == INTACT and lost not in vehicle.messages
 
 
@@ -397,8 +395,7 @@ def test_what_was_appended_after_a_crash_is_read(tmp_path):
 @pytest.mark.parametrize("offsets", [(5, 0, 0), (2**60, 0, 0), (400, 300, 0)])
 def test_offsets_that_cannot_be_are_ignored(tmp_path, offsets):
     flags = message("B", bytes(8) + b"\x01" + bytes(7) + struct.pack("<3Q", *offsets))
-    content = HEADER + flags + definitions() + subscriptions() + b"".join(flight(TIMES))
-    assert stamps_of(vehicle_of(content, tmp_path)) == INTACT
+    assert stamps_of(vehicle_of(log(*flight(TIMES), first=flags), tmp_path)) == INTACT
 
 
 def test_stamps_that_cannot_be_are_left_out(tmp_path):
@@ -431,11 +428,9 @@ def nested(deep: int, wide: int) -> bytes:
     ids=["nested", "nested and missing", "holds itself", "hold each other"],
 )
 def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(tmp_path, formats, topic):
-    content = HEADER + formats + subscription(topic, number=5000) * 20_000
+    first = formats + subscription(topic, number=5000) * 20_000
     began = thread_time()
-    vehicle = vehicle_of(
-        content + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path
-    )
+    vehicle = vehicle_of(log(*flight(TIMES), first=first), tmp_path)
     assert "ATTITUDE_QUATERNION" in vehicle.messages
     assert thread_time() - began < 10
 
@@ -446,9 +441,8 @@ def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
     """A few kilobytes could ask for gigabytes: each value of each subscription is a column."""
     formats = message("F", f"actuator_outputs:{FORMATS['cpuload']}{fields}".encode())
     many = b"".join(subscription("actuator_outputs", number=1000 + n) for n in range(9000))
-    content = HEADER + formats + definitions() + subscriptions() + many + b"".join(flight(TIMES))
     began = thread_time()
-    vehicle = vehicle_of(content, tmp_path)
+    vehicle = vehicle_of(log(many, *flight(TIMES), first=formats), tmp_path)
     assert "ATTITUDE_QUATERNION" in vehicle.messages
     assert [fact.code for fact in vehicle.repairs] == [Repair.SUBSCRIPTIONS_LEFT_OUT]
     assert thread_time() - began < 10
@@ -456,9 +450,7 @@ def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
 
 def test_a_dropout_before_the_first_topic_is_reported(tmp_path):
     dropout = message("O", struct.pack("<H", 1500))
-    vehicle = vehicle_of(
-        HEADER + definitions() + dropout + subscriptions() + b"".join(flight(TIMES)), tmp_path
-    )
+    vehicle = vehicle_of(log(*flight(TIMES), parameters=dropout), tmp_path)
     assert vehicle.repairs[0].code is Repair.LOGGER_DROPPED_OUT
     assert dict(vehicle.repairs[0].figures) == {"count": 1, "duration": 1.5, "longest_gap": 1.5}
 

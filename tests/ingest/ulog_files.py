@@ -94,9 +94,9 @@ def subscriptions(*names: str) -> bytes:
     return b"".join(subscription(name) for name in names or NUMBERS)
 
 
-def log(*pieces: bytes, parameters: bytes = b"") -> bytes:
-    """A file of all formats and subscriptions, and then the pieces."""
-    return b"".join([HEADER, definitions(), parameters, subscriptions(), *pieces])
+def log(*pieces: bytes, first: bytes = b"", parameters: bytes = b"") -> bytes:
+    """A file of all formats and subscriptions, and then the pieces; ``first`` before all, ``parameters`` between."""
+    return b"".join([HEADER, first, definitions(), parameters, subscriptions(), *pieces])
 
 
 def roll(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
