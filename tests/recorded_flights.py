@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Telemetry
+
 LOGS = Path(__file__).parents[1] / "logs"
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[2] / "shared/data"))
 
@@ -15,3 +18,8 @@ def shared(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"{name} is not here; MAVDEM_SHARED_DATA says where the recorded flights are")
     return path
+
+
+def recorded(name: str) -> Telemetry:
+    """The first vehicle of a recorded log."""
+    return read_log(shared(name)).vehicles[0]

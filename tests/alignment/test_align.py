@@ -15,7 +15,7 @@ from hover import (
     with_demand,
     with_pulses,
 )
-from recorded_flights import shared
+from recorded_flights import recorded
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, settled_segments
@@ -24,7 +24,6 @@ from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
-from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import OFF_GROUND
 
@@ -85,7 +84,7 @@ def test_a_vertical_speed_that_only_sinks_has_run_away():
 
 
 def test_a_recorded_flight_whose_reports_come_at_its_end():
-    signals = Signals(read_log(shared("real/logs/ardupilot_late_landed_state.tlog")).vehicles[0])
+    signals = Signals(recorded("real/logs/ardupilot_late_landed_state.tlog"))
     (flight,) = phases.flying(signals, 0)
     assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
     ((start, end),) = phases.settled(signals, 0)
@@ -210,7 +209,7 @@ def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
     ],
 )
 def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
-    signals = Signals(read_log(shared(f"real/logs/{name}")).vehicles[0], inputs="motors")
+    signals = Signals(recorded(f"real/logs/{name}"), inputs="motors")
     assert [edge for span in phases.settled(signals, 0) for edge in span] == pytest.approx(
         settled, abs=0.5
     )
@@ -320,7 +319,7 @@ def test_lost_messages_and_jitter_part_nothing():
     ],
 )
 def test_a_recorded_flight_gives_its_hover(name, dt, kept):
-    (telemetry,) = read_log(shared(name)).vehicles
+    telemetry = recorded(name)
     segment = settled_segments(Signals(telemetry))[0]
     flight = align(Signals(telemetry), segment)
     assert flight.dt == dt
@@ -402,7 +401,7 @@ def test_a_flight_of_yaw_has_the_rate_only():
 @pytest.mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])
 def test_the_motors_that_should_turn_the_nose_do(name):
     """By the sign of the correlation of their yaw combination with the angular acceleration."""
-    (telemetry,) = read_log(shared(f"samples/{name}.tlog")).vehicles
+    telemetry = recorded(f"samples/{name}.tlog")
     flight = learnability_of(Signals(telemetry, "yaw")).flight
     acceleration = np.gradient(flight.outputs[:, 0]) / flight.dt
     assert np.corrcoef(flight.inputs @ flight.effect_directions, acceleration)[0, 1] > 0.2

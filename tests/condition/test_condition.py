@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, disarmed, log_of, only, with_pulses, with_texts
-from recorded_flights import shared
+from recorded_flights import recorded
 from scipy.signal import lfilter
 
 import mavdem
@@ -20,7 +20,7 @@ from mavdem.condition.inventory import Tier, autopilot_alarms, identity_of, inve
 from mavdem.documents import vehicle as documents
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Component, Telemetry
 
@@ -221,7 +221,7 @@ RECORDED = {
 
 @pytest.mark.parametrize("name", RECORDED)
 def test_recorded_motors_at_their_stop(name):
-    found = hover_of(Signals(read_log(shared(f"real/logs/{name}")).vehicles[0], inputs="motors"))
+    found = hover_of(Signals(recorded(f"real/logs/{name}"), inputs="motors"))
     assert found.at_upper_limit == pytest.approx(RECORDED[name], abs=0.005)
     assert [left == 0 for left in found.headroom] == [share > 0.01 for share in RECORDED[name]]
 
@@ -268,6 +268,10 @@ def flown(
     return Hover().telemetry(10.0, 10.0, autopilot=autopilot, parameters=parameters)
 
 
+def with_version(telemetry: Telemetry, **fields: np.ndarray) -> Telemetry:
+    return changed(telemetry, "AUTOPILOT_VERSION", **columns(np.array([1.0]), **fields))
+
+
 def name_of(telemetry: Telemetry) -> tuple[str, str]:
     found = identity_of(Signals(telemetry))
     return found.name, found.basis
@@ -278,7 +282,7 @@ def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version(
     words = bytes.fromhex("".join(TEXT.split()[1:]))
     raw = b"".join(words[at : at + 4][::-1] for at in (0, 4, 8)).ljust(18, b"\0")
     uid2 = np.frombuffer(raw, dtype=np.uint8)[None]
-    sent = changed(flown(), "AUTOPILOT_VERSION", **columns(np.array([1.0]), uid2=uid2))
+    sent = with_version(flown(), uid2=uid2)
     assert name_of(said) == name_of(sent) == ("001a002f3039511333333539", "board")
 
 
@@ -299,10 +303,7 @@ def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not(
 @pytest.mark.parametrize("uid2", [bytes(18), bytes([4, *bytes(17)])])
 def test_a_simulators_small_number_is_none(uid2):
     rows = np.frombuffer(uid2, dtype=np.uint8)[None]
-    telemetry = changed(
-        flown(autopilot="PX4"), "AUTOPILOT_VERSION", **columns(np.array([1.0]), uid2=rows)
-    )
-    assert name_of(telemetry) == ("px4-1", "system id")
+    assert name_of(with_version(flown(autopilot="PX4"), uid2=rows)) == ("px4-1", "system id")
 
 
 def test_the_date_is_when_the_settled_flight_began():
@@ -320,10 +321,8 @@ def test_the_date_is_when_the_settled_flight_began():
 def test_firmware_is_what_the_autopilot_says_or_sends():
     said = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
     assert identity_of(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
-    version = columns(
-        np.array([1.0]), flight_sw_version=np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
-    )
-    sent = changed(flown(autopilot="PX4"), "AUTOPILOT_VERSION", **version)
+    version = np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
+    sent = with_version(flown(autopilot="PX4"), flight_sw_version=version)
     assert identity_of(Signals(sent)).firmware == "PX4 v1.16.0"
     assert (
         identity_of(Signals(replace(sent, firmware="PX4 v1.2.3 (abc)"))).firmware
@@ -345,9 +344,9 @@ def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
 
 @pytest.mark.slow
 def test_one_flight_recorded_both_ways_is_of_one_vehicle_and_another_is_of_another():
-    recorded = [f"sitl_ardupilot/ardupilot_inertia_wind5_steps.{kind}" for kind in ("tlog", "BIN")]
+    alike = [f"sitl_ardupilot/ardupilot_inertia_wind5_steps.{kind}" for kind in ("tlog", "BIN")]
     others = [f"real/propeller/hover_{which}_1.BIN" for which in ("good", "cut25mm")]
-    names = [name_of(read_log(shared(path)).vehicles[0]) for path in (*recorded, *others)]
+    names = [name_of(recorded(path)) for path in (*alike, *others)]
     assert names[0] == names[1] and names[2] == names[3] == ("001a002f3039511333333539", "board")
     assert names[0] != names[2]
 

@@ -344,18 +344,14 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert twin.notes["moment"].code is Twins.MOMENT_NOTE
     halves = loop.plant.interval()
     assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=halves.damping)
-    unsure = replace_status(loop, "lag", "not identifiable")
+    status = {**loop.plant.status, "lag": "not identifiable"}
+    unsure = replace(loop, plant=loop.plant._replace(status=status))
     twin = twin_of({"roll": unsure}, px4=True, hover=0.5, drag=None, mass=2.0)
     assert twin.notes["lag"] == Fact(Twins.LAG_NOTE, lag=None)
     assert twin.notes["mass"].figures["is_given"]
     with pytest.raises(mavdem.NotLearnable) as refused:
         twin_of({"roll": loop}, px4=True, hover=0.05, drag=None, mass=None)
     assert refused.value.fact == Fact(Twins.NO_HOVER, share=0.05)
-
-
-def replace_status(loop, name, status):
-    """The loop of a plant of which one parameter has another status."""
-    return replace(loop, plant=loop.plant._replace(status={**loop.plant.status, name: status}))
 
 
 @pytest.mark.slow

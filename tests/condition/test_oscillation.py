@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, with_pulses
-from recorded_flights import shared
+from recorded_flights import recorded
 from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
 from mavdem.condition.oscillation import Oscillation
-from mavdem.ingest import read_log
 
 HOVER = Hover(hovering=40.0)
 
@@ -106,6 +105,6 @@ def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
 
 @pytest.mark.parametrize("name", ["wlichon_baseline.BIN", "wlichon_baseline.tlog"])
 def test_a_recorded_vehicle_that_oscillates_faster_than_its_log_shows(name):
-    signals = Signals(read_log(shared(f"logs/{name}")).vehicles[0])
+    signals = Signals(recorded(f"logs/{name}"))
     one = condition_of(signals).oscillation
     assert one is not None and one.frequency is None and one.rate > 60 and one.at_limit > 0.5

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded_flights import shared
+from recorded_flights import recorded, shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
@@ -275,9 +275,7 @@ def test_recorded_simulators(log, speed):
 
 
 def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refused():
-    telemetry = choose_vehicle(
-        read_log(shared("sitl_events/ap_short_with_climb.tlog")).vehicles, None
-    )
+    telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     columns = telemetry.messages["ATTITUDE"]
 
     def found(**changed):
