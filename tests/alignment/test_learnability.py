@@ -460,8 +460,6 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     refused = refused_for(with_steps(0.05, slow))
     assert refused.code is Reason.OUTPUT_ROUNDED
     assert refused.figures["angle_step"] == pytest.approx(0.05)
-    fine = judged(with_steps(0.001, HOVER.telemetry()))
-    assert Caution.NEAR_RESOLUTION not in codes(fine.cautions)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])

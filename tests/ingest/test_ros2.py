@@ -170,11 +170,11 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
     times = 20 + 0.01 * np.arange(1500)
 
     def write(recorder: Ros2Recorder) -> None:
-        px4_flight(recorder, times, "/px4_1/fmu/out/", system_id=2)
+        px4_flight(recorder, prefix="/px4_1/fmu/out/", system_id=2)
         px4_flight(recorder, times + 100, "/px4_2/fmu/out/", system_id=3)
-        px4_flight(recorder, times, "/px4_3/fmu/out/", system_id=3)
-        mavros_flight(recorder, UNIX + times, "/uav4/mavros")
-        mavros_flight(recorder, UNIX + times, "/uav5")
+        px4_flight(recorder, prefix="/px4_3/fmu/out/", system_id=3)
+        mavros_flight(recorder, node="/uav4/mavros")
+        mavros_flight(recorder, node="/uav5")
 
     path = written(tmp_path, write)
     vehicles = read_log(path).vehicles

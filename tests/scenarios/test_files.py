@@ -26,10 +26,6 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
         ),
         ('duration = "long"', 'duration must be a valid number, not "long"'),
         (
-            "durration = 60",
-            "durration is no key of a scenario (did you mean 'duration'?): a scenario has description,",
-        ),
-        (
             GUST + "strength = 2",
             "the first wind's strength is no key of a scenario (did you mean 'start'?): a gust wind has start, speed, ",
         ),
@@ -52,10 +48,6 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
         (
             '[excitation]\nkind = "multisine"\nhighest = 5\n[stream]\nrate = 10',
             "excitation.highest must be below half of stream.rate, 5 Hz, not 5",
-        ),
-        (
-            '[excitation]\nkind = "steps"\naxis = "yaw"',
-            "excitation of the kind steps has distance, period",
         ),
         (
             "[faults]\nreboot = 60",
