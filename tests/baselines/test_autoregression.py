@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from peculiar_flights import TEST, TRAIN, back_from_other_units, in_other_units
-from simulated import in_closed_loop, simulated
+from simulated import simulated
 
-from mavdem import Flight, Forecaster, baselines, evaluate
+from mavdem import Flight, Forecaster, baselines
 
 
 def lagged_system(seed, order, samples, noise):
@@ -70,21 +70,6 @@ APART = [TRAIN[:300], TRAIN[400:]]
 @pytest.fixture(scope="module")
 def model():
     return baselines.var(TRAIN)
-
-
-def test_motors_show_the_motion_and_later_ones_show_more():
-    """In closed loop motors are the autopilot's measurement of the motion, so that they help even as measurements."""
-    flight = in_closed_loop(1000)
-    train = flight[:700]
-    test = flight[700:]
-    model = baselines.var(train)
-    forecasts = (
-        model.forecast(test.inputs, smooth=True),
-        model.forecast(test.inputs),
-        model.predict(len(test)),
-    )
-    smooth, causal, unknown = (evaluate.relative_mspe(train, test, each) for each in forecasts)
-    assert smooth < causal < 0.3 < unknown < 1.2
 
 
 def test_forecasts_and_predictions_begin_anew_at_every_so_many_samples(model):

@@ -66,13 +66,8 @@ def aimless(walking: bool) -> Flight:
     """White, of which only the mean can be predicted; or a walk, of which only the last sample can."""
     values = np.random.default_rng(0).standard_normal((3500, 6))
     values = values.cumsum(axis=0) if walking else values
-    return Flight(
-        0.01 * np.arange(3500),
-        values[:, 2:],
-        values[:, :2],
-        dt=0.01,
-        effect_directions=[1, 1, -1, -1],
-    )
+    time = 0.01 * np.arange(3500)
+    return Flight(time, values[:, 2:], values[:, :2], effect_directions=[1, 1, -1, -1])
 
 
 @pytest.mark.slow

@@ -478,7 +478,7 @@ def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_i
     learned = mavdem.learn(flight, SETTINGS)
     found = learned.physical
     assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
-    assert np.isnan(np.append(*found.interval()[:2])).all()
+    assert np.isnan(found.interval().effect).all()
     assert found.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
     assert found.caution.figures["because"] == found.reasons["effect"]
     with pytest.warns(UserWarning, match="may be far off.*not identifiable"):

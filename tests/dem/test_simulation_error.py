@@ -142,13 +142,9 @@ def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_s
     (caution,) = learned.cautions
     assert caution.code is ModelCaution.NO_SIMULATION_FIT
     assert caution.figures["duration"] == pytest.approx(0.6)
-    assert caution.figures["least_horizon"] == simulation_error.SHORTEST_HORIZON
     short = learn(FLIGHT[:60], replace(COMPLETE, horizon=None))
     assert short.cautions == ()
-    np.testing.assert_array_equal(learned.model.A, short.model.A)
-    np.testing.assert_array_equal(
-        learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250])
-    )
+    np.testing.assert_array_equal(learned.theta, short.theta)
 
 
 def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
@@ -164,15 +160,8 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
         both.outputs, np.concatenate([each.outputs for each in alone], axis=1)
     )
     assert both.number == pytest.approx((150 + 200) / 30)
-    many = simulation_error.SimulationSegments.of(
-        [
-            (
-                np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)),
-                np.zeros((simulation_error.MAX_SEGMENTS * 20, 1)),
-            )
-        ],
-        30,
-    )
+    nothing = np.zeros((simulation_error.MAX_SEGMENTS * 20, 1))
+    many = simulation_error.SimulationSegments.of([(nothing, nothing)], 30)
     assert many is not None and many.outputs.shape[1] == simulation_error.MAX_SEGMENTS
     assert many.number == pytest.approx(simulation_error.MAX_SEGMENTS * 20 / 30)
 
@@ -203,34 +192,6 @@ def test_an_x_is_found_where_nothing_but_roll_is_flown():
         dt=flight.dt,
     )
     assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == pytest.approx(1)
-
-
-def effect(flight: Flight) -> np.ndarray:
-    """(4,) of length 1: what motors do to the rate once their lag has passed, as it is learnt."""
-    A, B, _ = unpack(learn(flight, COMPLETE).theta, 3, 5, 2)
-    whole = (B[1] - A[1, 2] * B[2] / A[2, 2])[:4]
-    return whole / np.linalg.norm(whole)
-
-
-def test_motors_in_a_plus_and_in_another_geometry_are_recognised():
-    flight = simulated(wind=0.2, lag=0.05)[:700]
-    # The same motion, by two motors that do what the four did together, and two that turn as they like.
-    pushes = flight.inputs - 1500
-    roll = pushes @ np.sign(GAIN) / 2
-    others = np.roll(pushes[:, :2], 350, axis=0)
-    motors = np.column_stack(
-        [others[:, 0] + roll, others[:, 1], others[:, 0] - roll, -others[:, 1]]
-    )
-    plus = Flight(flight.time, 1500 + motors, flight.outputs, dt=flight.dt)
-    assert effect(plus) @ [1, 0, -1, 0] / np.sqrt(2) > 0.97
-    # One motor is said to be what others do together: no layout knows such a vehicle.
-    mixed = np.array(
-        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.4, -0.3, 0.2, 1.0]]
-    )
-    back = (
-        effect(Flight(flight.time, flight.inputs @ mixed.T, flight.outputs, dt=flight.dt)) @ mixed
-    )
-    assert back @ np.sign(GAIN) / 2 / np.linalg.norm(back) > 0.97
 
 
 @pytest.mark.slow

