@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 
 
 class Sentence(NamedTuple):
@@ -18,7 +18,8 @@ class Sentence(NamedTuple):
 
 def caution(text: object) -> Sentence:
     """Returns a sentence that limits what is shown."""
-    return Sentence(str(text), "Caution:", Level.WATCH)
+    said = text.advised if isinstance(text, Fact) else str(text)
+    return Sentence(said, "Caution:", Level.WATCH)
 
 
 def warning(text: object) -> Sentence:
