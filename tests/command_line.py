@@ -25,9 +25,14 @@ def strict_json(text: str) -> dict:
     return json.loads(text, parse_constant=unknown)
 
 
+def run(*words: object) -> int:
+    """The exit code of a command."""
+    return main([*map(str, words)])
+
+
 def refused(capsys: pytest.CaptureFixture[str], code: int, *words: object) -> str:
     """The one sentence with which a command ends with this code."""
-    assert main([*map(str, words)]) == code
+    assert run(*words) == code
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.count("\n") == 1 and said.err.startswith("mavdem: ")

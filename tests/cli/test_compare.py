@@ -12,10 +12,9 @@ import time
 import numpy as np
 import psutil
 import pytest
-from command_line import FLIGHT, SLOW, strict_json
+from command_line import FLIGHT, SLOW, run, strict_json
 
 from mavdem import baselines
-from mavdem.cli.commands import main
 from mavdem.evaluate.comparison import METHODS, Method
 
 FLIGHT = str(FLIGHT)
@@ -37,7 +36,7 @@ def quick(monkeypatch):
 @pytest.mark.slow
 def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    assert main(["compare", FLIGHT, "--train", "400", "--hop", "6000", "--out", str(out)]) == 0
+    assert run("compare", FLIGHT, "--train", "400", "--hop", "6000", "--out", out) == 0
     said = capsys.readouterr().out
     assert said.startswith("DEM joint's error is not distinguishable from another method's: only ")
     assert all(f"\n{method.name} " in said for method in METHODS)
@@ -63,13 +62,13 @@ def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path,
 @pytest.mark.slow
 def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, tmp_path, capsys):
     missing = str(tmp_path / "missing.tlog")
-    assert main(["compare", SLOW, FLIGHT]) == 0
+    assert run("compare", SLOW, FLIGHT) == 0
     said = capsys.readouterr()
     assert (
         "\nardupilot_default_rates: not compared. ATTITUDE comes at 4.0 Hz" in said.out
         and said.err == ""
     )
-    assert main(["compare", SLOW, FLIGHT, missing, "--json"]) == 2
+    assert run("compare", SLOW, FLIGHT, missing, "--json") == 2
     said = capsys.readouterr()
     told = strict_json(said.out)
     assert [(one["flight"], bool(one["error"]["remedy"])) for one in told["refused"]] == [
@@ -78,15 +77,15 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     ]
     assert list(told["sources"].values()) == [FLIGHT]
     assert said.err.count("not compared: ") == said.err.count("\n") == 2
-    assert main(["compare", SLOW, "--json"]) == 1
+    assert run("compare", SLOW, "--json") == 1
     assert "4.0 Hz" in strict_json(capsys.readouterr().out)["error"]["reason"]
 
 
 def test_a_flight_too_short_says_what_fits(quick, capsys):
-    assert main(["compare", FLIGHT, "--train", "5900"]) == 1
+    assert run("compare", FLIGHT, "--train", "5900") == 1
     said = capsys.readouterr().err
     assert "5900 training and 150 test samples were asked for" in said
-    assert main(["compare", FLIGHT, *said.split("`")[1].split()]) == 0
+    assert run("compare", FLIGHT, *said.split("`")[1].split()) == 0
 
 
 @pytest.mark.slow
@@ -97,13 +96,13 @@ def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
     script.write_text(run)
     words = [
         sys.executable,
-        str(script),
+        script,
         "compare",
         FLIGHT,
         "--hop",
         "20",
         "--out",
-        str(tmp_path / "out"),
+        tmp_path / "out",
     ]
     process = subprocess.Popen(
         words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
@@ -123,10 +122,7 @@ def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
 @pytest.mark.slow
 def test_the_order_and_why_are_reported(tmp_path, capsys):
     page = tmp_path / "order.html"
-    assert (
-        main(["order", str(FLIGHT), str(SLOW), "--max-order", "3", "--html", str(page), "--json"])
-        == 0
-    )
+    assert run("order", FLIGHT, SLOW, "--max-order", "3", "--html", page, "--json") == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert document["html"] == str(page) and "ardupilot_wind5_steps" in page.read_text()
@@ -141,4 +137,4 @@ def test_the_order_and_why_are_reported(tmp_path, capsys):
     )
     assert [one["flight"] for one in document["refused"]] == ["ardupilot_default_rates"]
     assert "no order" in err
-    assert main(["order", str(SLOW)]) == 1 and "4" in capsys.readouterr().err
+    assert run("order", SLOW) == 1 and "4" in capsys.readouterr().err

@@ -9,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import FLIGHT, LOGS, refused
+from command_line import FLIGHT, LOGS, refused, run
 from hover import Hover
 
 from mavdem import read_flight
-from mavdem.cli.commands import main
 from mavdem.export import conversion
 from mavdem.ingest.telemetry import log_of_vehicles
 
 
 def convert(capsys, *words: object) -> dict:
-    assert main(["convert", *map(str, words), "--json"]) == 0
+    assert run("convert", *words, "--json") == 0
     said = capsys.readouterr()
     assert said.err == ""
     return json.loads(said.out)
@@ -105,10 +104,21 @@ def test_a_log_that_no_model_can_be_learnt_from_is_a_table_with_a_caution(tmp_pa
     assert told["dt"] == pytest.approx(0.25, abs=0.01) and np.isfinite(values).all()
 
 
-def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, monkeypatch, capsys):
-    hover = Hover()
-    log = log_of_vehicles((hover.telemetry(50.0, 10.0),), 1, 0)
-    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+@pytest.fixture
+def of_hover(monkeypatch):
+    """Lets any log be one of a made-up hover, at rates of attitude and motors, and gives the hover."""
+
+    def made(*rates, **options):
+        hover = Hover()
+        log = log_of_vehicles((hover.telemetry(*rates, **options),), 1, 0)
+        monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+        return hover
+
+    return made
+
+
+def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, of_hover, capsys):
+    hover = of_hover(50.0, 10.0)
     told = convert(capsys, "made-up.tlog", tmp_path / "both.csv")
     head, values = table_of(tmp_path / "both.csv")
     time = values[:, 0]
@@ -133,13 +143,8 @@ def test_a_termination_while_writing_leaves_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("message", ["ATTITUDE", "SERVO_OUTPUT_RAW", "neither"])
-def test_a_log_of_one_stream_is_a_table_and_of_none_is_refused(
-    message, tmp_path, monkeypatch, capsys
-):
-    hover = Hover()
-    without = tuple({"ATTITUDE", "SERVO_OUTPUT_RAW"} - {message})
-    log = log_of_vehicles((hover.telemetry(7.0, 7.0, without=without),), 1, 0)
-    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+def test_a_log_of_one_stream_is_a_table_and_of_none_is_refused(message, tmp_path, of_hover, capsys):
+    hover = of_hover(7.0, 7.0, without=tuple({"ATTITUDE", "SERVO_OUTPUT_RAW"} - {message}))
     if message == "neither":
         assert "There is no ATTITUDE" in refused(
             capsys, 1, "convert", "made-up.tlog", tmp_path / "none.csv"

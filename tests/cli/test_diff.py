@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import run
 from fleet_rows import flight_row
 from standin_logs import fleet_of
 
-from mavdem.cli.commands import main
 from mavdem.fleet.row import FlightRow
 
 
@@ -30,10 +30,10 @@ def fleets(tmp_path):
 
 
 def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
-    assert main(["diff", *fleets]) == 0
+    assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
     assert "Changed: motor 3's share +12" in said and "4 flights of A and 4 flights of B" in said
-    assert main(["diff", *fleets, "--vehicle", "alpha", "--json"]) == 0
+    assert run("diff", *fleets, "--vehicle", "alpha", "--json") == 0
     changes = json.loads(capsys.readouterr().out)["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
     assert {(one["kind"], one["motor"]) for one in changed} == {("share", 3), ("effect", 3)}
@@ -56,16 +56,16 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
 ):
     monkeypatch.chdir(Path(fleets[0]).parent)
     fleet_of(Path("nobody"), flown("unknown", range(3)))
-    assert main(["diff", *words]) == 1
+    assert run("diff", *words) == 1
     assert reason in capsys.readouterr().err
 
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     rows = {"a.bin": flown("alpha", [0]), "b.bin": [FlightRow(file="b.bin", status="It is empty.")]}
     monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: (rows[path.name], {}))
-    assert main(["diff", "a.bin", "a.bin"]) == 0
+    assert run("diff", "a.bin", "a.bin") == 0
     assert "Nothing changed beyond chance." in capsys.readouterr().out
-    assert main(["diff", "a.bin", "b.bin"]) == 1
+    assert run("diff", "a.bin", "b.bin") == 1
     assert "B has no flight with figures. It is empty." in capsys.readouterr().err
 
 
@@ -91,7 +91,7 @@ def test_what_learn_wrote_is_compared_by_its_folder_or_file(tmp_path, capsys):
         (tmp_path / name / "report.json").write_text(
             json.dumps(report([-40.0, 40.0, third, -39.0]))
         )
-    assert main(["diff", str(tmp_path / "before"), str(tmp_path / "after" / "report.json")]) == 0
+    assert run("diff", tmp_path / "before", tmp_path / "after" / "report.json") == 0
     assert "Changed: 3's control effectiveness −51 %" in capsys.readouterr().out
 
 
@@ -101,7 +101,7 @@ def test_what_learn_wrote_is_compared_by_its_folder_or_file(tmp_path, capsys):
 def test_another_json_file_is_refused_in_one_sentence(text, tmp_path, capsys):
     path = tmp_path / "report.json"
     path.write_text(text)
-    assert main(["diff", str(path), str(path)]) == 2
+    assert run("diff", path, path) == 2
     said = capsys.readouterr().err
     assert (
         said.count("\n") == 1

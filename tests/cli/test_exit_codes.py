@@ -6,10 +6,11 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import click
 import pytest
-from command_line import FLIGHT, LOGS, MAVDEM, PATIENCE, refused
+from command_line import FLIGHT, LOGS, MAVDEM, PATIENCE, refused, run
 
 from mavdem import read_flight
 from mavdem.cli import commands as command_line
@@ -35,7 +36,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     if BROKEN[name] is not None:
         source.write_bytes(BROKEN[name])
     words = {"learn": ["--out", str(out)], "convert": [f"{out}.csv"]}.get(command, [])
-    assert main([command, str(source), "--json", *words]) == 2
+    assert run(command, source, "--json", *words) == 2
     said = capsys.readouterr()
     assert json.loads(said.out)["error"]["reason"]
     assert said.err.startswith("mavdem: ")
@@ -111,7 +112,7 @@ def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, caps
 def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     flight = read_flight(FLIGHT)[:100]
     write_channels(tmp_path / "flight.mcap", [flight])
-    assert main(["info", str(tmp_path / "flight.mcap")]) == 2
+    assert run("info", tmp_path / "flight.mcap") == 2
     said = capsys.readouterr().err
     assert "was written by `mavdem learn`" in said and "Name the log" in said
 
@@ -192,7 +193,7 @@ def test_the_help_says_of_each_command_what_it_says_itself():
 @pytest.mark.parametrize("name", RESULT_FILES)
 def test_a_folder_where_a_result_must_go_is_refused_before_the_work(name, tmp_path, capsys):
     (tmp_path / name).mkdir()
-    assert main(["learn", "missing.tlog", "--out", str(tmp_path)]) == 2
+    assert run("learn", "missing.tlog", "--out", tmp_path) == 2
     assert f"{name} is a folder" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
@@ -200,8 +201,8 @@ def test_a_folder_where_a_result_must_go_is_refused_before_the_work(name, tmp_pa
 def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("COM3").write_bytes(FLIGHT.read_bytes())
-    assert main(["info", "COM3"]) == 0
-    assert main(["info", "COM4"]) == 2
+    assert run("info", "COM3") == 0
+    assert run("info", "COM4") == 2
     assert "link" in capsys.readouterr().err
 
 
@@ -264,9 +265,9 @@ def test_completing_a_command_imports_nothing_that_takes_time():
 
 
 def test_the_closest_names_come_first(capsys):
-    assert main(["learn", "x.tlog", "--ot", "y"]) == 2
+    assert run("learn", "x.tlog", "--ot", "y") == 2
     assert "Did you mean --out, --test or --json?" in capsys.readouterr().err
-    assert main(["learm", "x.tlog"]) == 2
+    assert run("learm", "x.tlog") == 2
     assert "learn" in capsys.readouterr().err
 
 
@@ -279,12 +280,9 @@ def test_the_closest_names_come_first(capsys):
     ],
 )
 def test_a_fault_and_an_interrupt_are_one_sentence(fault, code, told, monkeypatch, capsys):
-    def fails(*_: object) -> None:
-        raise fault
-
     monkeypatch.delenv("MAVDEM_TRACEBACK", raising=False)
-    monkeypatch.setattr(command_line.mavdem, "invoke", fails)
-    assert main(["info", str(FLIGHT)]) == code
+    monkeypatch.setattr(command_line.mavdem, "invoke", Mock(side_effect=fault))
+    assert run("info", FLIGHT) == code
     said = capsys.readouterr().err
     assert (
         told in said
@@ -293,5 +291,5 @@ def test_a_fault_and_an_interrupt_are_one_sentence(fault, code, told, monkeypatc
         and "Traceback" not in said
     )
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
-    assert main(["info", str(FLIGHT)]) == code
+    assert run("info", FLIGHT) == code
     assert ("Traceback" in capsys.readouterr().err) == isinstance(fault, RuntimeError)

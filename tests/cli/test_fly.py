@@ -6,7 +6,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from command_line import refused
+from command_line import refused, run
 from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main
@@ -17,7 +17,7 @@ SHORT = ["--duration", "20"]
 
 
 def fly(capsys, *words: object) -> dict:
-    assert main(["fly", *map(str, words), "--json"]) == 0
+    assert run("fly", *words, "--json") == 0
     return json.loads(capsys.readouterr().out)
 
 
@@ -55,7 +55,7 @@ def test_a_recording_to_look_at(tmp_path, capsys):
 
 
 def test_the_list_is_one_a_line_name_first(capsys):
-    assert main(["fly", "--list"]) == 0
+    assert run("fly", "--list") == 0
     listed = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in listed] == list(names())
     assert {"hover_blower", "paper_1"} < {one["name"] for one in fly(capsys, "--list")["scenarios"]}
@@ -93,7 +93,7 @@ def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_t
     escaped = "".join(f"\\U{ord(character):08x}" for character in text)
     mine.write_text(f'description = "{escaped}"\n')
     assert load(mine).description == text
-    assert main(["fly", str(mine), "--describe"]) == 0
+    assert run("fly", mine, "--describe") == 0
     said = capsys.readouterr().out
     assert all(character.isprintable() or character == "\n" for character in said)
     again.write_text(said)
@@ -101,10 +101,8 @@ def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_t
 
 
 def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
-    def fails(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("mavdem.cli.fly.write_truth", fails)
+    full = Mock(side_effect=OSError(28, "No space left on device"))
+    monkeypatch.setattr("mavdem.cli.fly.write_truth", full)
     (tmp_path / "f.rrd").write_bytes(b"old")
     words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
     assert "No space left" in refused(capsys, 2, "fly", *words)
@@ -126,7 +124,7 @@ def test_a_place_that_takes_no_file_is_refused_before_the_work(
 
 
 def test_describing_prints_every_value_with_what_it_means_and_may_be(capsys, tmp_path):
-    assert main(["fly", "lossy_link", "--describe", "--seed", "9"]) == 0
+    assert run("fly", "lossy_link", "--describe", "--seed", "9") == 0
     said = capsys.readouterr().out
     (tmp_path / "mine.toml").write_text(said)
     assert load(tmp_path / "mine.toml").seed == 9

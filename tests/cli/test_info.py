@@ -3,42 +3,26 @@
 import json
 
 import pytest
-from command_line import LOGS
-
-from mavdem.cli.commands import main
+from command_line import LOGS, run
 
 
-def info(capsys, *words: str) -> tuple[int, dict]:
-    code = main(["info", *words, "--json"])
+def test_a_sample_flight_can_be_learnt_from(capsys):
+    assert run("info", LOGS / "px4_wind5_steps.tlog", "--json") == 0
     said = capsys.readouterr()
-    assert said.err.count("\n") == code
-    return code, json.loads(said.out)
-
-
-@pytest.mark.parametrize(
-    ("name", "system", "autopilot"),
-    [("ardupilot_wind5_steps.tlog", 1, "ARDUPILOTMEGA"), ("px4_wind5_steps.tlog", 5, "PX4")],
-)
-def test_a_sample_flight_can_be_learnt_from(name, system, autopilot, capsys):
-    code, held = info(capsys, str(LOGS / name))
-    assert code == 0
-    assert held["learnable"]
+    held = json.loads(said.out)
+    assert held["learnable"] and said.err == ""
     (vehicle,) = held["vehicles"]
-    assert (vehicle["system"], vehicle["autopilot"], vehicle["vehicle"]) == (
-        system,
-        autopilot,
-        "QUADROTOR",
-    )
-    assert vehicle["messages"]["HEARTBEAT"]["rate"] == pytest.approx(1, rel=0.05)
-    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
-        assert vehicle["messages"][name]["rate"] == pytest.approx(100, rel=0.01)
+    known = vehicle["system"], vehicle["autopilot"], vehicle["vehicle"]
+    assert known == (5, "PX4", "QUADROTOR")
+    rates = [vehicle["messages"][name]["rate"] for name in ("ATTITUDE", "SERVO_OUTPUT_RAW")]
+    assert rates == pytest.approx([100, 100], rel=0.01)
     assert vehicle["segments"][0]["duration"] == pytest.approx(60, abs=1)
     assert vehicle["watched"] and vehicle["alarms"] == vehicle["autopilot_alarms"] == []
 
 
 def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
-    path = str(LOGS / "ardupilot_default_rates.tlog")
-    assert main(["info", path, "--json"]) == 1
+    path = LOGS / "ardupilot_default_rates.tlog"
+    assert run("info", path, "--json") == 1
     said = capsys.readouterr()
     assert said.err.startswith(
         f"mavdem: No roll model can be learned from {path}; 1:1: ATTITUDE comes at 4.0 Hz"
@@ -48,15 +32,14 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     assert not held["learnable"] and vehicle["messages"]["ATTITUDE"]["rate"] == pytest.approx(
         4, rel=0.1
     )
-    assert "Hz" in vehicle["verdict"]["reason"] and vehicle["verdict"]["remedy"]
-    assert main(["info", path]) == 1
+    assert run("info", path) == 1
     said = capsys.readouterr()
     assert said.err == "" and said.out.count("ATTITUDE comes at 4.0 Hz") == 1
 
 
 def test_the_text_reports_the_same(capsys):
-    path = str(LOGS / "px4_wind5_steps.tlog")
-    assert main(["info", path, "--axis", "pitch"]) == 0
+    path = LOGS / "px4_wind5_steps.tlog"
+    assert run("info", path, "--axis", "pitch") == 0
     said = capsys.readouterr().out
     assert said.startswith(
         "Healthy.\nNext: Learn a model: `mavdem learn`.\nA pitch model can be learned from 5:1 ("
@@ -67,5 +50,5 @@ def test_the_text_reports_the_same(capsys):
     assert (
         "keeps only some message types" in vehicle and station == "From 255:190 (GCS): 60 messages."
     )
-    assert main(["info", path, "--vehicle", "7"]) == 1
+    assert run("info", path, "--vehicle", "7") == 1
     assert "5:1" in capsys.readouterr().err

@@ -6,7 +6,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from threading import Event
@@ -14,6 +13,7 @@ from unittest.mock import Mock
 
 import psutil
 import pytest
+from command_line import MAVDEM, PATIENCE, refused, run
 from rerun.chunk import RrdReader
 
 import mavdem
@@ -22,9 +22,6 @@ from mavdem.cli.commands import main
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.ingest import read_log
 
-MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
-# Seconds that a slow, busy machine may take for anything; on others nothing waits for them
-PATIENCE = 100.0
 PATIENTLY = (
     f"import mavdem.view.live_view; mavdem.view.live_view.CLOSE_SECONDS = {PATIENCE}; "
     "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
@@ -48,15 +45,6 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    assert main(["live", *words]) == 2
-    said = capsys.readouterr()
-    assert (
-        said.out == "" and said.err.count("\n") == 1 and "should not have happened" not in said.err
-    )
-    return said.err
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -77,7 +65,7 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 )
 def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert said in refused(words, capsys)
+    assert said in refused(capsys, 2, "live", *words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -87,7 +75,7 @@ def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
         with contextlib.suppress(OSError):  # whoever has it will do
             other.bind(("127.0.0.1", 9876))
             other.listen()
-        said = refused([f"udpin:127.0.0.1:{free_port()}", "--serve"], capsys)
+        said = refused(capsys, 2, "live", f"udpin:127.0.0.1:{free_port()}", "--serve")
     assert "port 9876 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
 
 
@@ -109,10 +97,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
     monkeypatch.setattr("mavdem.cli.live.LiveSession.judge", lambda *_: None)
     assert (
-        main(
-            ["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]
-        )
-        == 2
+        run("live", f"udpin:127.0.0.1:{free_port()}", "--model", folder / "m.json", "--json") == 2
     )
     said = capsys.readouterr()
     told = json.loads(said.out)
@@ -130,12 +115,12 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.0.0.1", 0))
 
-        def run(*arguments):
+        def listen_to_stranger(*arguments):
             stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", port))
             return listen(*arguments)
 
         listen = live.run
-        monkeypatch.setattr(live, "run", run)
+        monkeypatch.setattr(live, "run", listen_to_stranger)
         words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --duration 0.3 --json"
         assert main(words.split()) == 1
         stranger.settimeout(0.1)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import polars
 import pytest
+from command_line import run
 from recorded_flights import LOGS
-
-from mavdem.cli.commands import main
 
 
 @pytest.mark.slow
@@ -18,7 +17,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     shutil.copy(LOGS / "ardupilot_default_rates.tlog", flights)
     (flights / "damaged.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
     out = tmp_path / "fleet"
-    assert main(["track", str(flights), "--out", str(out), "--jobs", "1", "--json"]) == 0
+    assert run("track", flights, "--out", out, "--jobs", "1", "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["logs"], found["read"], found["flights"], found["tiers"]) == (2, 2, 1, {"c": 1})
     assert [Path(one["file"]).name for one in found["failed"]] == ["damaged.ulg"]
@@ -26,16 +25,11 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     assert rows.filter(polars.col("status") == "ok")["axis"].to_list() == ["pitch", "roll"]
     assert (out / rows["page"].drop_nulls()[0]).is_file() and (out / "index.html").is_file()
     # Again, in words.
-    assert main(["track", str(flights), "--out", str(out)]) == 0
+    assert run("track", flights, "--out", out) == 0
     written = capsys.readouterr()
     assert written.out.startswith("2 logs, 0 of them read.") and "index.html" in written.err
     # Logs without a flight are no success.
-    assert (
-        main(
-            ["track", str(flights / "damaged.ulg"), "--out", str(tmp_path / "none"), "--jobs", "1"]
-        )
-        == 1
-    )
+    assert run("track", flights / "damaged.ulg", "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out
 
 
@@ -67,5 +61,5 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
 def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, words, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.bin").write_bytes(b"?")
-    assert main(["track", *words]) == 2
+    assert run("track", *words) == 2
     assert sentence in capsys.readouterr().err and not (tmp_path / "fleet").exists()

@@ -1,26 +1,24 @@
 """``mavdem tune``: margins and gains of a simulated flight, its files, and refusals."""
 
 import pytest
-from command_line import FLIGHT, SLOW, refused, strict_json
-
-from mavdem.cli.commands import main
+from command_line import FLIGHT, SLOW, refused, run, strict_json
 
 
 @pytest.mark.slow
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_path, capsys):
     log = str(tmp_path / "flight.tlog")
     out = tmp_path / "out"
-    assert main(["fly", "iris_identification", "--duration", "50", "--out", log]) == 0
+    assert run("fly", "iris_identification", "--duration", "50", "--out", log) == 0
     capsys.readouterr()
     assert "smaller --start" in refused(capsys, 1, "tune", log, "--start", "45", "--out", out)
     assert "Hz" in refused(capsys, 1, "tune", SLOW, "--out", out)
-    assert main(["tune", str(FLIGHT), "--axis", "pitch", "--json"]) == 1
+    assert run("tune", FLIGHT, "--axis", "pitch", "--json") == 1
     assert (
         "not identifiable" in strict_json(capsys.readouterr().out)["error"]["reason"]
         and not out.exists()
     )
-    words = ["tune", log, "--margins", "soft", "--start", "5", "--out", str(out)]
-    assert main([*words, "--json"]) == 0
+    words = ["tune", log, "--margins", "soft", "--start", "5", "--out", out]
+    assert run(*words, "--json") == 0
     found = strict_json(capsys.readouterr().out)
     roll = found["axes"]["roll"]
     gains = found["parameters"]
@@ -28,7 +26,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert {
         name: one["set"] for name, one in roll["gains"].items() if one["set"] != one["now"]
     } == gains
-    assert main(words) == 0
+    assert run(*words) == 0
     said = capsys.readouterr()
     assert (
         said.out.startswith("Roll: ")

@@ -8,8 +8,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
-
-from mavdem.cli.commands import main
+from command_line import run
 
 WEIGHT = 1.52 * 9.81 / 4
 
@@ -19,16 +18,16 @@ def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("twin")
     log = made / "flight.tlog"
     files = [made / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
-    assert main(["fly", "iris_identification", "--duration", "45", "--out", str(log)]) == 0
+    assert run("fly", "iris_identification", "--duration", "45", "--out", log) == 0
     words = [
         "twin",
-        str(log),
+        log,
         "--mass",
         "1.52",
         *(word for file in files for word in ("--out", str(file))),
     ]
     with redirect_stdout(StringIO()) as said:
-        assert main([*words, "--json"]) == 0
+        assert run(*words, "--json") == 0
     (made / "said.json").write_text(said.getvalue())
     return made
 
@@ -84,9 +83,9 @@ def test_it_flies_other_gains_or_says_why_not(folder, change, sentence, tmp_path
         "--duration",
         "16",
         "--vehicle",
-        str(folder / "mine.toml"),
+        folder / "mine.toml",
         "--out",
-        str(tmp_path / "a.tlog"),
+        tmp_path / "a.tlog",
     ]
-    assert main(["fly", *words, "--set", change]) == (2 if sentence else 0)
+    assert run("fly", *words, "--set", change) == (2 if sentence else 0)
     assert sentence in capsys.readouterr().err
