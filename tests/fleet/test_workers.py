@@ -14,7 +14,6 @@ from contextlib import closing
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
 from unittest.mock import MagicMock, Mock
 
 import distributed
@@ -31,19 +30,13 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
 from mavdem.fleet.store import STORE, Store, read_rows
-from mavdem.fleet.workers import Job, LogRows, WorkerPool, outcome_of
+from mavdem.fleet.workers import Job, WorkerPool, outcome_of
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     (path,) = make_logs(tmp_path, 1)
     memory = Unreadable(prose("It does not fit."))
     memory.__context__ = MemoryError()
-
-    def failing(error: Exception) -> Any:
-        def read(*_: object) -> LogRows:
-            raise error
-
-        return read
 
     found = outcome_of(Job(str(path)), lambda path, key, page: ([FlightRow(file="copy")], {}))
     assert (
@@ -53,12 +46,13 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     )
     assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"
     damaged = outcome_of(
-        Job(str(path)), failing(Unreadable(prose(f"{path} is damaged, and {path} is cut.")))
+        Job(str(path)),
+        Mock(side_effect=Unreadable(prose(f"{path} is damaged, and {path} is cut."))),
     )
     assert (damaged.ended, damaged.rows[0].status) == ("read", "It is damaged, and the log is cut.")
     assert (damaged.rows[0].file, damaged.rows[0].key) == (str(path), found.key)
     with pytest.raises(MemoryError):  # with a higher limit it may be read
-        outcome_of(Job(str(path)), failing(memory))
+        outcome_of(Job(str(path)), Mock(side_effect=memory))
 
 
 def test_what_is_no_plain_file_is_not_opened(tmp_path):
@@ -173,10 +167,7 @@ def test_a_run_that_cannot_write_ends_its_reader(tmp_path, monkeypatch):
             finally:
                 closed.append(True)
 
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Store, "add", full)
+    monkeypatch.setattr(Store, "add", Mock(side_effect=OSError(28, "No space left on device")))
     with pytest.raises(Unreadable) as refused:
         track(tmp_path / "fleet", *make_logs(tmp_path, 2), reader=Endless())
     assert refused.value.fact.code is Folder.FLEET_NOT_WRITTEN and closed

@@ -59,9 +59,6 @@ def test_a_message_that_is_lost_is_bridged():
     made = replay(frames)
     assert made.segments().keys() == {0} and made.stream.status().lost == 1
     settled_uniform(made)
-    for row in range(2000, 2400, 9):
-        frames[row : row + 2] = frames[row + 1], frames[row]
-    assert replay(frames).stream.status().lost == 1, "one that is overtaken is not lost"
     chance = random.Random(3)
     made = replay([entry for entry in FLIGHT.frames(end=30.0) if chance.random() > 0.2])
     assert made.segments().keys() == {0}, "nor does a fifth that is lost begin another segment"
@@ -174,7 +171,9 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     made = replay(swapped)
     usual = replay(frames)
     settled_uniform(made)
-    assert made.segments().keys() == {0} and made.stream.status().late < 100
+    assert made.segments().keys() == {0}
+    status = made.stream.status()
+    assert status.late < 100 and status.lost == 0, "one that is overtaken is not lost"
     count = min(len(made.rows), len(usual.rows))
     np.testing.assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
 

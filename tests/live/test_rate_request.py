@@ -4,14 +4,13 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from made_up_motion import made_up_motion
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender
-from mavdem.ingest.motors import motor_geometry, motor_parameters
-from mavdem.live.messages import FrameReader, Message, message_of, parameters_of
+from mavdem.ingest.motors import motor_parameters
+from mavdem.live.messages import Message
 from mavdem.live.rate_request import (
     GET_INTERVAL,
     PAUSE_SECONDS,
@@ -20,10 +19,7 @@ from mavdem.live.rate_request import (
     Arrivals,
     RateRequest,
 )
-from mavdem.live.senders import Sender
-from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
-from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
-from sitl_scenarios.scenario import Scenario, StreamSpec
+from sitl_scenarios.mavlink.commands import addressed_messages
 
 VEHICLE = FrameSender(7, 1)
 US = (255, 190)
@@ -264,33 +260,19 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
 
 
-@pytest.mark.parametrize(("name", "autopilot"), [("px4", "PX4"), ("ardupilot", "ARDUPILOTMEGA")])
-def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come(name, autopilot):
-    simulated = Transmitter(
-        Scenario(stream=StreamSpec(autopilot=name, only_when_asked=True)), 0.004
-    )
-    commands = CommandHandler(simulated, None)
-    motion = made_up_motion()
-    reader = FrameReader()
-    vehicle = Sender(1, 1)
-    names = motor_parameters(autopilot)
-    request = RateRequest(FrameSender(1, 1), 100.0, (30,), (), names)
-    asked = 0
-    tries = Counter[bytes]()
+def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
+    names = motor_parameters("PX4")
+    request = RateRequest(VEHICLE, 100.0, (30,), (), names)
     request._intervals.clear()
+    known: dict[bytes, Message] = {}
+    tries = Counter[bytes]()
     for number in range(150):
-        frames = request.due(0.2 * number, None, vehicle.parameters)
+        frames = request.due(0.2 * number, None, known)
         assert len(frames) <= 1
-        asked += len(frames)
-        for one in addressed_messages(b"".join(frames), 1, 1):
-            tries[one.fields["param_id"]] += 1
-            # the requests before, or their replies, are lost
-            if tries[one.fields["param_id"]] == 3:
-                commands.answer(one)
-        sent = simulated.send(rows_of_motion(motion, slice(number, number + 1)))
-        for frame in reader.feed(sent.data.tobytes()):
-            vehicle.take_message(message_of(frame)) if frame.message_id == 22 else None
-    assert asked <= 3 * len(names) and request.due(99.0, None, vehicle.parameters) == []
-    known = parameters_of(vehicle.parameters.values(), autopilot)
-    assert known.keys() == {each for each in names if each in simulated.parameters}
-    assert not motor_geometry("QUADROTOR", autopilot, known, (1, 2, 3, 4), 8).positions_assumed
+        for one in addressed_messages(b"".join(frames), VEHICLE.system, VEHICLE.component):
+            name = one.fields["param_id"]
+            tries[name] += 1
+            if tries[name] == 3:  # the requests before, or their replies, are lost
+                known[name] = Message("PARAM_VALUE", 0.0, 0.0, (name, 1.0, 9))
+    assert set(tries.values()) == {3} and tries.keys() == {name.encode() for name in names}
+    assert request.due(99.0, None, known) == []

@@ -29,7 +29,6 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.numbers import plus_minus
 from mavdem.report.page import live_page
-from mavdem.view.live_content import Channels, ViewRow, figures, status_document
 from sitl_scenarios.files import load, scenario_of
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
@@ -259,8 +258,8 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 
 
 @pytest.mark.slow
-def test_dashboard_and_page_of_a_session_say_the_same():
-    one, screen, _ = session_of(batches(8.0))
+def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
+    one, *_ = session_of(batches(8.0))
     run(one)
     late = mavdem.read_flight(LOG)[2000:4000]
     known = mavdem.learn(late, COMPLETE).physical
@@ -273,25 +272,12 @@ def test_dashboard_and_page_of_a_session_say_the_same():
     in_flight = one.status.findings
     model = one.judge(model)
     assert model.physical is known and in_flight.purposes[:2] == one.findings.purposes[:2]
-    status = one.status
-    units = (("µs",) * 4, ("rad", "rad/s"))
-    channels = Channels(
-        "a session", 0.01, (1, 25), model.record.input_names, model.record.output_names, *units
-    )
-    row = ViewRow(60.0, 0.0, 0, np.zeros(2), np.zeros(4), one._estimate, model, channels)
-    shown = "\n".join((*figures(status, row, 59.0), status_document(status, row, 59.0)))
+    assert one.status.findings == one.findings
     page = html.unescape(
-        live_page("udp", "roll", one.history, status, one.account(), model)
+        live_page("udp", "roll", one.history, one.status, one.account(), model)
     ).replace("\u00a0", " ")
-    of_all = known.mean_effect()
-    of_one = (known.effect[0], known.interval().effect[0])
-    for place, (value, half) in ((shown, of_all), (page, of_one)):
-        assert (
-            plus_minus(*np.degrees([value, half])) in place
-            and str(status.findings.headline) in place
-        )
-        assert all(str(purpose.reason) in place for purpose in status.findings.purposes)
-    assert status.findings.purposes[0].grade == status.findings.as_dict()["findings"][0]["grade"]
+    assert plus_minus(*np.degrees([known.effect[0], known.interval().effect[0]])) in page
+    assert all(str(purpose.reason) in page for purpose in one.findings.purposes)
 
 
 @pytest.mark.slow

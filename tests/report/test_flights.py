@@ -3,7 +3,6 @@
 from dataclasses import replace
 from datetime import timedelta
 
-import pytest
 from fleet_rows import flight_row
 
 from mavdem.fleet.difference import since_baseline, vehicle_difference
@@ -109,28 +108,6 @@ def test_wind_battery_and_lean_are_conditions():
     allowed = "shares for the lean and mean control effectiveness for battery and mean output"
     assert f"Intervals that allow for conditions: {allowed}." in condition
     assert "wind torque on roll 46 → 46 °/s²" in words(flown(0), flown(1))
-
-
-@pytest.mark.parametrize(
-    ("vehicle", "changed", "said"),
-    [
-        ("quad", {}, "single flights: how much one flight differs from the next is assumed"),
-        (
-            "quad",
-            {"vehicle_basis": "system id"},
-            "quad is a name by the MAVLink system id, which many vehicles share",
-        ),
-        ("other", {}, "A is quad and B is other"),
-        ("unknown", {}, "assumed to be of one vehicle"),
-        (
-            "quad",
-            {"status": "It is empty."},
-            "Nothing can be compared.\n\nNot compared: everything: B has no flight",
-        ),
-    ],
-)
-def test_what_the_statements_rest_on_is_said(vehicle, changed, said):
-    assert said in words(flown(0), flown(1, vehicle, **changed))
 
 
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
