@@ -402,7 +402,7 @@ def test_more_states_than_the_data_have_are_refused(monkeypatch):
 DT = 0.01
 
 
-def random_system(seed: int, order: int, r: int = 2, m: int = 2, noise: float = 0.1) -> StateSpace:
+def random_system(seed: int, order: int, noise: float = 0.1) -> StateSpace:
     """Stable with a stable predictor, modes between 0.3 and 0.95; trims off zero. Innovations are to be of size 1."""
     rng = np.random.default_rng(seed)
     modes = np.zeros((order, order))
@@ -416,20 +416,20 @@ def random_system(seed: int, order: int, r: int = 2, m: int = 2, noise: float = 
         modes[-1, -1] = rng.uniform(0.3, 0.9)
     turn = np.linalg.qr(rng.standard_normal((order, order)))[0]
     A = turn @ modes @ turn.T
-    B = rng.standard_normal((order, r))
-    C = rng.standard_normal((m, order))
-    K = rng.standard_normal((order, m)) * 0.2
+    B = rng.standard_normal((order, 2))
+    C = rng.standard_normal((2, order))
+    K = rng.standard_normal((order, 2)) * 0.2
     while np.abs(np.linalg.eigvals(A - K @ C)).max() > 0.9:
         K *= 0.7
     return StateSpace(
         A,
         B,
         noise * C,
-        np.zeros((m, r)),
+        np.zeros((2, 2)),
         K / noise,
         np.zeros(order),
-        rng.uniform(-5, 5, r),
-        rng.uniform(-5, 5, m),
+        rng.uniform(-5, 5, 2),
+        rng.uniform(-5, 5, 2),
     )
 
 
@@ -453,7 +453,7 @@ def flown(
     states = np.zeros((samples + 1, n))
     outputs = np.empty((samples, m))
     for t in range(samples):
-        outputs[t] = system.C @ states[t] + system.D @ pushes[t] + errors[t]
+        outputs[t] = system.C @ states[t] + errors[t]
         if feedback is not None:
             pushes[t] += feedback @ outputs[t]
         states[t + 1] = (

@@ -60,16 +60,6 @@ def test_covariance_is_that_of_the_closed_form_and_of_twice_the_nodes(smoothness
     )
 
 
-@pytest.mark.parametrize("outputs", [1, 2])
-def test_exact_states_err_by_what_they_say(outputs):
-    system = roll(2, 0.1, outputs=outputs)
-    squares = []
-    for states, series in zip(*draw(system), strict=True):
-        mean, sd = system.states_given(series)
-        squares.append(np.mean(((states - mean) / sd) ** 2, axis=0))
-    assert (np.abs(np.mean(squares, axis=0) - 1) < 4 * standard_error(squares)).all()
-
-
 # States, the parameters being known.
 
 
