@@ -1,7 +1,5 @@
 """Codes of the command line: what it cannot read or write, and how a run ended."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code

@@ -1,7 +1,5 @@
 """What is found of many logs: why one has no flight, what keeps a fleet from being made, what cannot be compared."""
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code

@@ -1,7 +1,5 @@
 """Forecasts: held-out windows, methods that are compared, and the truth of simulated flights."""
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code, InWords

@@ -1,7 +1,5 @@
 """How sure an estimate is: the one vocabulary of physical parameters, wind, drag and their tables."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import InWords

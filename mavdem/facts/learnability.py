@@ -1,7 +1,5 @@
 """Why a model of an axis can or cannot be learned from a log, what makes it less reliable, and what to change."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code

@@ -1,7 +1,5 @@
 """What is said of control loops: their margins, the controller behind them, the measured response, gains, the twin."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code

@@ -1,7 +1,5 @@
 """What is said of a model: why its physical parameters are doubted or missing, its limits, and the order of states."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code, InWords

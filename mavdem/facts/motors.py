@@ -1,7 +1,5 @@
 """What is found of motors and propellers: between flights, by their balance, and in flight."""
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code

@@ -1,7 +1,5 @@
 """Online: why the model of a stream is not learned yet, or not again; and what keeps a flight's wind unknown."""
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code

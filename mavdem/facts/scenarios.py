@@ -1,7 +1,5 @@
 """What is said of simulated flights."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code

@@ -1,7 +1,5 @@
 """What is found of a live session: its link, the vehicles on it, their messages and rates, and what waits."""
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code

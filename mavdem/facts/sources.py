@@ -1,7 +1,5 @@
 """Codes of what is read: why a source is refused, and what was odd or damaged in it and what was done about it."""
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code

@@ -1,7 +1,5 @@
 """What a log says of its vehicle: the tier that it allows, and what the vehicle's name is made of."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code, InWords

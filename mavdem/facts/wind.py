@@ -1,7 +1,5 @@
 """The wind in metres a second: why there is none, and what of it a flight does not identify."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code

@@ -366,7 +366,6 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
         cautions = report.get("cautions")
         if not by_demand:
             columns = {"motors": names or None} | columns
-    overrides = report.get("overrides") or ()
     if value_at("wind.reason") or value_at("physical.status.effect") in (None, NOT_IDENTIFIABLE):
         # It is not resolved, or what it is computed with is not identifiable.
         columns = {
