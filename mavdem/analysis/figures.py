@@ -202,15 +202,17 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "segments": [
             {"start": float(flight.time[0]), "samples": len(flight)} for flight in flights
         ],
-        "inputs": first.input_names,
-        "outputs": first.output_names,
+        "inputs": list(first.input_names),
+        "outputs": list(first.output_names),
         "dt": first.dt,
         "training_samples": len(learned.record.outputs),
         "forecast_samples": held_out.time.shape[1],
         "order": learned.settings.order,
         "converged": learned.converged,
-        "model": model,
-        "model_interval_90_percent": half_width,
+        "model": {name: value.tolist() for name, value in model._asdict().items()},
+        "model_interval_90_percent": {
+            name: getattr(half_width, name).tolist() for name in ("A", "B", "C")
+        },
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
             "start": float(energy[0]),
@@ -225,7 +227,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": learned.useful_steps * first.dt,
+            "half_explained_seconds": (learned.useful_steps * first.dt).tolist(),
             "error_ratio": held_out.error_ratio(PREDICTION),
         },
         "simulation_fit": None
@@ -235,21 +237,21 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
             "converged": fit.converged,
             "numbers": fit.effective_samples,
             "parameters": len(fit.free),
-            "turning": joint.combinations[:, 0],
+            "turning": joint.combinations[:, 0].tolist(),
             "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
         },
         "joint": {
             "lags": joint.choice.lags,
             "prior_precision": joint.choice.ridge,
             "smooth": joint.choice.smooth,
-            "combinations": joint.combinations.T,
+            "combinations": joint.combinations.T.tolist(),
             "spectral_radius": joint.process.spectral_radius,
             "free_energy": joint.terms,
         },
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind_torque),
         "closed_loop": None,
-        "cautions": learned.cautions,
+        "cautions": list(learned.cautions),
     }
 
 
@@ -293,7 +295,7 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
             "effect": None if np.isnan(effect).any() else effect.tolist(),
             **interval,
         },
-        "windows": physical.windows,
+        "windows": {name: column.tolist() for name, column in physical.windows._asdict().items()},
     }
 
 
@@ -315,8 +317,8 @@ def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
         **{name: getattr(wind, name) for name in kept},
         "answered": or_none(wind.cancelled_share),
         "answered_below_1_hz": or_none(wind.cancelled_share_slow),
-        "gusts": wind.gusts,
-        "spectrum": wind.spectrum,
+        "gusts": [gust._asdict() for gust in wind.gusts],
+        "spectrum": {name: values.tolist() for name, values in wind.spectrum._asdict().items()},
     }
 
 

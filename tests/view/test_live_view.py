@@ -290,7 +290,7 @@ def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_
                 until(lambda: not view._threads[0]._rows)
                 view.log(Occurrence(now.time, prose("Alarm").but(Level.BAD), 50.0 + DT * 3200))
                 until(lambda: not view._threads[0]._lines)
-    *gusts, unusual = [text for text in texts(path) if text != "Alarm"]
+    *gusts, unusual = [text for text in texts(path) if text != "Alarm."]
     if changed:
         assert gusts == []
         return
