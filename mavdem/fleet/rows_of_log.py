@@ -87,7 +87,7 @@ def _rows_of_vehicle(
                 FlightRow.of(
                     first.as_dict(),
                     status=str(first.refusal.fact),
-                    status_code=first.refusal.fact.code,
+                    status_code=(first.reason or first.refusal.fact).code,
                     warnings=(),
                     warning_codes=(),
                     **unknown,

@@ -173,7 +173,7 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
     ranked = sorted(by_reason.values(), key=lambda rows: (-len(rows), rows[0].status))
     shown = ranked if len(ranked) <= MAX_REASONS else ranked[: MAX_REASONS - 1]
     cells = [
-        [cut(rows[0].status, 140), str(len(rows)), cut(PurePath(rows[0].file).name, 60)]
+        [cut(rows[0].status, 70), str(len(rows)), cut(PurePath(rows[0].file).name, 40)]
         for rows in shown
     ]
     if others := len(refused) - sum(map(len, shown)):
