@@ -196,7 +196,7 @@ NODES = {
     "documents": 8700,
     "evaluate": 9650,
     "export": 3100,
-    "facts": 4550,
+    "facts": 4500,
     "fleet": 17700,
     "health": 9700,
     "ingest": 55450,
@@ -209,8 +209,8 @@ NODES = {
     "view": 14850,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_400
-TEST_NODES = 256_100
+ALL_NODES = 419_300
+TEST_NODES = 246_600
 NODES_A_LINE = 11.8
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 774
