@@ -358,3 +358,17 @@ def test_cells_add_up_and_the_whole_may_be_in_the_place_of_the_first(split):
         **columns(time, voltage_battery=np.full(len(time), 65535, dtype=np.uint16)),
     )
     np.testing.assert_array_equal(Signals(unmeasured).voltage.values, found.values)
+
+
+@pytest.mark.parametrize(
+    ("message", "field", "value"),
+    [("LOCAL_POSITION_NED", "z", -12.0), ("GLOBAL_POSITION_INT", "relative_alt", 12000.0)],
+)
+def test_the_height_is_in_metres_above_the_start(message, field, value):
+    moved = columns(np.arange(5.0), **{field: np.full(5, value), "boot": np.zeros(5, int)})
+    telemetry = HOVER.telemetry(10.0)
+    others = {
+        name: sent for name, sent in telemetry.messages.items() if name not in signals.HEIGHT_FIELDS
+    }
+    found = Signals(changed(replace(telemetry, messages=others), message, **moved)).height
+    assert found.values == pytest.approx(12.0)
