@@ -210,7 +210,7 @@ NODES = {
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 419_300
-TEST_NODES = 246_600
+TEST_NODES = 246_900
 NODES_A_LINE = 11.8
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 774
