@@ -24,7 +24,7 @@ class Event(NamedTuple):
     @property
     def sentence(self) -> str:
         """What happened, and what to do about it."""
-        return f"{self.fact} {self.fact.remedy}".strip()
+        return self.fact.advised
 
     @property
     def is_alarm(self) -> bool:
