@@ -12,6 +12,7 @@ import shlex
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from contextlib import suppress
@@ -22,6 +23,10 @@ import rerun as rr
 
 LOOPBACK = "127.0.0.1"
 SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
+STREAM_HEADER = 12  # bytes before the first message of an .rrd file
+MESSAGE_HEADER = struct.Struct(
+    "<QQ"
+)  # kind of message, bytes of what follows; source: Rerun's re_log_encoding
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -96,7 +101,7 @@ class RecordingFile(Sink):
     """A new .rrd file.
 
     Each batch is passed to the operating system at once: if the process ends, only the last second is missing. If the
-    disk is full, the file is cut to complete batches, since the viewer opens no other. If the process is killed while
+    disk is full, the file is cut to whole messages, since the viewer opens no other. If the process is killed while
     it writes, the end of the file is torn; ``rerun rrd optimize`` repairs it.
     """
 
@@ -107,7 +112,7 @@ class RecordingFile(Sink):
         self.path = Path(path)
         self.name = str(self.path)
         self.broken = False  # whether something could not be written
-        self.complete = 0  # bytes of complete batches
+        self.whole = STREAM_HEADER  # bytes, up to the end of the last whole message
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Writes the recording into the file."""
@@ -116,11 +121,21 @@ class RecordingFile(Sink):
 
     def delivered(self, arrived: bool = True) -> None:
         """Keeps what has arrived; see :class:`Sink`."""
-        if arrived:
-            self.complete = self.path.stat().st_size
-        else:
+        # A flush that met a full disk may return without an error: only the file says what has arrived.
+        size = self.path.stat().st_size
+        with self.path.open("rb") as file:
+            end = self.whole
+            while end <= size:
+                self.whole = end
+                file.seek(end)
+                header = file.read(MESSAGE_HEADER.size)
+                if len(header) < MESSAGE_HEADER.size:
+                    break
+                _, length = MESSAGE_HEADER.unpack(header)
+                end += MESSAGE_HEADER.size + length
+        if not arrived:
             self.broken = True
-            os.truncate(self.path, self.complete)
+            os.truncate(self.path, self.whole)
 
 
 class Viewer(Sink):
