@@ -44,6 +44,7 @@ FLOORS = (
     {"baselines"},
     {"evaluate"},
     {"analysis"},
+    {"assessment"},
     {"fleet", "live"},
     {"report"},
     {"documents", "export", "view"},
@@ -189,6 +190,7 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 17950,
     "analysis": 8700,
+    "assessment": 12000,
     "baselines": 8100,
     "cli": 18800,
     "condition": 22500,

@@ -330,7 +330,7 @@ class Ending:
         elif self._files.html is not None:
             say_aside("The page is lost: this computer is too slow.")
         file = self._dashboard.file
-        if file is not None and not file.complete and not file.broken:
+        if file is not None and not file.whole and not file.broken:
             say_aside(f"There was nothing to show, so {self._files.rrd} was not written.")
 
     @property
@@ -366,7 +366,7 @@ class Ending:
             **(status.findings.as_dict() if status.findings else {}),
             **alarm_figures(status.alarms),
             "events": [event.sentence for event in session.history.events],
-            "rrd": str(files.rrd) if file is not None and file.complete else None,
+            "rrd": str(files.rrd) if file is not None and file.whole else None,
             "record": recording and {"file": str(files.record), "frames": recording.frames},
             "model": str(files.model) if has_model else None,
             "html": str(files.html) if self._has_page else None,

@@ -1,0 +1,1 @@
+"""Assessment: what happened in a log, how it ended, and eight lights on the vehicle, whatever the log's rate."""

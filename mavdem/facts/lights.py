@@ -1,0 +1,18 @@
+"""Lights: what every log is judged by, each a fact with a level."""
+
+from __future__ import annotations
+
+from mavdem.facts.fact import InWords
+
+
+class Light(InWords):
+    """What is judged of a vehicle and its log."""
+
+    MOTORS = "motors"
+    VIBRATION = "vibration"
+    TRACKING = "tracking"
+    MARGINS = "margins"
+    POWER = "power"
+    ESTIMATOR = "estimator"
+    WIND = "wind"
+    LOG = "log"
