@@ -112,7 +112,7 @@ class RecordingFile(Sink):
         self.path = Path(path)
         self.name = str(self.path)
         self.broken = False  # whether something could not be written
-        self.whole = STREAM_HEADER  # bytes, up to the end of the last whole message
+        self.whole = 0  # bytes, up to the end of the last whole message
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Writes the recording into the file."""
@@ -124,7 +124,7 @@ class RecordingFile(Sink):
         # A flush that met a full disk may return without an error: only the file says what has arrived.
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
-            end = self.whole
+            end = self.whole or STREAM_HEADER
             while end <= size:
                 self.whole = end
                 file.seek(end)
