@@ -45,7 +45,6 @@ class Repair(Code):
     LOG_OF_SEVERAL_BOOTS = auto()
     CLOCK_MOVED = auto()
     UNIX_TIME_MOVED = auto()
-    VEHICLES_PARTED = auto()
     SYSTEM_NUMBERED = auto()
     DEFINITION_CONTRADICTED = auto()
     LOGGED_MESSAGES_LEFT_OUT = auto()

@@ -5,7 +5,6 @@ import os
 import random
 import struct
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 
 import dataflash_logs
@@ -387,71 +386,6 @@ def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
         "VTOL_FIXEDROTOR",
         "VTOL_TILTWING",
     ]
-
-
-BOARD = b"fmuv3 00%dA002F 30395113 33333539"
-
-
-def stream_of(kind: str, **fields: Callable[[int], object]) -> Callable[[int, list[float]], bytes]:
-    def of(number: int, times: list[float]) -> bytes:
-        frames = flight(times)
-        frames.insert(100, message(kind, **{name: of(number) for name, of in fields.items()}))
-        return tlog([heartbeat(), *frames])
-
-    return of
-
-
-def dataflash_of(
-    kind: str, *fields: Callable[[int], object]
-) -> Callable[[int, list[float]], bytes]:
-    def of(number: int, times: list[float]) -> bytes:
-        told = dataflash_logs.message(kind, 1_000_000, *(of(number) for of in fields))
-        return dataflash_logs.log(told, *dataflash_logs.flight(times))
-
-    return of
-
-
-JOINED = {
-    "texts": ("tlog", 1, stream_of("STATUSTEXT", text=lambda number: BOARD % number)),
-    "versions": (
-        "tlog",
-        1,
-        stream_of("AUTOPILOT_VERSION", uid2=lambda number: [number, *[3] * 11, *[0] * 6]),
-    ),
-    "calibrations": (
-        "tlog",
-        1,
-        stream_of(
-            "PARAM_VALUE",
-            param_id=lambda number: b"INS_ACCOFFS_X",
-            param_value=lambda number: 0.25 * number,
-        ),
-    ),
-    "boards in DataFlash": ("bin", 7, dataflash_of("MSG", lambda number: BOARD % number)),
-    "calibrations in DataFlash": (
-        "bin",
-        7,
-        dataflash_of("PARM", lambda number: "INS_ACCOFFS_X", float),
-    ),
-}
-
-
-@pytest.mark.parametrize("by", JOINED)
-def test_joined_logs_of_two_vehicles_with_one_system_id_are_two_vehicles(by, tmp_path):
-    """The second clock goes on from the first's, as far as anybody can see."""
-    kind, system, of = JOINED[by]
-    later, last = ([time + since for time in TIMES] for since in (100, 200))
-    log = log_of(of(1, TIMES) + of(2, later) + of(2, last), tmp_path, f"flight.{kind}")
-    assert [vehicle.system for vehicle in log.vehicles] == [system, system + 1]
-    assert all(vehicle.repairs[0].code is Repair.VEHICLES_PARTED for vehicle in log.vehicles)
-    assert dict(log.vehicles[1].repairs[0].figures) == {"count": 2, "system": system + 1}
-    times = [vehicle.messages["ATTITUDE"]["time"] for vehicle in log.vehicles]
-    assert [(round(time[0], 6), len(time)) for time in times] == [
-        (TIMES[0], len(TIMES)),
-        (later[0], 2 * len(TIMES)),
-    ]
-    same = log_of(of(1, TIMES) + of(1, later), tmp_path, f"flight.{kind}")
-    assert len(same.vehicles) == 1
 
 
 OTHERS = [

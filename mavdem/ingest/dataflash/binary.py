@@ -2,10 +2,7 @@
 
 Every message begins with A3 95 and its id; FMT, whose own definition is fixed, gives the length, the name, one
 character a field, and the field names. There are no checksums. A message is accepted when its header is where the one
-before it ends; after damage the next header with a known id is tried. A message that is not followed by a header may be
-whole, with garbage after it, or damaged. It is rejected when another one, itself followed by a header, begins inside
-it, or when bytes differ in it that are the same in all messages of its id around it: in most messages some bytes never
-change.
+before it ends, and another follows it; after damage the next header with a known id is tried.
 
 Source: ArduPilot ``libraries/AP_Logger/LogStructure.h`` and
 https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html.
@@ -16,9 +13,8 @@ from __future__ import annotations
 import re
 import struct
 from array import array
-from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -26,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts import Fact
-from mavdem.facts.sources import Flaw, Repair
+from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import joined, repair, selected
 
@@ -156,9 +152,6 @@ def numbers(table: MessageTable) -> MessageTable:
 
 
 BLOCK = 1 << 22  # Bytes between two calls of ``progress``
-NEIGHBOURS = 8
-MIN_NEIGHBOURS = 4
-"""Messages of its id before and after a doubtful one for comparison, and how many of them there must be."""
 
 _FORMAT_BEGUN = re.compile(
     HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL
@@ -176,8 +169,6 @@ def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRe
     data = np.zeros(len(content) + MAX_MESSAGE_BYTES, dtype=np.uint8)
     data[: len(content)] = np.frombuffer(content, dtype=np.uint8)
     starts = np.array(scan.starts, dtype=np.int64)
-    damaged = _damaged_rows(data, starts, scan.doubtful)
-    starts = np.delete(starts, damaged)
     ids = data[starts + 2]
     groups: dict[str, list[tuple[FormatDefinition, NDArray[np.int64]]]] = {}
     for kind in np.unique(ids).tolist():
@@ -193,21 +184,16 @@ def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRe
             [_decoded(data, *group) for group in groups.get(name, [])]
         ),
         bytes_skipped=scan.skipped(),
-        repairs=scan.repairs
-        + repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=len(damaged), flaw=Flaw.DAMAGE),
+        repairs=scan.repairs,
     )
 
 
 class _Scan:
-    """One pass over a log: ``starts`` are the places of its messages, ``definitions`` theirs by id.
-
-    ``doubtful`` has the row and the length of each message that no header follows.
-    """
+    """One pass over a log: ``starts`` are the places of its messages, ``definitions`` theirs by id."""
 
     def __init__(self, content: bytes) -> None:
         self.content = content
         self.starts = array("q")
-        self.doubtful: list[tuple[int, int]] = []
         self.read = 0
         self.repairs: tuple[Fact, ...] = ()
         self.definitions: dict[int, _Dated] = {FORMAT_ID: [(0, FORMAT)]}
@@ -254,51 +240,31 @@ class _Scan:
         return len(self.content) - self.read - filled
 
     def _learn_definitions(self) -> None:
-        """Finds the first definition of each id anywhere in the log: messages may come before their FMT."""
+        """Finds the first definition of each id anywhere in the log: messages may come before their FMT.
+
+        Of a definition whose length is not that of its fields, the fields count.
+        """
         contradictory: dict[int, FormatDefinition] = {}
         for begun in _FORMAT_BEGUN.finditer(self.content):
             found = self._defined_at(begun.start())
             if found is not None and found[0] not in self.definitions:
                 kind, definition = found
-                if definition.length == definition.wire_length:
+                # A field of a newer type is no damage.
+                sound = definition.wire is None or definition.length == definition.wire_length
+                if sound and definition.length >= HEADER_LENGTH:
                     self._set(kind, definition)
-                else:
+                elif definition.wire_length > HEADER_LENGTH:
                     contradictory.setdefault(kind, definition)
         for kind, definition in contradictory.items():
             if kind not in self.definitions:
-                self._settle(kind, definition)
-
-    def _settle(self, kind: int, definition: FormatDefinition) -> None:
-        """Chooses between the two lengths of a contradictory definition: more messages then end at another header.
-
-        With FMT's length and fields of another, messages are skipped but cannot be decoded.
-        """
-        candidates = [
-            length
-            for length in (definition.wire_length, definition.length)
-            if length > HEADER_LENGTH
-        ]
-        if not candidates:
-            return
-        begun = re.finditer(re.escape(HEADER + bytes([kind])), self.content)
-        ends = Counter(
-            n for at in begun for n in candidates if self.content.startswith(HEADER, at.start() + n)
-        )
-        length = max(candidates, key=ends.__getitem__)
-        decodable = length == definition.wire_length
-        self._set(
-            kind,
-            FormatDefinition(definition.name, length, definition.characters, definition.fields),
-        )
-        if definition.wire is None and length == definition.length:
-            return  # a field of a newer type is no damage
-        self.repairs += repair(
-            Repair.DEFINITION_CONTRADICTED,
-            name=definition.name,
-            length=definition.length,
-            field_length=definition.wire_length,
-            decodable=decodable,
-        )
+                length = definition.wire_length
+                self._set(kind, replace(definition, length=length))
+                self.repairs += repair(
+                    Repair.DEFINITION_CONTRADICTED,
+                    name=definition.name,
+                    length=definition.length,
+                    field_length=length,
+                )
 
     def _set(self, kind: int, definition: FormatDefinition, since: int = 0) -> None:
         self.definitions.setdefault(kind, []).append((since, definition))
@@ -325,56 +291,20 @@ class _Scan:
         return defined(struct.unpack_from("<BB4s16s64s", self.content, place + HEADER_LENGTH))
 
     def _after_damage(self, place: int) -> int:
-        """The place to continue from where there is no header; rejects the message before it if that is damaged."""
-        if self.starts:
+        """The place to continue from where there is no header; the message that ends there is left out."""
+        following = self._next_header(place)
+        if self.starts and following < len(self.content):
             previous = self.starts[-1]
             length = self.lengths[self.content[previous + 2]]
             if previous + length == place:
-                inside = self._begun_inside(previous, place)
-                if inside is not None:
-                    self.starts.pop()
-                    self.read -= length
-                    return inside
-                self.doubtful.append((len(self.starts) - 1, length))
-        return self._next_header(place)
-
-    def _begun_inside(self, previous: int, end: int) -> int | None:
-        """A message that begins inside the one before and ends at a header, or at the end of the log."""
-        place = self.content.find(HEADER, previous + 1, end + 1)
-        while place >= 0:
-            length = self.lengths[self.content[place + 2]] if place + 2 < len(self.content) else 0
-            behind = place + length
-            if length and (self.content.startswith(HEADER, behind) or behind == len(self.content)):
-                return place
-            place = self.content.find(HEADER, place + 1, end + 1)
-        return None
+                self.starts.pop()
+                self.read -= length
+                return self._next_header(previous + 1)
+        return following
 
     def _next_header(self, place: int) -> int:
         found = self.content.find(HEADER, place)
         return found if found >= 0 else len(self.content)
-
-
-def _damaged_rows(
-    data: NDArray[np.uint8], starts: NDArray[np.int64], doubtful: list[tuple[int, int]]
-) -> list[int]:
-    """The rows of the doubtful messages that differ from their neighbours where these are all the same."""
-    ids = data[starts + 2]
-    suspect = {row for row, _ in doubtful}
-    damaged = []
-    rows_of = {
-        kind: np.flatnonzero(ids == kind) for kind in np.unique(ids[sorted(suspect)]).tolist()
-    }
-    for row, length in doubtful:
-        same = rows_of[int(ids[row])]
-        at = int(np.searchsorted(same, row))
-        near = same[max(at - NEIGHBOURS, 0) : at + NEIGHBOURS + 1].tolist()
-        around = [other for other in near if other not in suspect]
-        if len(around) >= MIN_NEIGHBOURS:
-            bodies = np.stack([data[start : start + length] for start in starts[around].tolist()])
-            constant = (bodies == bodies[0]).all(axis=0)
-            if (data[starts[row] : starts[row] + length] != bodies[0])[constant].any():
-                damaged.append(row)
-    return damaged
 
 
 def _decoded(

@@ -12,8 +12,6 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from functools import partial
 from math import isfinite
 
 import numpy as np
@@ -179,9 +177,8 @@ _FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
 def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
     """Reads a DataFlash log; a damaged one as far as possible.
 
-    The log has one vehicle, or one for each board where logs of several were joined. Its component counts the messages
-    under DataFlash's names ("ATT"), the telemetry has them under MAVLink's ("ATTITUDE"). Raises Unreadable: the file
-    cannot be opened, or has no message of ArduPilot.
+    The log has one vehicle. Its component counts the messages under DataFlash's names ("ATT"), the telemetry has them
+    under MAVLink's ("ATTITUDE"). Raises Unreadable: the file cannot be opened, or has no message of ArduPilot.
     """
     source = os.fspath(path)
     content = file_bytes(path)
@@ -190,50 +187,10 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
         if is_dataflash_text(content)
         else read_binary(content, progress)
     )
-    vehicles: list[Telemetry] = []
-    for own in (parts := _by_board(recording)):
-        one = _vehicle(own, source)
-        number = one.system + len(vehicles)
-        apart = repair(Repair.VEHICLES_PARTED, count=len(parts), system=number)
-        vehicles.append(
-            replace(one, system=number, repairs=apart + one.repairs) if len(parts) > 1 else one
-        )
-    frames = sum(recording.counts.values())
-    counts = recording.counts if len(parts) == 1 else None
-    return log_of_vehicles(tuple(vehicles), frames, recording.bytes_skipped, counts=counts)
-
-
-def _by_board(recording: DataflashRecording) -> list[DataflashRecording]:
-    """The recording, or one for each board or calibration of the accelerometers, where logs of several were joined."""
-    formats, messages, parameters = (recording.table(name) for name in ("FMT", "MSG", "PARM"))
-    texts = zip(messages.place.tolist(), _texts(messages, "Message"), strict=False)
-    known = [(place, number) for place, text in texts if (number := board_number_in_texts([text]))]
-    values = numbers(parameters).columns.get("Value", np.zeros(0)).tolist()
-    named = zip(parameters.place.tolist(), _texts(parameters, "Name"), values, strict=False)
-    known = known or [
-        (place, f"{value:.4g}") for place, name, value in named if name == "INS_ACCOFFS_X" and value
-    ]
-    # Each log begins with the definition of definitions; of several numbers in one, the first is its own.
-    first = (
-        formats.place[formats.columns["Type"] == binary.FORMAT_ID]
-        if "Type" in formats.columns
-        else formats.place
-    )
-    owner = {int(first[first <= place].max(initial=0)): number for place, number in reversed(known)}
-    boards = list(dict.fromkeys(owner[start] for start in sorted(owner)))
-
-    def part(board: str, name: str) -> MessageTable:
-        whole = recording.table(name)
-        starts = np.array(sorted(owner))
-        holder = np.array([owner[start] == board for start in starts.tolist()])
-        rows = holder[np.maximum(np.searchsorted(starts, whole.place, side="right") - 1, 0)]
-        return MessageTable(whole.place[rows], selected(whole.columns, rows))
-
-    return (
-        [recording._replace(table=partial(part, board)) for board in boards]
-        if len(boards) > 1
-        else [recording]
-    )
+    counts = recording.counts
+    frames = sum(counts.values())
+    vehicle = _vehicle(recording, source)
+    return log_of_vehicles((vehicle,), frames, recording.bytes_skipped, counts=counts)
 
 
 def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:

@@ -178,42 +178,24 @@ def _last_at(places: Places, wanted: Places) -> Rows | slice:
 
 def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
     """Gives each message without a time that of the last message before it, of any type, or else the first time."""
-    kinds = [(kind.places, placed[kind.message]) for kind in sent]
-    known = [int(np.argmin(np.isnan(own.time))) for _, own in kinds]
-    firsts = [
-        (int(places[row]), own.time[row], own.boot[row])
-        for (places, own), row in zip(kinds, known, strict=True)
-        if not np.isnan(own.time[row])
-    ]
-    if not firsts:
+    kinds = [(kind.places, *placed[kind.message]) for kind in sent]
+    known = [without(np.isnan(time), places, time, boot) for places, time, boot in kinds]
+    known = [columns for columns in known if len(columns[0])]
+    if not known:
         return
-    _, time, boot = min(firsts)
-    first = min(int(places[0]) for places, _ in kinds)
-    last = max(int(places[-1]) for places, _ in kinds)
-    pieces = 1 + sum(len(places) for places, _ in kinds) // BATCH
-    edges = np.linspace(first, last + 1, pieces + 1).astype(np.int64)
-    bounds = [np.searchsorted(places, edges.astype(places.dtype)).tolist() for places, _ in kinds]
-    for piece in range(pieces):
-        parts = [
-            (places[rows], PlacedStamps(own.time[rows], own.boot[rows]))
-            for (places, own), ends in zip(kinds, bounds, strict=True)
-            if len(places[rows := slice(ends[piece], ends[piece + 1])])
-        ]
-        if not parts:
-            continue
-        order = np.argsort(np.concatenate([places for places, _ in parts]), kind="stable")
-        times = np.concatenate([[time], np.concatenate([own.time for _, own in parts])[order]])
-        boots = np.concatenate([[boot], np.concatenate([own.boot for _, own in parts])[order]])
-        latest = np.maximum.accumulate(np.where(np.isnan(times), 0, np.arange(len(times))))
-        time = times[latest[-1]]
-        boot = boots[latest[-1]]
-        back = np.empty(len(order), dtype=np.int64)
-        back[order] = latest[1:]
-        for places, own in parts:
-            at = back[: len(places)]
-            back = back[len(places) :]
-            own.time[:] = times[at]
-            own.boot[:] = boots[at]
+    first = min(known, key=lambda columns: int(columns[0][0]))
+    for places, time, boot in kinds:
+        missing = np.flatnonzero(np.isnan(time))
+        wanted = places[missing]
+        latest = np.full(len(missing), -1, dtype=np.int64)
+        time[missing] = first[1][0]
+        boot[missing] = first[2][0]
+        for there, times, boots in known:
+            row = np.searchsorted(there, wanted, side="right") - 1
+            later = (row >= 0) & (there[row] > latest)
+            latest[later] = there[row[later]]
+            time[missing[later]] = times[row[later]]
+            boot[missing[later]] = boots[row[later]]
 
 
 def _placed_alone(
@@ -267,19 +249,13 @@ def _reboots(time: Times, raw: Times, received: Times) -> Rows:
     gaps = np.abs(np.diff(received, prepend=np.nan))
     passed = float(np.nansum(gaps))
     speed = max(float(np.clip(np.diff(time), 0, None).sum()) / passed, 1.0) if passed > 0 else 1.0
+    most = np.where(gaps > 0, BOOT_SLACK + 2 * speed * gaps, BOOT_SLACK if passed > 0 else np.inf)
+    possible = (raw <= most) | np.isnan(gaps)
     reboots = []
     peak = -np.inf
-    for begin in range(0, len(time), BATCH):
-        rows = slice(begin, begin + BATCH)
-        peaks = np.maximum.accumulate(np.concatenate([[peak], time[rows]]))
-        if not (ahead[rows] < peaks[:-1] - STEP_BACK).any():
-            peak = peaks[-1]
-            continue
-        gap = gaps[rows]
-        most = np.where(gap > 0, BOOT_SLACK + 2 * speed * gap, BOOT_SLACK if passed > 0 else np.inf)
-        possible = (raw[rows] <= most) | np.isnan(gap)
-        batch = zip(time[rows].tolist(), ahead[rows].tolist(), possible.tolist(), strict=True)
-        for row, (now, highest_ahead, may_be) in enumerate(batch, begin):
+    if (ahead < np.maximum.accumulate(time) - STEP_BACK).any():
+        rows = zip(time.tolist(), ahead.tolist(), possible.tolist(), strict=True)
+        for row, (now, highest_ahead, may_be) in enumerate(rows):
             if highest_ahead < peak - STEP_BACK and may_be:
                 reboots.append(row)
                 peak = now
@@ -291,14 +267,7 @@ def _placed_against(
     reference: _Kept, kind: Sent, places: Places, seconds: Times
 ) -> tuple[_Kept, tuple[Fact, ...]]:
     """Another type, compared with the reference's stamps before and after each of its messages."""
-    time = np.empty(len(places))
-    off = np.empty(len(places))
-    boot = np.empty(len(places), dtype=reference.boot.dtype)
-    for begin in range(0, len(time), BATCH):
-        rows = slice(begin, begin + BATCH)
-        time[rows], off[rows], boot[rows] = _read_against(
-            reference, places[rows], seconds[rows], kind.period
-        )
+    time, off, boot = _read_against(reference, places, seconds, kind.period)
     inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
     typical = float(np.median(off[inside] if inside.start < inside.stop else off))
     repairs: tuple[Fact, ...] = ()

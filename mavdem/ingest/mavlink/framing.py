@@ -21,7 +21,6 @@ from array import array
 from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -44,10 +43,7 @@ def checksums(
 
     ``data`` must have ``MAX_CHECKSUM_BYTES`` after the last ``start``; no ``count`` may be above that.
     """
-    # Overlapping bytes of many frames are processed only once.
-    overlapping = int(count.sum()) > 4 * len(data)
-    register = _by_doubling(data, start, count) if overlapping else _by_words(data, start, count)
-    return _after_byte(register, seed.astype(np.uint16))
+    return _after_byte(_by_words(data, start, count), seed.astype(np.uint16))
 
 
 def frame_checksum(content: bytes, seed: int) -> int:
@@ -85,39 +81,10 @@ def _by_words(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]) -
     return registers
 
 
-def _by_doubling(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]) -> Registers:
-    """The same in a time that hardly depends on the overlap of the frames.
-
-    The register is linear: its value after some bytes is its value after as many zeros, XOR that of a zero register
-    after the bytes. The latter is computed for 1, 2, 4, … bytes from every place on.
-    """
-    register = np.full(len(start), 0xFFFF, dtype=np.uint16)
-    place = start.copy()
-    partial = _WORD[:: 1 << 8].take(data)
-    longest = int(count.max(initial=0))
-    for power, over_zeros in enumerate(_over_zeros()):
-        if 1 << power > longest:
-            break
-        rows = np.flatnonzero(count >> power & 1)
-        register[rows] = over_zeros.take(register[rows]) ^ partial.take(place[rows])
-        place[rows] += 1 << power
-        partial = over_zeros.take(partial[: -(1 << power)]) ^ partial[1 << power :]
-    return register
-
-
 def _after_byte(register: Registers, byte: NDArray[np.uint8] | Registers) -> Registers:
     return np.asarray(
         register >> 8 ^ _WORD[:: 1 << 8].take((register ^ byte) & 0xFF), dtype=np.uint16
     )
-
-
-@cache
-def _over_zeros() -> list[Registers]:
-    """Each register after 1, 2, 4, … zero bytes, up to ``MAX_CHECKSUM_BYTES``."""
-    tables = [_after_byte(np.arange(1 << 16, dtype=np.uint16), np.zeros(1 << 16, dtype=np.uint8))]
-    for _ in range(MAX_CHECKSUM_BYTES.bit_length() - 1):
-        tables.append(tables[-1].take(tables[-1]))
-    return tables
 
 
 def _word_table() -> Registers:

@@ -6,7 +6,6 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +30,6 @@ from mavdem.ingest.vocabulary import (
     RADIO,
     RADIO_MESSAGES,
     UNNAMED,
-    board_number_in_bytes,
-    board_number_in_texts,
 )
 
 Starts = NDArray[np.unsignedinteger]
@@ -161,21 +158,6 @@ VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
 # Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
 PARAMETER_STORE: int = dialect.MAV_COMP_ID_MISSIONPLANNER
-BOARDS: dict[int, tuple[str, Callable[[Any], str]]] = {
-    253: ("text", lambda text: board_number_in_texts([text.decode(errors="replace")])),
-    148: ("uid2", lambda uid: board_number_in_bytes(uid.tobytes(), words=True)),
-}
-"""The field of STATUSTEXT and AUTOPILOT_VERSION with the number of the board, and how to read it."""
-PARAMETERS: int = dialect.MAVLINK_MSG_ID_PARAM_VALUE
-# Parameters that no two vehicles share, where they are not 0
-CALIBRATIONS = (b"INS_ACCOFFS_X", b"CAL_ACC0_XOFF")
-ATTITUDES: tuple[int, ...] = (
-    dialect.MAVLINK_MSG_ID_ATTITUDE,
-    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-)
-"""Ids of messages with attitude or position, stamped by the autopilot."""
 CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units in a second."""
 
@@ -201,15 +183,8 @@ def assemble(
         repairs += repair(Repair.FRAMES_LEFT_OUT, count=frames, flaw=cause)
     repairs += repair(Repair.BYTES_SKIPPED, count=bytes_skipped, part="frame")
     heard: list[tuple[Component, dict[str, _Columns], tuple[Fact, ...]]] = []
-    parts = {ids: _by_board(data, starts) for ids, starts in sent.items()}
-    free = iter(sorted(set(range(1, 512)) - {ids >> 8 for ids in sent}))
-    for ids, n, starts in (
-        (ids, n, starts) for ids, own in parts.items() for n, starts in enumerate(own)
-    ):
+    for ids, starts in sent.items():
         messages, of_clock = _messages(data, starts, received, source)
-        system = next(free) if n else ids >> 8
-        if (several := len(parts[ids])) > 1:
-            of_clock = repair(Repair.VEHICLES_PARTED, count=several, system=system) + of_clock
         kind, autopilot = (
             identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
         )
@@ -218,10 +193,9 @@ def assemble(
             kind = RADIO
         lost = max(int(index.lost[ids]), 0)
         heard.append(
-            (Component(system, ids & 0xFF, kind, autopilot, counts, lost), messages, of_clock)
+            (Component(ids >> 8, ids & 0xFF, kind, autopilot, counts, lost), messages, of_clock)
         )
-    stores: dict[int, Mapping[str, Columns]]
-    stores = {
+    stores: dict[int, Mapping[str, Columns]] = {
         one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE
     }
     vehicles = []
@@ -240,48 +214,6 @@ def assemble(
     return Log(
         source, tuple(vehicles), components, unread, index.frames, bytes_skipped, receive_time
     )
-
-
-def _by_board(data: Bytes, sent: Mapping[int, Starts]) -> list[Mapping[int, Starts]]:
-    """A component's messages, or those of each vehicle where logs of several were joined, one behind the other.
-
-    They differ by the board in STATUSTEXT or AUTOPILOT_VERSION, or by the accelerometers' calibration. The cut is where
-    the clock of attitude jumps most between what one vehicle says of itself and what the next does.
-    """
-    known: list[tuple[int, str]] = []
-    for number, (field, board_in) in BOARDS.items():
-        if number in sent and not known:
-            said = columns(data, sent[number], definitions()[number], [field])[field]
-            texts = zip(sent[number].tolist(), said, strict=True)
-            known = [(at, board) for at, text in texts if (board := board_in(text))]
-    if PARAMETERS in sent and not known:
-        fields = columns(
-            data, sent[PARAMETERS], definitions()[PARAMETERS], ["param_id", "param_value"]
-        )
-        rows = zip(sent[PARAMETERS].tolist(), *fields.values(), strict=True)
-        known = [(at, f"{value:.4g}") for at, name, value in rows if name in CALIBRATIONS and value]
-    changes = [
-        (start, following) for (start, one), (following, other) in pairwise(known) if one != other
-    ]
-    clock = next((number for number in ATTITUDES if number in sent), None)
-    if not changes or clock is None or len(changes) >= len({who for _, who in known}):
-        return [sent]
-    cuts = []
-    for start, following in changes:
-        places = sent[clock][(sent[clock] > start) & (sent[clock] <= following)]
-        stamps = columns(data, places, definitions()[clock], ["time_boot_ms"])[
-            "time_boot_ms"
-        ].astype(np.int64)
-        cuts.append(
-            int(places[1 + np.argmax(np.abs(np.diff(stamps)))]) if len(places) > 1 else following
-        )
-    parts = {
-        number: np.split(starts, np.searchsorted(starts, cuts)) for number, starts in sent.items()
-    }
-    return [
-        {number: own[n] for number, own in parts.items() if len(own[n])}
-        for n in range(1 + len(cuts))
-    ]
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
