@@ -183,7 +183,8 @@ def grounded(signals: Signals, boot: int) -> Intervals:
     if collective is None:
         return []
     mean = average(collective)
-    running = mean > airborne_collective(signals.telemetry.parameters)
+    # a powerful vehicle hovers below any threshold: the land detector goes before it
+    running = during(collective.time, in_states(signals, boot, OFF_GROUND))
     if not running.any():
         return []
     hover = float(np.median(mean[running & (mean > np.quantile(mean[running], 0.9) / 2)]))

@@ -295,10 +295,10 @@ class VehicleSignals:
         return self._first_of(HEIGHT_FIELDS)
 
     def _first_of(self, fields: Mapping[str, tuple[str, float]]) -> Signal | None:
-        """The first message there is of those with these fields, times its factor."""
+        """The first message with one of these fields that is not always 0, which measures nothing, times its factor."""
         for message, (field, factor) in fields.items():
             columns = self.telemetry.messages.get(message)
-            if columns is not None and len(columns["time"]) > 1:
+            if columns is not None and len(columns["time"]) > 1 and columns[field].any():
                 return series(columns, factor * floats(columns, field))
         return None
 

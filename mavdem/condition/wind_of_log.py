@@ -152,9 +152,8 @@ def _known(
     for speed in velocity[:, :2].T:
         reset = time[1:][_jumps(time, speed, VELOCITY_JUMP)]
         sure &= ~phases.during(time, [(t - LONGEST_STEP, t + LONGEST_STEP) for t in reset])
-    for flags in (
-        signals.telemetry.messages[name] for name in FLAGS if name in signals.telemetry.messages
-    ):
+    reports = (signals.telemetry.messages.get(name, {}) for name in FLAGS)
+    for flags in (report for report in reports if "flags" in report):
         if np.any(here := flags["boot"] == boot):
             lost = flags["flags"][here].astype(np.int64) & sum(VELOCITY_FLAGS) != VELOCITY_FLAGS[0]
             sure &= np.interp(time, flags["time"][here], lost) == 0

@@ -97,6 +97,8 @@ def messages(
         named |= {
             "ATTITUDE_TARGET": (" and ".join(sorted(SETPOINTS, reverse=True)), targets),
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
+            "POWER_STATUS": ("system_power", _made(_power_status, topics)),
+            "ESTIMATOR_STATUS": ("estimator_status", _made(_estimator_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
             "GPS_RAW_INT": ("vehicle_gps_position", _made(_gps_raw_int, topics)),
@@ -300,7 +302,29 @@ def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
     found = {"time": battery["time"], "voltage_battery": 1000.0 * battery[field].astype(np.float64)}
     if "current_a" in battery:
         found["current_battery"] = 100.0 * battery["current_a"].astype(np.float64)
+    if "remaining" in battery:
+        found["battery_remaining"] = 100.0 * battery["remaining"].astype(np.float64)
     return found
+
+
+def _power_status(topics: Topics) -> dict[str, NDArray[Any]]:
+    """POWER_STATUS: system_power, what the board gets, mV; PX4 sends no such message."""
+    supply = _first(topics, "system_power")
+    volts = supply.get("voltage5v_v", supply.get("voltage5V_v"))
+    return {} if volts is None else {"time": supply["time"], "Vcc": 1000.0 * volts}
+
+
+def _estimator_status(topics: Topics) -> dict[str, NDArray[Any]]:
+    """ESTIMATOR_STATUS.hpp: estimator_status; the heading's ratio was called the compass's before PX4 1.14."""
+    topic = _first(topics, "estimator_status")
+    return {
+        "time": topic["time"],
+        "flags": topic["solution_status_flags"],
+        "vel_ratio": topic["vel_test_ratio"],
+        "pos_horiz_ratio": topic["pos_test_ratio"],
+        "pos_vert_ratio": topic["hgt_test_ratio"],
+        "mag_ratio": topic["mag_test_ratio" if "mag_test_ratio" in topic else "hdg_test_ratio"],
+    }
 
 
 def _vibration(topics: Topics) -> dict[str, NDArray[Any]]:
@@ -325,9 +349,11 @@ def _gps_raw_int(topics: Topics) -> dict[str, NDArray[Any]]:
     gps = _first(topics, "vehicle_gps_position")
     fields = {"lat": "latitude_deg", "lon": "longitude_deg"}
     new = "latitude_deg" in gps
-    return {"time": gps["time"]} | {
-        name: 1e7 * gps[deg] if new else gps[name] for name, deg in fields.items()
-    }
+    quality = {"fix_type": gps["fix_type"], "satellites_visible": gps["satellites_used"]}
+    if "hdop" in gps:
+        quality["eph"] = 100.0 * gps["hdop"]
+    places = {name: 1e7 * gps[deg] if new else gps[name] for name, deg in fields.items()}
+    return {"time": gps["time"], **quality, **places}
 
 
 def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:

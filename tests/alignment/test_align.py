@@ -193,8 +193,20 @@ def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
 
 def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
     telemetry = reporting(HOVER.stamps(2.0), np.where(in_air(HOVER.stamps(2.0)), 2, 1))
-    still = np.zeros(len(telemetry.messages["LOCAL_POSITION_NED"]["time"]))
+    still = 0.01 * np.sin(telemetry.messages["LOCAL_POSITION_NED"]["time"])
     assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0) == []
+    # What is always 0 is no measurement.
+    assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=0 * still)), 0)
+
+
+def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_reports():
+    telemetry = reporting(HOVER.stamps(2.0), np.where(in_air(HOVER.stamps(2.0)), 2, 1))
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    pulses = np.where(in_air(time), 1120, 1050) + np.zeros((4, 1))
+    ((start, end),) = phases.off_ground(
+        phases.flying(signals := Signals(with_pulses(telemetry, pulses)), 0), signals, 0
+    )
+    assert (start, end) == pytest.approx((LIFTED, LANDED), abs=1.0)
 
 
 @pytest.mark.parametrize(

@@ -140,6 +140,23 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
     assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (1, "QUADROTOR", "ARDUPILOTMEGA")
 
 
+def test_supply_filter_and_fixes_are_dfreaders_values():
+    path = shared("real/logs/crash_motor2_mechanical.bin")
+    read = by_dfreader(path, ["POWR", "NKF4", "GPS"])
+    (vehicle,) = read_dataflash(path).vehicles
+    for message, field, own, factor in (
+        ("POWER_STATUS", "Vcc", ("POWR", "Vcc"), 1000.0),
+        ("EKF_STATUS_REPORT", "velocity_variance", ("NKF4", "SV"), 1.0),
+        ("EKF_STATUS_REPORT", "compass_variance", ("NKF4", "SM"), 1.0),
+        ("GPS_RAW_INT", "eph", ("GPS", "HDop"), 100.0),
+        ("GPS_RAW_INT", "satellites_visible", ("GPS", "NSats"), 1.0),
+    ):
+        expected = factor * np.array(read[own[0]][own[1]])
+        assert np.allclose(vehicle.messages[message][field], expected), (message, field)
+    # 9023 is 831, and beyond the tenth bit that the filter knows of its take-off and uses GPS
+    assert set(vehicle.messages["EKF_STATUS_REPORT"]["flags"].tolist()) == {9023 & 1023}
+
+
 def test_a_made_up_log(tmp_path):
     events = made.message("EV", 20_500_000, 10) + made.message("EV", 20_900_000, 28)
     landed = made.message("EV", 21_700_000, 18) + made.message("ARM", 21_800_000, 0, 0, 0, 1)

@@ -125,13 +125,15 @@ def vibration(tables: Mapping[str, Columns]) -> Columns | None:
 OLD_AXES = {"Rll": "R", "Pit": "P", "Yaw": "Y"}
 OLD_NAMES = {
     "GPS": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
+    "EKF4": {"SMX": "SM"},
     "RATE": {
         f"{old}{end}": f"{axis}{end}"
         for old, axis in OLD_AXES.items()
         for end in ("", "Des", "Out")
     },
 }
-"""GPS before ArduPilot 3.3, where TimeMS is of the week and T of the boot; RATE before ArduCopter 3.3 was released."""
+"""GPS before ArduPilot 3.3, where TimeMS is of the week and T of the boot; of the first filter's three ratios of the
+compass the first; RATE before ArduCopter 3.3 was released."""
 
 
 def under_later_names(name: str, logged: MessageTable) -> MessageTable:
@@ -160,18 +162,43 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
 
 
 def _fixes(tables: Mapping[str, Columns]) -> Columns | None:
-    """GPS_RAW_INT, where the receiver has a fix; in 1e-7 degrees, as of the message."""
-    logged = having(tables, "GPS", ("Status", "Lat", "Lng"))
+    """GPS_RAW_INT of the first receiver; in 1e-7 degrees, as of the message, 0 where it has no fix."""
+    logged = instance(having(tables, "GPS", ("Status", "NSats", "HDop", "Lat", "Lng")), "I", 0)
     if logged is None:
         return None
-    logged = selected(logged, logged["Status"] >= 3)
+    status, satellites, dilution, lat, lon = values(
+        logged, ("Status", "NSats", "HDop", "Lat", "Lng")
+    ).T
+    scale = np.where(status >= 3, 1e7, 0.0)
     return stamped(
         logged,
         {
-            name: 1e7 * values(logged, (own,))[:, 0]
-            for name, own in (("lat", "Lat"), ("lon", "Lng"))
+            "fix_type": status,
+            "satellites_visible": satellites,
+            "eph": 100 * dilution,
+            "lat": scale * lat,
+            "lon": scale * lon,
         },
     )
+
+
+def _supply(tables: Mapping[str, Columns]) -> Columns | None:
+    """POWER_STATUS: the voltage that the board gets, mV."""
+    logged = having(tables, "POWR", ("Vcc",))
+    return (
+        None if logged is None else stamped(logged, {"Vcc": 1000 * values(logged, ("Vcc",))[:, 0]})
+    )
+
+
+def _filter_status(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
+    """EKF_STATUS_REPORT; its flags are the first bits of the filter's own (AP_Nav_Common.h), and the glitch of GPS."""
+    found, name = _of_core(tables, "4", {**FILTER_RATIOS, "flags": "SS"})
+    if found is None:  # before ArduCopter 3.3 there was no status
+        return _of_core(tables, "4", FILTER_RATIOS)
+    own = found["flags"].astype(np.int64)
+    alike = own & (dialect.EKF_UNINITIALIZED - 1)
+    glitching = np.where(own & OWN_GPS_GLITCH > 0, dialect.EKF_GPS_GLITCHING, 0)
+    return {**found, "flags": alike | glitching}, name
 
 
 def _modes(tables: Mapping[str, Columns]) -> Columns | None:
@@ -209,14 +236,27 @@ DEMANDS = ("ROut", "POut", "YOut")
 DESIRED_RATES = ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
+FILTER_RATIOS = {
+    "velocity_variance": "SV",
+    "pos_horiz_variance": "SP",
+    "pos_vert_variance": "SH",
+    "compass_variance": "SM",
+}
+"""EKF_STATUS_REPORT's fields in XKF4: innovations as shares of what the filter accepts."""
+OWN_GPS_GLITCH = (
+    1 << 14
+)  # bit of the filter's own status, which below EKF_UNINITIALIZED is that of the message
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
 NEEDED = (
     *OF_FLIGHT,
     *BATTERIES,
     "VIBE",
     "GPS",
+    "POWR",
     "XKF2",
     "NKF2",
+    "NKF4",
+    "EKF4",
     "MODE",
     "ERR",
 )  # DataFlash's messages that are translated
@@ -254,6 +294,7 @@ def translated(
         tables, "1", {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"}
     )
     wind, estimated = _of_core(tables, "2", {"wind_x": "VWN", "wind_y": "VWE"})
+    filtered, judged = _filter_status(tables)
     climb = having(tables, "CTUN", ("CRt",))
     changes = [
         _changes(tables, "EV", "Id", ARMED_EVENTS),
@@ -270,12 +311,14 @@ def translated(
         "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
         "ATTITUDE_TARGET": (asked, targets),
         "SYS_STATUS": (measured, volts),
+        "POWER_STATUS": ("POWR", _supply(tables)),
         "VIBRATION": ("VIBE", vibration(tables)),
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
         "GPS_RAW_INT": ("GPS", _fixes(tables)),
         "CURRENT_MODE": ("MODE", _modes(tables)),
         "STATUSTEXT": ("ERR", _errors(tables)),
         "LOCAL_POSITION_NED": (positioned, position),
+        "EKF_STATUS_REPORT": (judged, filtered),
         "WIND_COV": (estimated, wind),
         "VFR_HUD": ("CTUN", rising),
         "HEARTBEAT": (
@@ -425,7 +468,7 @@ def _of_core(
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
     primary = float(cores[times.argmax()]) if len(cores) else 0
-    for name, core in ((f"XKF{part}", primary), (f"NKF{part}", 0)):
+    for name, core in ((f"XKF{part}", primary), (f"NKF{part}", 0), (f"EKF{part}", 0)):
         logged = instance(having(tables, name, tuple(fields.values())), "C", core)
         if logged is not None:
             return stamped(logged, {ours: logged[theirs] for ours, theirs in fields.items()}), name
