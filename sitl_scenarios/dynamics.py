@@ -173,10 +173,14 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     body = airframe(vehicle)
     places = frame(vehicle.frame, body.arm)
     ahead, aside = condition.centre
-    x1, x2, x3, x4 = (forward - ahead for forward in places.forward)
-    y1, y2, y3, y4 = (right - aside for right in places.right)
-    k1, k2, k3, k4 = condition.thrust
-    s1, s2, s3, s4 = (spin * share for spin, share in zip(SPINS, condition.torque, strict=True))
+    rotors_of = zip(
+        places.forward, places.right, condition.thrust, condition.torque, SPINS, strict=True
+    )
+    # Of each rotor its place from the centre of mass, the share of its thrust, and that of its torque with its sign.
+    each = [
+        (forward - ahead, right - aside, thrust, spin * torque)
+        for forward, right, thrust, torque, spin in rotors_of
+    ]
     mass = body.mass
     height = body.hub_height
     ix, iy, iz = body.inertia
@@ -234,45 +238,47 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         az = r13 * an + r23 * ae + r33 * ad
         past = sqrt(an * an + ae * ae + ad * ad)
         hull = half_rho_area * past
-        spin = o1 + o2 + o3 + o4
-        fx = (hull_x * past + along_x * spin) * ax
-        fy = (hull_y * past + along_y * spin) * ay
+        speeds = o1 + o2 + o3 + o4
+        fx = (hull_x * past + along_x * speeds) * ax
+        fy = (hull_y * past + along_y * speeds) * ay
 
         # Air through each disc; a hub at (x, y) moves down with the body's p y − q x.
         tp = through * (air_p - p)
         tq = through * (air_q - q)
         tz = through * az
-        l1 = o1 * (tz + tp * y1 - tq * x1)
-        l2 = o2 * (tz + tp * y2 - tq * x2)
-        l3 = o3 * (tz + tp * y3 - tq * x3)
-        l4 = o4 * (tz + tp * y4 - tq * x4)
         push = hull * az
-        fz = push + l1 + l2 + l3 + l4
-        mx = roll - dx * p + height * fy - aside * push + y1 * l1 + y2 * l2 + y3 * l3 + y4 * l4
-        my = pitch - dy * q - height * fx + ahead * push - x1 * l1 - x2 * l2 - x3 * l3 - x4 * l4
+        fz = push
+        mx = roll - dx * p + height * fy - aside * push
+        my = pitch - dy * q - height * fx + ahead * push
         mz = yaw - dz * r + aside * fx - ahead * fy
+        for speed, (forward, right, _, _) in zip(rotors, each, strict=True):
+            lost = speed * (tz + tp * right - tq * forward)
+            fz += lost
+            mx += right * lost
+            my -= forward * lost
 
         # Thrust and torque in still air.
-        t1 = k1 * (thrust2 * o1 + thrust1) * o1
-        t2 = k2 * (thrust2 * o2 + thrust1) * o2
-        t3 = k3 * (thrust2 * o3 + thrust1) * o3
-        t4 = k4 * (thrust2 * o4 + thrust1) * o4
-        lift = t1 + t2 + t3 + t4
-        turn = s1 * (torque2 * o1 + torque1) * o1 + s2 * (torque2 * o2 + torque1) * o2
-        turn = turn + s3 * (torque2 * o3 + torque1) * o3 + s4 * (torque2 * o4 + torque1) * o4
+        lift = turn = 0.0
+        rolling = mx
+        pitching = my
+        for speed, (forward, right, left, spin) in zip(rotors, each, strict=True):
+            thrust = left * (thrust2 * speed + thrust1) * speed
+            lift += thrust
+            turn += spin * (torque2 * speed + torque1) * speed
+            rolling -= right * thrust
+            pitching += forward * thrust
 
         fn = r11 * fx + r12 * fy + r13 * fz
         fe = r21 * fx + r22 * fy + r23 * fz
         fd = r31 * fx + r32 * fy + r33 * fz
-        acting = fn, fe, fd, mx, my, mz
         return (
             (fn - r13 * lift) / mass,
             (fe - r23 * lift) / mass,
             (fd - r33 * lift) / mass + GRAVITY,
-            (mx - y1 * t1 - y2 * t2 - y3 * t3 - y4 * t4 + (iy - iz) * q * r) / ix,
-            (my + x1 * t1 + x2 * t2 + x3 * t3 + x4 * t4 + (iz - ix) * r * p) / iy,
+            (rolling + (iy - iz) * q * r) / ix,
+            (pitching + (iz - ix) * r * p) / iy,
             (mz + turn + (ix - iy) * p * q) / iz,
-            *acting,
+            *(fn, fe, fd, mx, my, mz),
         )
 
     return change
@@ -321,6 +327,12 @@ class State(NamedTuple):
     change: Change = (0.0,) * 12  # what acted last; all of it zero on the ground
 
 
+def _along(at: Three, slope: Three, step: float) -> Three:
+    x, y, z = at
+    u, v, w = slope
+    return x + step * u, y + step * v, z + step * w
+
+
 class Body:
     """A vehicle's way from state to state, in steps of ``step`` seconds, by ``dynamics``, which damage changes."""
 
@@ -350,36 +362,28 @@ class Body:
 
     def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
         """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
-        change = self.dynamics
         h = self._step
         half = self._step / 2
-        (x, y, z), (u, v, w), attitude, (p, q, r), rotors, last = state
-        an, ae, ad, ap, aq, ar = last[:6]
+        position, velocity, attitude, rates, rotors, last = state
         for _ in range(steps):
             middle_rotors, rotors = self.lagged(rotors, targets)
+            p, q, r = rates
             # Half a step of rotation by the rates; their own change would be of higher order.
-            last = change(
+            last = self.dynamics(
                 turned(attitude, (p * half / 2, q * half / 2, r * half / 2)),
-                (u + half * an, v + half * ae, w + half * ad),
-                (p + half * ap, q + half * aq, r + half * ar),
+                _along(velocity, last[:3], half),
+                _along(rates, last[3:6], half),
                 middle_rotors,
                 air,
             )
-            an, ae, ad, ap, aq, ar, *_ = last
-            x += h * (u + half * an)
-            y += h * (v + half * ae)
-            z += h * (w + half * ad)
-            u += h * an
-            v += h * ae
-            w += h * ad
-            halves = half * (p + half * ap), half * (q + half * aq), half * (r + half * ar)
-            a, b, c, d = turned(attitude, halves)
+            position = _along(position, _along(velocity, last[:3], half), h)
+            velocity = _along(velocity, last[:3], h)
+            p, q, r = _along(rates, last[3:6], half)
+            a, b, c, d = turned(attitude, (half * p, half * q, half * r))
             size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
             attitude = a * size, b * size, c * size, d * size
-            p += h * ap
-            q += h * aq
-            r += h * ar
-        return State((x, y, z), (u, v, w), attitude, (p, q, r), rotors, last)
+            rates = _along(rates, last[3:6], h)
+        return State(position, velocity, attitude, rates, rotors, last)
 
     def lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
         """Rotor speeds half a step and a step later, on their way to what their commands settle at, rad/s."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-import stat
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from importlib.resources import files
-from math import isfinite
 from pathlib import Path
 from typing import Any, get_args
 
@@ -17,16 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from sitl_scenarios.gains import check_parameters, cycle_of, parameters_of
 from sitl_scenarios.plan import times
-from sitl_scenarios.scenario import (
-    BodySpec,
-    Excitation,
-    Moment,
-    Move,
-    Scenario,
-    Wind,
-    place,
-    shortened,
-)
+from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, shortened
 
 MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
@@ -38,6 +27,7 @@ KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
     for section, union in (("wind", Wind), ("excitation", Excitation))
 }
 """Of the sections that have a ``kind``."""
+WRONG_KEYS = {"extra_forbidden": "is no key of a scenario", "missing": "is missing"}
 
 
 def _did_you_mean(given: str, known: Iterable[str]) -> str:
@@ -47,75 +37,16 @@ def _did_you_mean(given: str, known: Iterable[str]) -> str:
 
 def _sentence(detail: Any) -> str:
     """What pydantic found in one place."""
-    where = detail["loc"]
-    given = detail.get("input")
-    kind = detail["type"]
-    # The keys in the file: pydantic's place without the name of the kind that it went through.
-    at = 2 if where[:1] == ("wind",) else 1
-    words = [word for i, word in enumerate(where) if i != at or word not in KINDS.get(where[0], ())]
-    key = place(words) if words else "it"
-    context = detail.get("ctx", {})
-    if kind == "value_error":
-        return str(context["error"])
-    if kind in ("extra_forbidden", "missing"):
-        name, keys = _section(where)
-        wrong = (
-            "missing"
-            if kind == "missing"
-            else f"no key of a scenario{_did_you_mean(str(where[-1]), keys)}"
-        )
-        return f"{key} is {wrong}: {name} has {', '.join(keys)}"
-    if kind == "union_tag_not_found":
-        return (
-            f"{place([*words, 'kind'])} is missing: it is one of {', '.join(KINDS[str(where[0])])}"
-        )
-    if kind == "union_tag_invalid":
-        tag = str(context["tag"])
-        kinds = KINDS[str(where[0])]
-        one_of = f"must be one of {context['expected_tags']}, not {_shown(tag)}{_did_you_mean(tag, kinds)}"
-        return f"{place([*words, 'kind'])} {one_of}"
-    several = words and words[0] in ("wind", "moments")
-    if len(words) == 1 and isinstance(given, dict) and several:
-        return f"[{words[0]}] must be [[{words[0]}]], in double brackets: there may be several"
-    if len(words) == 1 and isinstance(given, list) and not several:
-        return (
-            f"{key} must be a single table or value, [{key}] and not [[{key}]]: there is only one"
-        )
-    if kind == "too_long":
-        return f"{key} must be at most {context['max_length']}, not {context['actual_length']}"
-    if isinstance(given, float) and not isfinite(given):
-        return f"{key} must be a number, not {given}"
+    if detail["type"] == "value_error":
+        return str(detail["ctx"]["error"])
+    key = ".".join(shortened(str(word)) for word in detail["loc"]) or "it"
+    if detail["type"] in WRONG_KEYS:
+        return f"{key} {WRONG_KEYS[detail['type']]}"
     message = detail["msg"].replace("Input should be", "must be").replace("an object", "a table")
-    return f"{key} {message}" + ("" if isinstance(given, dict | list) else f", not {_shown(given)}")
+    given = detail["input"]
+    shown = "" if isinstance(given, dict | list) else f", not {shortened(json.dumps(given))}"
+    return f"{key} {message}{shown}"
 
-
-def _shown(given: Any) -> str:
-    return shortened(json.dumps(given))
-
-
-def _section(where: Sequence[int | str]) -> tuple[str, list[str]]:
-    """What the last key of a place would be a key of, in words, and the keys that it has."""
-    section = str(where[0])
-    if len(where) == 1:
-        return "a scenario", list(Scenario.model_fields)
-    if "moves" in where[:-1]:
-        return "a move", list(Move.model_fields)
-    if section in KINDS:
-        kind = next(str(word) for word in where[1:] if word in KINDS[section])
-        name = f"a {kind} wind" if section == "wind" else f"{section} of the kind {kind}"
-        return name, [key for key in KINDS[section][kind].model_fields if key != "kind"]
-    if where[:2] == ("vehicle", "body"):
-        return "[vehicle.body]", list(BodySpec.model_fields)
-    if section == "moments":
-        return "a moment", list(Moment.model_fields)
-    model = Scenario.model_fields[section].annotation
-    return f"[{section}]", list(model.model_fields) if isinstance(model, type) and issubclass(
-        model, BaseModel
-    ) else []
-
-
-# Bytes of a scenario file: fifty times the longest that comes with the package
-MAX_FILE_BYTES = 100_000
 
 _FOLDER = files("sitl_scenarios") / "scenarios"
 
@@ -151,39 +82,17 @@ def load(name_or_path: str | Path) -> Scenario:
             f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and .toml files"
         )
     try:
-        return scenario_of(_table(source))
-    except ValueError as error:
+        # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
+        return scenario_of(tomllib.loads(source.decode("utf-8-sig")))
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{label}: {error}") from None
 
 
 def _content(path: Path) -> bytes:
     try:
-        kind = path.stat().st_mode
-        if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
-            # Reading a pipe or a device might never end.
-            raise ValueError(f"{path} cannot be read: it is no plain file")
-        with path.open("rb") as file:
-            source = file.read(MAX_FILE_BYTES + 1)
+        return path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror or error}") from None
-    if len(source) > MAX_FILE_BYTES:
-        raise ValueError(
-            f"{path} cannot be read: it has more than {MAX_FILE_BYTES} bytes, and no scenario is as long"
-        )
-    return source
-
-
-def _table(source: bytes) -> dict[str, Any]:
-    try:
-        # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
-        return tomllib.loads(source.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"it is no TOML: {shortened(str(error), 200)}") from None
-    except RecursionError:
-        raise ValueError("it is nested deeper than any scenario") from None
-    except ValueError:
-        # Python reads no number of more than some thousands of digits.
-        raise ValueError("it has a number of more digits than any scenario needs") from None
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
@@ -195,8 +104,6 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         wrong = list(dict.fromkeys(shortened(_sentence(detail), 300) for detail in error.errors()))
         more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
         raise ValueError("; ".join([*wrong[:MAX_LISTED], *more])) from None
-    except RecursionError:
-        raise ValueError("it is nested deeper than any scenario") from None
     times(scenario)
     check_parameters(scenario)
     return scenario
@@ -239,25 +146,9 @@ LIMITS = {
 
 def in_words(scenario: Scenario) -> list[str]:
     """Returns what a scenario sets, a line each: its description, its own values, and those of each section."""
-    plain = {key: value for key, value in scenario if isinstance(value, int | float)}
-    lines = [scenario.description] * bool(scenario.description) + [_pairs_in_words("Flight", plain)]
-    for key, value in scenario:
-        for section in value if isinstance(value, tuple) else [value]:
-            if isinstance(section, BaseModel):
-                # A section of a kind is there or not, so all its values count; of others those that are no defaults.
-                changed = section.model_dump(
-                    mode="json", exclude_defaults=key not in (*KINDS, "moments")
-                )
-                lines += [_pairs_in_words(key.capitalize(), changed)] if changed else []
-    return lines
-
-
-def _pairs_in_words(name: str, values: Mapping[str, Any]) -> str:
-    return (
-        f"{name}: "
-        + ", ".join(f"{key} {_toml(value).strip(chr(34))}" for key, value in values.items())
-        + "."
-    )
+    values = scenario.model_dump(mode="json", exclude_defaults=True)
+    described = [values.pop("description")] if scenario.description else []
+    return described + [f"{key.capitalize()}: {_toml(value)}." for key, value in values.items()]
 
 
 def in_toml(scenario: Scenario) -> str:

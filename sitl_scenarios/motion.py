@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mavdem.facts import Fact, Level
 from mavdem.facts.scenarios import Scenarios
-from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
+from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.dynamics import IDLE_COMMAND, pulse
 from sitl_scenarios.scenario import Course, Scenario, Steps
 
@@ -66,8 +66,8 @@ MAX_OFFSET_METRES = 5.0
 class Holding:
     """Follows a flight, block of rows after block of rows.
 
-    ``farthest``: m from its place in hover, for a second on end; 0 if never farther than ``MAX_OFFSET_METRES``.
-    ``at_limit``: share of the rows in the air at which a motor could not do more, or not less.
+    ``farthest``: m from its place in hover. ``at_limit``: share of the rows in the air at which a motor could not do
+    more, or not less.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -76,49 +76,29 @@ class Holding:
         if isinstance(scenario.excitation, Steps):
             places.append((0.0, scenario.excitation.distance, 0.0))
         elif isinstance(scenario.excitation, Course):
-            places += np.cumsum(
-                [(one.north, one.east, -one.up) for one in scenario.excitation.moves], axis=0
-            ).tolist()
-        self._box = np.array([np.min(places, axis=0), np.max(places, axis=0)]) - (
-            0.0,
-            0.0,
-            scenario.height,
-        )
+            moves = [(one.north, one.east, -one.up) for one in scenario.excitation.moves]
+            places += np.cumsum(moves, axis=0).tolist()
+        hover = np.array([0.0, 0.0, scenario.height])
+        self._box = np.array([np.min(places, axis=0), np.max(places, axis=0)]) - hover
         self._stop = pulse(scenario.vehicle.stop)
-        self._since: float | None = None
-        self._phase = ON_GROUND
         self._rows = self._limited = 0
         self.farthest = self.at_limit = 0.0
 
     def add(self, motion: Motion) -> None:
         """The next rows."""
         flying = motion.armed & (motion.landed_state >= IN_AIR)
-        limited = (motion.outputs >= self._stop) | (
-            motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND
-        )
+        limited = (motion.outputs >= self._stop) | (motion.outputs <= pulse(IDLE_COMMAND))
         self._rows += int(np.count_nonzero(flying))
         self._limited += int(np.count_nonzero(limited[flying].any(axis=1)))
         self.at_limit = self._limited / max(self._rows, 1)
-        off = np.linalg.norm(motion.position - np.clip(motion.position, *self._box), axis=1)
-        rows = zip(
-            motion.time.tolist(),
-            motion.landed_state.tolist(),
-            motion.armed.tolist(),
-            off.tolist(),
-            strict=True,
-        )
-        for time, state, armed, distance in rows:
-            # Blown down to the ground it is still asked to hover.
-            self._phase = state if state != ON_GROUND else self._phase
-            far = armed and self._phase == IN_AIR and distance > MAX_OFFSET_METRES
-            self._since = (time if self._since is None else self._since) if far else None
-            if self._since is not None and time - self._since >= 1.0:  # for a second on end
-                self.farthest = max(self.farthest, distance)
+        hovering = motion.position[motion.armed & (motion.landed_state == IN_AIR)]
+        off = np.linalg.norm(hovering - np.clip(hovering, *self._box), axis=1)
+        self.farthest = max(self.farthest, float(off.max(initial=0.0)))
 
     def cautions(self) -> list[Fact]:
         """What was wrong with the flight."""
         found = list[Fact]()
-        if self.farthest:
+        if self.farthest > MAX_OFFSET_METRES:
             found.append(Fact(Scenarios.PLACE_NOT_HELD, Level.WATCH, distance=self.farthest))
         if self.at_limit > 0.1:
             found.append(Fact(Scenarios.MOTORS_AT_LIMITS, Level.WATCH, share=self.at_limit))

@@ -7,7 +7,6 @@ prints what each key means: the description of its pydantic field.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import cos, inf, log, radians, sin
 from typing import Annotated, Literal
 
@@ -24,39 +23,6 @@ from pydantic import (
     PositiveFloat,
     model_validator,
 )
-
-# Sections that there may be several of, and what one is called
-_COUNTED = {"wind": "wind", "moments": "moment"}
-_ORDINALS = (
-    "first",
-    "second",
-    "third",
-    "fourth",
-    "fifth",
-    "sixth",
-    "seventh",
-    "eighth",
-    "ninth",
-    "tenth",
-)
-
-
-def place(words: Sequence[int | str]) -> str:
-    """Where something stands: the keys that lead there, an int for one of several, counted from 0."""
-    section, *rest = words
-    if section in _COUNTED and rest and isinstance(rest[0], int):
-        number = rest[0]
-        nth = (
-            f"{_ORDINALS[number]} {_COUNTED[section]}"
-            if number < len(_ORDINALS)
-            else f"{section} no. {number + 1}"
-        )
-        return f"the {nth}" + (f"'s {_dotted(rest[1:])}" if rest[1:] else "")
-    return _dotted(words)
-
-
-def _dotted(words: Sequence[int | str]) -> str:
-    return ".".join(shortened(str(word)) for word in words)
 
 
 def shortened(text: str, longest: int = 60) -> str:
@@ -501,10 +467,10 @@ class Scenario(Section):
         lasting: list[tuple[str, float | None]] = []
         for number, wind in enumerate(self.wind):
             lasting += [
-                (place(["wind", number, key]), getattr(wind, key, None)) for key in ("s", "start")
+                (f"wind.{number}.{key}", getattr(wind, key, None)) for key in ("s", "start")
             ]
         for number, moment in enumerate(self.moments):
-            lasting.append((place(["moments", number, "s"]), moment.s))
+            lasting.append((f"moments.{number}.s", moment.s))
         if self.excitation is not None:
             key = "s" if isinstance(self.excitation, Sticks) else "period"
             lasting.append((f"excitation.{key}", getattr(self.excitation, key, None)))
