@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import read_flight, read_segments
     from mavdem.analysis import VehicleFigures, vehicle
+    from mavdem.assessment import Assessment, review
     from mavdem.condition.condition import HoverFigures, hover, hover_figures
     from mavdem.condition.wind_of_log import wind
     from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
@@ -26,6 +27,7 @@ install(api)
 speak(api.words)
 
 __all__ = [
+    "Assessment",
     "Drag",
     "Flight",
     "Forecaster",
@@ -48,10 +50,12 @@ __all__ = [
     "learn_many",
     "read_flight",
     "read_segments",
+    "review",
     "vehicle",
     "wind",
 ]
 _ROOMS = {
+    "Assessment": "assessment",
     "Drag": "dem",
     "Flight": "flight",
     "Forecaster": "forecaster",
@@ -72,6 +76,7 @@ _ROOMS = {
     "learn_many": "dem",
     "read_flight": "alignment",
     "read_segments": "alignment",
+    "review": "assessment",
     "vehicle": "analysis",
     "wind": "condition.wind_of_log",
 }

@@ -1,4 +1,4 @@
-"""What rooms make of flights, models and facts for rooms below them; each is imported when it is called for."""
+"""What rooms make of flights, models, assessments and facts for rooms below; each is imported when it is called."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from mavdem.extras import require
 from mavdem.facts import Fact, Words
 
 if TYPE_CHECKING:
+    from mavdem.assessment.assess import Assessment
     from mavdem.condition.loop.loop import Loop
     from mavdem.dem import Learned
     from mavdem.flight import Flight
@@ -85,3 +86,25 @@ def loop(learned: Learned, controller: Any) -> Loop:
     from mavdem.condition.loop.from_flight import loop
 
     return loop(learned, controller)
+
+
+def assessment_page(assessment: Assessment) -> str:
+    """Returns the HTML of the page of an ``assessment``."""
+    from mavdem.report.page import review_page
+
+    return review_page(assessment)
+
+
+def assessment_document(assessment: Assessment) -> dict[str, Any]:
+    """Returns the document of an ``assessment``."""
+    from mavdem.documents import whole
+    from mavdem.documents.review import review_document
+
+    return whole("review", review_document(assessment))
+
+
+def assessment_screen(assessment: Assessment) -> str:
+    """Returns an ``assessment`` on one screen."""
+    from mavdem.report.review import screen_of
+
+    return screen_of(assessment)

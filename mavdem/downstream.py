@@ -1,12 +1,14 @@
-"""Downstream: what flights and models become in rooms above their own, by functions that ``mavdem`` installs."""
+"""Downstream: what flights, models and assessments become in rooms above, by functions that ``mavdem`` installs."""
 
 from __future__ import annotations
 
+from os import PathLike
+from pathlib import Path
 from typing import Any, Protocol
 
 
 class Downstream(Protocol):
-    """What is made of flights and models."""
+    """What is made of flights, models and assessments."""
 
     def to_pandas(self, flight: Any) -> Any:
         """A ``pandas.DataFrame`` of a flight."""
@@ -34,6 +36,15 @@ class Downstream(Protocol):
 
     def loop(self, learned: Any, controller: Any) -> Any:
         """The control loops of a model."""
+
+    def assessment_page(self, assessment: Any) -> str:
+        """The HTML of the page of an assessment."""
+
+    def assessment_document(self, assessment: Any) -> dict[str, Any]:
+        """The document of an assessment."""
+
+    def assessment_screen(self, assessment: Any) -> str:
+        """An assessment on one screen."""
 
 
 _upstairs: Downstream
@@ -99,3 +110,18 @@ class LearnedDownstream:
 
     def _repr_html_(self) -> str:
         return _upstairs.learned_html(self)
+
+
+class AssessmentDownstream:
+    """What becomes of an assessment of a log."""
+
+    def page(self, path: str | PathLike[str]) -> None:
+        """Writes its page to ``path``: one HTML file with pictures, to be read without a network."""
+        Path(path).write_text(_upstairs.assessment_page(self), "utf-8", "replace")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Returns the document of ``mavdem review --json``, plain JSON values."""
+        return _upstairs.assessment_document(self)
+
+    def __str__(self) -> str:
+        return _upstairs.assessment_screen(self)

@@ -18,6 +18,7 @@ ABOVE = {"report", "documents", "view", "export", "paper", "cli"}
 PROSE = {
     "alignment": 1,
     "analysis": 3,
+    "assessment": 1,
     "baselines": 1,
     "condition": 6,
     "dem": 25,

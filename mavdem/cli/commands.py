@@ -24,6 +24,7 @@ UNUSABLE = 2
 PIPE_CLOSED = 141
 """Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
 shell reports SIGPIPE."""
+LOGS = (".tlog", ".mcap", ".bin", ".log", ".ulg")
 # Environment variable by which click's shell scripts ask for completions
 COMPLETION = "_MAVDEM_COMPLETE"
 
@@ -34,12 +35,19 @@ def imported_command(name: str) -> click.Command:
     return command
 
 
+def is_log(word: str) -> bool:
+    """Returns whether a first ``word`` names a file, there or not, that is to be reviewed, and no command."""
+    return os.path.isfile(word) or word.lower().removesuffix(".xz").endswith(LOGS)
+
+
 class _Commands(click.Group):
     """Imports a command when it is named: what it needs takes a second, which ``--help`` need not wait."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in self.commands and is_log(args[0]):
+            args = ["review", *args]
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             with ending_at_once():
@@ -50,6 +58,9 @@ class _Commands(click.Group):
 @click.group(
     cls=_Commands,
     commands=[
+        click.Command(
+            "review", help="Reports everything that a log says; `mavdem LOG` is the same."
+        ),
         click.Command("info", help="Reports what a log holds and if a model can be learned."),
         click.Command(
             "learn", help="Learns a linear model, and reports what the vehicle does in wind."
@@ -93,11 +104,11 @@ def mavdem() -> None:
     how strong the wind was, each with its interval or the reason why it is not identifiable.
 
     \b
-    1. Is the log good enough? If not: why, and what to change.
-         mavdem info flight.tlog
-    2. What does the vehicle do? Read the screen, then the page.
-         mavdem learn flight.tlog
+    1. What happened, and is the vehicle sound? Read the screen, then the page.
+         mavdem flight.tlog
          xdg-open flight/report.html
+    2. What would a model of it need?
+         mavdem info flight.tlog
     3. Which of many flights or vehicles is different?
          mavdem track logs/ --out fleet
 

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis import LogAnalysis, Options, analyse
+from mavdem.analysis import Options
 from mavdem.analysis.figures import ALL
-from mavdem.analysis.findings import known_wind
+from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import (
     file_option,
     folder_named,
@@ -29,34 +27,23 @@ from mavdem.cli.options import (
 from mavdem.cli.output import (
     check_folder,
     complain,
-    ending_at_once,
-    files_in,
-    json_text,
     print_blocks,
     print_json,
     printable,
     progress,
     say_aside,
 )
+from mavdem.cli.results import RECORDING, RESULT_FILES, files_of, named_after, write_results
 from mavdem.condition.inventory import inventory
-from mavdem.condition.wind_of_log import Air, air_of
-from mavdem.condition.wind_velocity import WindVelocity, torque_explained
 from mavdem.dem import Settings
+from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
-from mavdem.export.conversion import write_channels
-from mavdem.extras import lacking, missing
-from mavdem.flight import Flight
+from mavdem.extras import lacking
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import wind_blocks
+from mavdem.report.condition import explained_blocks, wind_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, detail_blocks, title, vehicle_blocks
 from mavdem.report.truth import truth_blocks
-
-if TYPE_CHECKING:
-    from mavdem.view import Target
-
-RECORDING = "flight.rrd"
-RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
@@ -159,21 +146,20 @@ def learn_command(
     log = read_source(source)
     telemetry = choose_vehicle(log.vehicles, vehicle)
     signals = Signals(telemetry)
-    air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
     options = Options(vehicle, inputs, settings, start, train, test, truth)
-    analysis = analyse(log, axis, options, progress=progress, signals=signals)
+    assessment = assess_signals(log, signals, axis, options, progress=progress)
+    analysis = assessment.analysis
+    assert analysis is not None and assessment.evidence is not None
+    air = assessment.evidence.air
     learned = analysis.learned
     verdict = analysis.verdict
     condition = analysis.condition
     if learned is None and analysis.tier.name is None:
         raise analysis.refusal
-    report: dict[str, Any] = {
-        **analysis.as_dict(),
-        "wind_velocity": air[0] and air[0].as_dict(),
+    files = {} if no_files else files_of(folder, assessment)
+    report: dict[str, Any] = report_of(assessment) | {
         "seconds": round(perf_counter() - began, 3),
-        "files": {}
-        if no_files
-        else {name: str(folder / name) for name in result_files(with_model=learned is not None)},
+        "files": files,
     }
     blocks = analysis_blocks(analysis)
     details = list[Block]()
@@ -191,7 +177,7 @@ def learn_command(
         )
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, analysis.findings)
-    explained = _torque_blocks(analysis, air, report)
+    explained = explained_blocks(assessment)
     blocks[-1:-1] = [*wind_blocks(air), *explained]  # what to do next stays last
     if not as_json:
         print_blocks([heading, *blocks, *(details if verbose else [])])
@@ -201,7 +187,7 @@ def learn_command(
         held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
         with progress("Drawing and writing the files", measured=False):
             page = log_page(heading, {verdict.axis: analysis}, air, held, said=explained)
-            write_results(folder, report, page, analysis, air, signals.position)
+            write_results(folder, report, page, assessment)
         if learned is not None and (
             hint := lacking("view", f"{RECORDING} was not written, since it")
         ):
@@ -212,7 +198,6 @@ def learn_command(
             complain(analysis.refusal.fact, as_json=False)
     else:
         place = printable(folder)
-        files = report["files"]
         written = f" Written to {place}: {', '.join(map(printable, files))}." if files else ""
         say_aside(f"Took {perf_counter() - began:.1f} s.{written}")
         if files:
@@ -221,81 +206,3 @@ def learn_command(
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
     if learned is None:
         raise click.exceptions.Exit(1)  # no model
-
-
-def named_after(source: str) -> Path:
-    """Returns the folder named after a log, the ``source``, in the current one; not the log's own name."""
-    name = Path(source).name
-    stem = name.removesuffix(".xz")
-    stem = stem.removesuffix(Path(stem).suffix)
-    return Path(stem if stem.strip(".") and stem != name else f"{name}-learnt")
-
-
-def result_files(with_model: bool = True) -> tuple[str, ...]:
-    """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
-    if not with_model:
-        return ("report.json", "report.html")
-    return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
-
-
-def write_results(
-    folder: Path,
-    report: dict[str, Any],
-    page: str,
-    analysis: LogAnalysis,
-    air: Air,
-    position: Signal | None,
-) -> None:
-    """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
-    learned = analysis.learned
-    held_out = analysis.held_out
-    flights = analysis.flights
-    names = result_files(with_model=learned is not None)
-    with files_in(folder, names) as paths:
-        place = dict(zip(names, paths, strict=True))
-        place["report.json"].write_text(json_text(report) + "\n")
-        place["report.html"].write_text(page, "utf-8", "replace")
-        if learned is not None and held_out is not None:
-            place["model.json"].write_text(learned.to_json() + "\n")
-            if RECORDING in names:
-                write_dashboard(place[RECORDING], analysis, air, position)
-            write_channels(
-                place["flight.mcap"], flights, learned, held_out, same_clock(air, flights)
-            )
-    for name in set(RESULT_FILES) - set(names):
-        (folder / name).unlink(missing_ok=True)
-
-
-def write_dashboard(
-    target: Target, analysis: LogAnalysis, air: Air, position: Signal | None
-) -> None:
-    """Writes an ``analysis`` with a model, and the wind, as an .rrd file, or to a stream."""
-    assert analysis.learned is not None and analysis.held_out is not None
-    # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
-    with ending_at_once():
-        from mavdem.view import write_recording
-
-    known = analysis.findings, analysis.changes, same_clock(air, analysis.flights), position
-    write_recording(target, analysis.flights, analysis.learned, analysis.held_out, *known)
-
-
-def _torque_blocks(analysis: LogAnalysis, air: Air, report: dict[str, Any]) -> list[Sentence]:
-    """What share of a known wind torque the mean wind explains, which goes into the report too."""
-    learned = analysis.learned
-    flights = analysis.flights
-    torque = None if learned is None else known_wind(learned.wind_torque, learned.physical)
-    if torque is None or (wind := same_clock(air, flights)) is None:
-        return []
-    time = np.concatenate([flight.time for flight in flights])
-    explained = torque_explained(wind, time, torque.torque)
-    report["wind"]["explained_by_mean_wind"] = explained.figures["share"]
-    return [Sentence(str(explained), "Wind torque:")]
-
-
-def same_clock(air: Air, flights: Sequence[Flight]) -> WindVelocity | None:
-    """Returns the wind where it is of the boot of ``flights``, and so on one clock with them."""
-    return (
-        air[0]
-        if air[0] is not None and air[0].boot == flights[0].provenance["segment"]["boot"]
-        else None
-    )

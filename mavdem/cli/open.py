@@ -12,12 +12,12 @@ import click
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis import analyse
+from mavdem.assessment.assess import assess_signals
 from mavdem.cli.commands import UNUSABLE
-from mavdem.cli.learn import RECORDING, learn_command, named_after, write_dashboard
+from mavdem.cli.learn import learn_command
 from mavdem.cli.options import source_options
 from mavdem.cli.output import say_aside
-from mavdem.condition.wind_of_log import air_of
+from mavdem.cli.results import RECORDING, named_after, write_dashboard
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.extras import lacking, require
 from mavdem.ingest import Log, read_log
@@ -98,14 +98,14 @@ def load(arguments: list[str]) -> int:
             if isinstance(read, Unreadable):
                 raise read
             signals = Signals(choose_vehicle(read.vehicles, None))
-            with step("Estimating the wind", measured=False):
-                air = air_of(signals)
-            analysis = analyse(read, signals=signals, progress=step)
+            assessment = assess_signals(read, signals, "roll", progress=step)
+            analysis = assessment.analysis
+            assert analysis is not None
         except (NotLearnable, Unreadable) as error:
             write_words(recording, path.name, [Sentence(f"{error.reason} {error.remedy}")])
         else:
-            if analysis.learned is None or analysis.held_out is None:
+            if assessment.model is None:
                 write_words(recording, path.name, analysis_blocks(analysis))
             else:
-                write_dashboard(recording, analysis, air, signals.position)
+                write_dashboard(recording, assessment)
     return 0

@@ -12,6 +12,7 @@ from mavdem.documents.flight import Report
 from mavdem.documents.inventory import Inventory
 from mavdem.documents.loops import Tune, Twin
 from mavdem.documents.others import Convert, Fly, Reproduce
+from mavdem.documents.review import Review
 from mavdem.documents.session import Live
 from mavdem.documents.wind import Wind
 from mavdem.heading import heading
@@ -26,6 +27,7 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
+    "review": Published(Review, 1, "report.json of review, and `--json` of review"),
     "learn": Published(Report, 2, "report.json, and `--json` of learn and open"),
     "info": Published(Inventory, 2, "`--json` of info"),
     "wind": Published(Wind, 2, "`--json` of wind"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from mavdem.assessment import Assessment
 from mavdem.dem.settings import CompleteSettings
 from mavdem.documents.document import (
     Advised,
@@ -486,3 +489,14 @@ class Report(Tier, MotorHealth, Findings):
     """the files written, by name"""
     error: Error | None = None
     """why there is no model"""
+
+
+def report_of(assessment: Assessment) -> dict[str, Any]:
+    """Returns the values of the report on the modelled axis of an ``assessment``, which took no time and no files."""
+    assert assessment.analysis is not None
+    wind = assessment.wind
+    report = assessment.analysis.as_dict()
+    if assessment.explained is not None:
+        report["wind"]["explained_by_mean_wind"] = assessment.explained.figures["share"]
+    velocity = None if wind is None else wind.as_dict()
+    return {**report, "wind_velocity": velocity, "seconds": None, "files": {}}

@@ -63,6 +63,8 @@ class Headline(Code):
     OVERRIDDEN = auto()
     NO_FULL_MODEL = auto()
     IN_SHORT = auto()
+    NOTHING_WRONG = auto()
+    NOTHING_CHECKED = auto()
 
 
 class InShort(Code):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from mavdem.facts.fact import InWords
+from enum import auto
+
+from mavdem.facts.fact import Code, InWords
 
 
 class Light(InWords):
@@ -16,3 +18,9 @@ class Light(InWords):
     ESTIMATOR = "estimator"
     WIND = "wind"
     LOG = "log"
+
+
+class Unjudged(Code):
+    """That a light is not judged."""
+
+    NOT_JUDGED = auto()

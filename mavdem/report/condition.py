@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
+from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import WindVelocity, coming_from, from_point
 from mavdem.facts.identifiability import Status
@@ -140,3 +141,9 @@ def wind_blocks(air: Air) -> list[Block]:
     is_known = wind.status["speed"] != Status.NOT_IDENTIFIABLE
     reasons = (Sentence(str(why), f"{what.capitalize()}:") for what, why in wind.reasons.items())
     return [*section("wind", **known, is_known=is_known), *reasons]
+
+
+def explained_blocks(assessment: Assessment) -> list[Sentence]:
+    """Returns what share of a known wind torque the mean wind explains."""
+    explained = assessment.explained
+    return [] if explained is None else [Sentence(str(explained), "Wind torque:")]

@@ -21,6 +21,8 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import Findings, findings_of
+from mavdem.assessment import Assessment
+from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.loop import Advice, Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import WindVelocity
@@ -34,12 +36,13 @@ from mavdem.facts.session import Spent
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import log_blocks, wind_blocks
+from mavdem.report.condition import explained_blocks, log_blocks, wind_blocks
 from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, live_figures
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
+from mavdem.report.review import title_of
 from mavdem.report.screen import (
     conclusion,
     detail_blocks,
@@ -207,6 +210,27 @@ def log_page(
         )
     subtitle = heading.text[:1].upper() + heading.text[1:]
     return document(heading.lead.rstrip(":"), subtitle, verdict_of(first), chapters, back, head)
+
+
+def review_page(assessment: Assessment) -> str:
+    """Returns the HTML of the page of an ``assessment``."""
+    heading = title_of(assessment)
+    analysis = assessment.analysis
+    evidence = assessment.evidence
+    if analysis is None or evidence is None:
+        blocks = [
+            Sentence("", str(assessment.headline)),
+            Sentence(str(assessment.next_step), "Next:"),
+        ]
+        return document(heading.lead.rstrip(":"), heading.text, blocks)
+    telemetry = evidence.signals.telemetry
+    place = telemetry.system, telemetry.component
+    known = {place: (analysis.verdict, analysis.condition, analysis.identity)}
+    vehicle = "{}:{}".format(*place)
+    held = inventory(assessment.log, analysis.verdict.axis, vehicle, None, known)
+    held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
+    explained = explained_blocks(assessment)
+    return log_page(heading, {analysis.verdict.axis: analysis}, evidence.air, held, said=explained)
 
 
 def verdict_of(analysis: LogAnalysis) -> list[Block]:

@@ -1,0 +1,232 @@
+"""Assess: one judgement of a whole log, which every surface shows: headline, next step, lights, events and loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.alignment.drive import AXES
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
+from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
+from mavdem.analysis.analysis import StepProgress, silent
+from mavdem.analysis.figures import ALL, axis_figures
+from mavdem.analysis.findings import known_wind, next_step
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.judgement import headline_of, next_step_of
+from mavdem.condition.loop.from_flight import loop_of
+from mavdem.condition.loop.loop import Loop
+from mavdem.condition.wind_of_log import air_of
+from mavdem.condition.wind_velocity import WindVelocity, torque_explained
+from mavdem.dem import Learned
+from mavdem.dem.record import Record
+from mavdem.downstream import AssessmentDownstream
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.assessment import NextStep, NoModel
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.ingest import Log, read_log
+
+LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {}
+"""What judges by each light."""
+
+
+class NoLoop(NamedTuple):
+    """Why the loops of an axis are not known."""
+
+    refusal: Fact
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment(AssessmentDownstream):
+    """What happened in a log, what its vehicle is, and what the figures are good for; ``str`` is the screen.
+
+    Attributes:
+        log: what was read.
+        headline: the worst event or light, or how the flight was lost.
+        next_step: what to do about it.
+        lights: the judgement of "motors", "vibration", "tracking", "margins", "power", "estimator", "wind" and "log".
+        evidence, analysis: what that rests on, and all that the log says of the axis that was modelled; None where no
+            vehicle of the log was judged.
+        spectra: of the rates, by axis.
+    """
+
+    log: Log
+    headline: Fact
+    next_step: Fact
+    lights: Mapping[str, Fact]
+    evidence: Evidence | None = None
+    analysis: LogAnalysis | None = None
+    spectra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def events(self) -> tuple[Fact, ...]:
+        """What happened, in order."""
+        return () if self.evidence is None else self.evidence.events
+
+    @property
+    def loops(self) -> dict[str, Loop | NoLoop]:
+        """The control loops of "roll", "pitch" and "yaw", or their ``refusal``."""
+        known = dict.fromkeys(AXES, self.headline) if self.evidence is None else self.evidence.loops
+        return {
+            axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in known.items()
+        }
+
+    @property
+    def model(self) -> Learned | None:
+        """The model of the axis, where the log allows one."""
+        return None if self.analysis is None else self.analysis.learned
+
+    @property
+    def wind(self) -> WindVelocity | None:
+        """The wind in m/s, where it is known."""
+        return None if self.evidence is None else self.evidence.air[0]
+
+    @cached_property
+    def wind_of_model(self) -> WindVelocity | None:
+        """The wind where it is on one clock with what the model was trained on."""
+        if self.wind is None or self.analysis is None or not self.analysis.flights:
+            return None
+        boot = self.analysis.flights[0].provenance["segment"]["boot"]
+        return self.wind if self.wind.boot == boot else None
+
+    @cached_property
+    def explained(self) -> Fact | None:
+        """What share of a known wind torque the mean wind explains."""
+        if self.analysis is None or self.model is None or self.wind_of_model is None:
+            return None
+        torque = known_wind(self.model.wind_torque, self.model.physical)
+        if torque is None:
+            return None
+        time = np.concatenate([flight.time for flight in self.analysis.flights])
+        return torque_explained(self.wind_of_model, time, torque.torque)
+
+    @property
+    def refusal(self) -> NotLearnable:
+        """Why there is no model, after the headline, and what to do."""
+        because = self.headline if self.analysis is None else self.analysis.reason
+        return NotLearnable(Fact(NoModel.REFUSED, because=because, next_step=self.next_step))
+
+    def sentence(self, fact: Fact) -> str:
+        """Returns a ``fact`` in words."""
+        return fact.sentence
+
+
+def review(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Assessment:
+    """Returns the assessment of a log: what happened, what its vehicle is, and what the figures are good for.
+
+    >>> a = mavdem.review("flight.tlog")
+    >>> [*a.lights][:4], [*a.loops], a.model is not None
+    (['motors', 'vibration', 'tracking', 'margins'], ['roll', 'pitch', 'yaw'], True)
+
+    Args:
+        path: a log that ``mavdem.ingest.read_log`` reads.
+        vehicle: "system" or "system:component", where the log holds several; without, the headline lists them.
+
+    Raises:
+        Unreadable: the log cannot be read.
+        ValueError: ``path`` is no path.
+    """
+    return assess(read_log(path), vehicle)
+
+
+def assess(
+    log: Log,
+    vehicle: str | None = None,
+    axis: str = ALL,
+    options: Options | None = None,
+    *,
+    progress: StepProgress = silent,
+) -> Assessment:
+    """Returns the assessment of a ``vehicle`` of a ``log`` with a model of an ``axis``, as :func:`mavdem.review` does.
+
+    Its ``analysis`` is that of :func:`mavdem.analysis.analyse`, which raises what it raises and shows its ``progress``.
+    Of ``options`` without ``whole`` there is no model.
+    """
+    try:
+        signals = Signals(choose_vehicle(log.vehicles, vehicle))
+    except NotLearnable as error:
+        return unjudged(log, error.fact)
+    return assess_signals(log, signals, axis, options, progress=progress)
+
+
+def unjudged(log: Log, refusal: Fact) -> Assessment:
+    """Returns the assessment of a ``log`` of which no vehicle is judged."""
+    following = Fact(NextStep.DO_AS_ADVISED, because=refusal)
+    unknown = Fact(Unjudged.NOT_JUDGED, because=refusal)
+    return Assessment(log, refusal, following, dict.fromkeys(map(str, Light), unknown))
+
+
+def assess_signals(
+    log: Log,
+    signals: Signals,
+    axis: str = ALL,
+    options: Options | None = None,
+    *,
+    progress: StepProgress = silent,
+) -> Assessment:
+    """Returns the assessment of the vehicle of these ``signals`` of a ``log``, as :func:`assess` does."""
+    air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
+    analysis = analyse(log, axis, options, progress=progress, signals=signals)
+    loops = dict[str, Loop | Fact]()
+    with progress("Identifying the loops") as done:
+        for name in AXES:
+            loops[name] = _loop(_figures(log, signals, name, analysis))
+            done(len(loops) / len(AXES))
+    evidence = Evidence(
+        log,
+        signals,
+        analysis.verdict,
+        analysis.condition,
+        analysis.alarms,
+        air,
+        _events(signals, analysis),
+        None,
+        loops,
+    )
+    return judged(evidence, analysis)
+
+
+def judged(evidence: Evidence, analysis: LogAnalysis | None) -> Assessment:
+    """Returns the assessment by the ``evidence``."""
+    lights = {str(light): LIGHTS.get(light, _unjudged)(evidence) for light in Light}
+    headline = headline_of(evidence, lights)
+    purposes = () if analysis is None else analysis.findings.purposes
+    following = next_step_of(headline, lights, next_step(purposes) if purposes else None)
+    return Assessment(evidence.log, headline, following, lights, evidence, analysis)
+
+
+def _events(signals: Signals, analysis: LogAnalysis) -> tuple[Fact, ...]:
+    """What the autopilot reports, what the motion shows, and motors that changed, in order."""
+    return ()
+
+
+def _figures(log: Log, signals: Signals, axis: str, analysis: LogAnalysis) -> AxisFigures:
+    """The physical parameters of an axis, by the analysis where it has them."""
+    learned = analysis.learned
+    if axis in analysis.vehicle.axes:
+        return analysis.vehicle.axes[axis]
+    if learned is not None and analysis.verdict.axis == axis:
+        known = learned.physical, learned.wind_torque, learned.physical_reason
+        return AxisFigures(analysis.flights, *known)
+    return axis_figures(signals.about(axis), log.components)
+
+
+def _loop(figures: AxisFigures) -> Loop | Fact:
+    if figures.physical is None:
+        assert figures.reason is not None
+        return figures.reason
+    try:
+        return loop_of(figures.physical, Record.of(figures.flights))
+    except NotLearnable as error:
+        return error.fact
+
+
+def _unjudged(evidence: Evidence) -> Fact:
+    return Fact(Unjudged.NOT_JUDGED, because=None)

@@ -1,0 +1,66 @@
+"""Judgement: the headline of what was found of a vehicle, and the one next step that fits its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from mavdem.assessment.evidence import Evidence
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.lights import Light
+
+OF_VEHICLE = (
+    Light.MOTORS,
+    Light.MARGINS,
+    Light.TRACKING,
+    Light.VIBRATION,
+    Light.POWER,
+    Light.ESTIMATOR,
+)
+"""What a vehicle is judged by, the most urgent first: a weak motor explains bad tracking."""
+OF_LOG = (Light.LOG, Light.WIND)
+
+
+def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
+    """Returns the worst of what was found.
+
+    How a flight that was lost ended outranks all else; then the worst event or light. A limit cycle goes before motors
+    at their limits, which it explains. Without a flight it is why there is none. "Nothing wrong" is said of what was
+    checked only.
+    """
+    oscillates = evidence.condition.oscillation is not None
+    found = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
+    worst = [
+        *filter(None, [evidence.ending]),
+        *_of_level(Level.BAD, evidence.events),
+        *_of_level(Level.BAD, [*found, *(lights[light] for light in OF_LOG)]),
+    ]
+    if worst:
+        return worst[0]
+    if not evidence.verdict.figures.airborne:
+        return evidence.verdict.reason
+    watched = [*_of_level(Level.WATCH, found)]
+    if watched:
+        return watched[0]
+    checked = [light for light in OF_VEHICLE if lights[light].level is Level.GOOD]
+    unknown = [light for light in OF_VEHICLE if light not in checked]
+    if not checked:
+        return Fact(Headline.NOTHING_CHECKED, because=lights[Light.LOG])
+    return Fact(Headline.NOTHING_WRONG, Level.GOOD, names=checked, missing=unknown)
+
+
+def _of_level(level: Level, facts: Sequence[Fact]) -> Iterator[Fact]:
+    return (fact for fact in facts if fact.level is level)
+
+
+def next_step_of(headline: Fact, lights: Mapping[str, Fact], of_model: Fact | None) -> Fact:
+    """Returns what to do next: what the headline asks for or, where nothing is wrong, what would show more.
+
+    Of a vehicle that is sound and fully judged it is what its model is worth (``of_model``).
+    """
+    if headline.level is not Level.GOOD:
+        return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline)
+    for light in (Light.LOG, *OF_VEHICLE):
+        if lights[light].level is not Level.GOOD:
+            return Fact(NextStep.DO_AS_ADVISED, because=lights[light])
+    return of_model or Fact(NextStep.KEEP_MODEL, Level.GOOD)

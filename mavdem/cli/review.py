@@ -1,0 +1,66 @@
+"""``mavdem review``, and ``mavdem LOG``: everything that a log says, on one screen and in one folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+
+import click
+
+from mavdem.assessment import assess
+from mavdem.cli.options import folder_named, read_source, vehicle_option
+from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
+from mavdem.cli.results import RESULT_FILES, files_of, named_after, write_results
+from mavdem.documents.review import review_document
+from mavdem.report.page import review_page
+from mavdem.report.review import screen_of
+from mavdem.report.screen import analysis_blocks
+
+
+@click.command("review")
+@click.argument("source", type=click.Path())
+@vehicle_option
+@click.option(
+    "--out",
+    type=click.Path(),
+    callback=folder_named,
+    help="Folder for the results. [default: named after the log]",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@click.option("--verbose", is_flag=True, help="Also print what `mavdem learn` does.")
+def review_command(
+    source: str, vehicle: str | None, out: Path | None, as_json: bool, verbose: bool
+) -> None:
+    """Reports everything that a log says: what happened, eight lights, and what to do next.
+
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz, at any rate. `mavdem LOG` is the
+    same. The first sentence is how a flight was lost, or else the worst that was found. Each light is good, watch, BAD
+    or unknown: motors, vibration, tracking, margins of the control loops, power, estimator, wind, log.
+
+    The folder --out receives report.html, all of it with pictures in one file to mail, and report.json; where a model
+    can be learned also model.json, flight.rrd for `rerun` and flight.mcap for Foxglove.
+
+    Exit code: 0 for every log that could be read.
+    """
+    folder = out or named_after(source)
+    check_folder(folder, RESULT_FILES)
+    began = perf_counter()
+    assessment = assess(read_source(source), vehicle, progress=progress)
+    if not as_json:
+        say(printable_lines(screen_of(assessment)))
+        if verbose and assessment.analysis is not None:
+            say()
+            print_blocks(analysis_blocks(assessment.analysis))
+    document = review_document(assessment) | {"files": files_of(folder, assessment)}
+    with progress("Drawing and writing the files", measured=False):
+        write_results(folder, document, review_page(assessment), assessment)
+    if as_json:
+        print_json(document)
+    else:
+        seconds = perf_counter() - began
+        say(f"Page: {printable(folder / 'report.html')} (took {seconds:.1f} s)")
+
+
+def printable_lines(text: str) -> str:
+    """Returns the ``text`` without what a terminal obeys, but for the ends of its lines."""
+    return "\n".join(map(printable, text.splitlines()))

@@ -1,0 +1,63 @@
+"""Review of a log on one screen: what it is of, the headline, eight lights, what happened, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import shorten, wrap
+
+from mavdem.assessment import Assessment
+from mavdem.facts import Fact, Level
+from mavdem.report.blocks import Sentence
+from mavdem.report.words import headline, section
+
+COLUMNS = 80
+"""Of a terminal that nobody has widened."""
+LINES = 14
+"""Of the screen: 15 with where the page is."""
+
+
+def screen_of(assessment: Assessment) -> str:
+    """Returns the screen of an ``assessment``: at most ``LINES`` of ``COLUMNS``."""
+    lead = title_of(assessment)
+    above = [
+        _cut(f"{lead.lead} {lead.text}"),
+        *_wrapped(headline(assessment.headline)),
+        *(_light(name, fact) for name, fact in assessment.lights.items()),
+    ]
+    following = _wrapped(f"Next: {assessment.next_step}")
+    room = LINES - len(above) - len(following)
+    return "\n".join([*above, *list(_alarms(assessment))[:room], *following])
+
+
+def title_of(assessment: Assessment) -> Sentence:
+    """Returns which log it is, and of what."""
+    analysis = assessment.analysis
+    name = f"{Path(assessment.log.source).name}:"
+    if analysis is None:
+        return Sentence("no vehicle judged.", name)
+    known = section("review", analysis.identity, condition=analysis.condition)
+    return Sentence(" ".join(one.text for one in known), name)
+
+
+def _light(name: str, fact: Fact) -> str:
+    mark = fact.level.upper() if fact.level is Level.BAD else fact.level
+    beginning = f"{name:<11}{mark:<9}"
+    return f"{beginning}{_cut(str(fact), COLUMNS - len(beginning))}"
+
+
+def _alarms(assessment: Assessment) -> Iterator[str]:
+    """What happened that may have lost the vehicle, but for what the headline says."""
+    for event in assessment.events:
+        if event.level is Level.BAD and event != assessment.headline:
+            at = "" if event.time is None else f"{event.time:.1f} s: "
+            yield _cut(f"{at}{event}")
+
+
+def _cut(text: str, columns: int = COLUMNS) -> str:
+    return shorten(text, columns, placeholder=" …")
+
+
+def _wrapped(text: str) -> list[str]:
+    """The text in two lines at most."""
+    return wrap(text, COLUMNS, max_lines=2, placeholder=" …")

@@ -1,0 +1,83 @@
+"""The headline is the worst that was found, and the next step fits its reason."""
+
+from types import SimpleNamespace
+
+import pytest
+from refusals import prose
+
+from mavdem.assessment.judgement import headline_of, next_step_of
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.learnability import Reason
+from mavdem.facts.lights import Light
+
+GROUNDED = Fact(Reason.NEVER_ARMED)
+CRASH = prose("Lost control.").but(Level.BAD)
+
+
+def lights(**levels: Level) -> dict[Light, Fact]:
+    """Facts of all lights, good but for these."""
+    return {light: prose(f"The {light}.").but(levels.get(light, Level.GOOD)) for light in Light}
+
+
+def headline(known: dict[Light, Fact], **more: object) -> Fact:
+    found = {"ending": None, "events": (), "airborne": 60.0, "oscillation": None} | more
+    verdict = SimpleNamespace(reason=GROUNDED, figures=SimpleNamespace(airborne=found["airborne"]))
+    evidence = SimpleNamespace(
+        ending=found["ending"],
+        events=found["events"],
+        verdict=verdict,
+        condition=SimpleNamespace(oscillation=found["oscillation"]),
+    )
+    return headline_of(evidence, known)
+
+
+ALARM = prose("An alarm.").but(Level.BAD)
+WARNING = prose("A warning.").but(Level.WATCH)
+
+
+@pytest.mark.parametrize(
+    ("levels", "more", "said"),
+    [
+        ({"motors": Level.BAD}, {"ending": CRASH, "events": (ALARM,)}, "Lost control."),
+        ({"motors": Level.BAD}, {"events": (WARNING, ALARM)}, "An alarm."),
+        ({"motors": Level.BAD, "margins": Level.BAD}, {"events": (WARNING,)}, "The motors."),
+        ({"motors": Level.BAD, "margins": Level.BAD}, {"oscillation": 5.0}, "The margins."),
+        ({"motors": Level.WATCH, "power": Level.BAD}, {}, "The power."),
+        ({"log": Level.BAD, "estimator": Level.WATCH}, {}, "The log."),
+        ({"power": Level.BAD}, {"airborne": 0.0}, "The power."),
+        ({"vibration": Level.WATCH, "log": Level.WATCH}, {}, "The vibration."),
+    ],
+)
+def test_the_headline_is_the_worst_that_was_found(levels, more, said):
+    known = lights(**levels)
+    worst = headline(known, **more)
+    assert worst.sentence == said
+    following = next_step_of(worst, known, Fact(NextStep.KEEP_MODEL))
+    assert following.code is NextStep.DO_AS_ADVISED
+    assert following.figures["because"] == worst
+
+
+def test_without_a_flight_it_says_why():
+    known = lights(motors=Level.WATCH)
+    assert headline(known, airborne=0.0) == GROUNDED
+    assert next_step_of(GROUNDED, known, None).figures["because"] == GROUNDED
+
+
+def test_nothing_wrong_is_said_of_what_was_checked_only():
+    known = lights(margins=Level.UNKNOWN, log=Level.WATCH, wind=Level.WATCH)
+    sound = headline(known)
+    assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, Level.GOOD)
+    assert Light.MARGINS not in sound.figures["names"]
+    assert sound.figures["missing"] == (Light.MARGINS,)
+    assert next_step_of(sound, known, None).figures["because"] == known[Light.LOG]
+    nothing = headline(lights(**dict.fromkeys(Light, Level.UNKNOWN)))
+    assert nothing.code is Headline.NOTHING_CHECKED
+
+
+def test_a_sound_vehicle_is_told_what_its_model_is_worth():
+    known = lights()
+    sound = headline(known)
+    longer = Fact(NextStep.FLY_LONGER)
+    assert next_step_of(sound, known, longer) is longer
+    assert next_step_of(sound, known, None).code is NextStep.KEEP_MODEL

@@ -1,0 +1,48 @@
+"""``mavdem review`` and ``mavdem LOG``: one screen, one document and a page for every log that can be read."""
+
+from command_line import LOGS, SLOW, run, strict_json
+
+import mavdem
+from mavdem.facts import Level
+from mavdem.facts.learnability import Reason
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.report.review import COLUMNS
+
+
+def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(SLOW) == 0
+    screen = capsys.readouterr().out.splitlines()
+    assert len(screen) <= 15 and max(map(len, screen)) <= COLUMNS
+    assert screen[0].startswith("ardupilot_default_rates.tlog: ")
+    folder = tmp_path / "ardupilot_default_rates"
+    assert {path.name for path in folder.iterdir()} == {"report.html", "report.json"}
+    assert run("review", SLOW, "--out", "other", "--json") == 0
+    document = strict_json(capsys.readouterr().out)
+    assert strict_json((tmp_path / "other" / "report.json").read_text()) == document
+    assert [*document["lights"]] == [*Light]
+    assert [*document["axes"]] == ["roll", "pitch", "yaw"]
+    assert document["axes"]["yaw"]["loop"] is None and document["axes"]["yaw"]["refusal"]["code"]
+    assert document["model"] is None and document["headline"]["sentence"] in screen[1]
+
+
+def test_a_log_of_no_vehicle_that_can_be_judged_has_its_page(tmp_path, capsys):
+    assert run("review", LOGS / "px4_wind5_steps.tlog", "--vehicle", "7", "--out", tmp_path) == 0
+    assert "There is no vehicle 7" in capsys.readouterr().out
+    assert "There is no vehicle 7" in (tmp_path / "report.html").read_text()
+
+
+def test_the_library_returns_what_is_printed(tmp_path):
+    other = mavdem.review(SLOW, vehicle="9")
+    assert other.headline.code is Reason.NO_SUCH_VEHICLE
+    assert {light.code for light in other.lights.values()} == {Unjudged.NOT_JUDGED}
+    assert other.model is other.wind is None and other.events == ()
+    assert other.loops["roll"].refusal == other.headline
+    assert str(other).count("\n") < 15 and other.lights["log"].level is Level.UNKNOWN
+    other.page(tmp_path / "page.html")
+    assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()
+
+
+def test_a_file_that_is_missing_is_no_command(capsys):
+    assert run("missing.tlog") == 2
+    assert "missing.tlog" in capsys.readouterr().err
