@@ -59,7 +59,8 @@ class _Commands(click.Group):
     cls=_Commands,
     commands=[
         click.Command(
-            "review", help="Reports everything that a log says; `mavdem LOG` is the same."
+            "review",
+            help="Reports everything that a log says: what happened, eight lights, what to do next.",
         ),
         click.Command("info", help="Reports what a log holds and if a model can be learned."),
         click.Command(

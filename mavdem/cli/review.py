@@ -31,7 +31,7 @@ from mavdem.report.screen import analysis_blocks
 def review_command(
     source: str, vehicle: str | None, out: Path | None, as_json: bool, verbose: bool
 ) -> None:
-    """Reports everything that a log says: what happened, eight lights, and what to do next.
+    """Reports everything that a log says: what happened, eight lights, what to do next.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz, at any rate. `mavdem LOG` is the
     same. The first sentence is how a flight was lost, or else the worst that was found. Each light is good, watch, BAD
