@@ -50,8 +50,10 @@ class Segment:
 
 
 def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
-    """Returns each boot from its first message to its last."""
-    messages = signals.telemetry.messages.values()
+    """Returns each boot from its first message to its last, but for texts: a log may begin with older ones."""
+    messages = [
+        columns for name, columns in signals.telemetry.messages.items() if name != "STATUSTEXT"
+    ]
     time, boot = (
         np.concatenate([np.zeros(0), *(columns[name] for columns in messages)])
         for name in ("time", "boot")

@@ -204,7 +204,7 @@ class VehicleSignals:
     @cached_property
     def _beats(self) -> Signal | None:
         """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours."""
-        if (columns := self._heartbeats) is None:
+        if (columns := self.heartbeats) is None:
             return None
         flags = columns["base_mode"].astype(np.int64)
         modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
@@ -217,8 +217,8 @@ class VehicleSignals:
         return Signal(columns["time"], columns["boot"], settled)
 
     @cached_property
-    def _heartbeats(self) -> Columns | None:
-        """The vehicle's own, in order of time: those that name another type or autopilot are not."""
+    def heartbeats(self) -> Columns | None:
+        """HEARTBEAT of the vehicle itself, in order of time: those that name another type or autopilot are not."""
         telemetry = self.telemetry
         columns = telemetry.messages.get("HEARTBEAT")
         if columns is None or not len(columns["time"]):
@@ -242,7 +242,7 @@ class VehicleSignals:
 
     def modes(self, boot: int) -> list[tuple[float, str]]:
         """Returns when each flight mode of a ``boot`` began, s, and its name, from CURRENT_MODE or else HEARTBEAT."""
-        columns = self.telemetry.messages.get("CURRENT_MODE") or self._heartbeats
+        columns = self.telemetry.messages.get("CURRENT_MODE") or self.heartbeats
         if columns is None or "custom_mode" not in columns:
             return []
         rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))

@@ -22,10 +22,13 @@ from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, repair, selected
 from mavdem.ingest.vocabulary import (
+    ACTIVE,
+    CRITICAL,
     IN_AIR,
     LANDING,
     ON_GROUND,
     PX4,
+    STANDBY,
     TAKING_OFF,
     attitude_target,
     heartbeat_fields,
@@ -42,6 +45,8 @@ NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields 
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
+OF_PX4 = ("failure_detector_status", "estimator_selector_status", "input_rc")
+"""Topics that no message of MAVLink has the meaning of."""
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
@@ -104,6 +109,7 @@ def messages(
             "GPS_RAW_INT": ("vehicle_gps_position", _made(_gps_raw_int, topics)),
             "CURRENT_MODE": ("vehicle_status", _made(_current_mode, topics)),
             "WIND_COV": ("wind", _made(_wind_cov, topics)),
+            **{name: (name, _made(_as_logged, topics, name)) for name in OF_PX4},
         }
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
     return made, {name: topic for name, (topic, _) in named.items()}
@@ -296,7 +302,10 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
 
 
 def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
-    """SYS_STATUS.hpp: battery_status, mV and cA, with the decimals the message cuts off."""
+    """SYS_STATUS.hpp: battery_status, mV and cA, with the decimals the message cuts off.
+
+    Beside its fields, ``charge_state`` of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
+    """
     battery = _first(topics, "battery_status")
     field = "voltage_v" if "voltage_v" in battery else "voltage_filtered_v"
     found = {"time": battery["time"], "voltage_battery": 1000.0 * battery[field].astype(np.float64)}
@@ -304,6 +313,8 @@ def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
         found["current_battery"] = 100.0 * battery["current_a"].astype(np.float64)
     if "remaining" in battery:
         found["battery_remaining"] = 100.0 * battery["remaining"].astype(np.float64)
+    if "warning" in battery:
+        found["charge_state"] = battery["warning"] + 1
     return found
 
 
@@ -356,6 +367,12 @@ def _gps_raw_int(topics: Topics) -> dict[str, NDArray[Any]]:
     return {"time": gps["time"], **quality, **places}
 
 
+def _as_logged(topics: Topics, name: str) -> dict[str, NDArray[Any]]:
+    topic = _first(topics, name)
+    fields = {field: topic[field] for field in NEEDED[name] if field in topic}
+    return {"time": topic["time"], **fields}
+
+
 def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:
     """CURRENT_MODE.hpp: the custom mode of vehicle_status.nav_state."""
     status = _first(topics, "vehicle_status")
@@ -365,7 +382,11 @@ def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]]:
     """HEARTBEAT.hpp: vehicle_status. The state "armed" has been 2 in every version."""
     status = _first(topics, "vehicle_status")
-    return {"time": status["time"], **heartbeat_fields(kind, PX4, status["arming_state"] == 2)}
+    armed = status["arming_state"] == 2
+    failsafe = status.get("failsafe", np.zeros(len(armed))).astype(np.bool_)
+    system_status = np.where(failsafe, CRITICAL, np.where(armed, ACTIVE, STANDBY))
+    fields = heartbeat_fields(kind, PX4, armed)
+    return {"time": status["time"], **fields, "system_status": system_status}
 
 
 def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]]:

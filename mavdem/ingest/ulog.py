@@ -465,10 +465,11 @@ def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
     for (name, instance), pieces in parts.items():
         fields = joined(pieces)
         fields = selected(fields, np.argsort(fields["timestamp"], kind="stable"))
-        if len(fields["timestamp"]):
-            topics.setdefault(name, {})[instance] = fields | {
-                "time": fields["timestamp"].astype(np.float64) / 1e6
-            }
+        time = fields["timestamp"].astype(np.float64) / 1e6
+        if len(time):
+            # When logging starts, each topic's last message, long past, is logged: what it says held then.
+            time[0] = np.clip(log.start_timestamp / 1e6, time[0], time[1:2].min(initial=np.inf))
+            topics.setdefault(name, {})[instance] = fields | {"time": time}
     return topics
 
 

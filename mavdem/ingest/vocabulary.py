@@ -26,9 +26,11 @@ TAKING_OFF: int = dialect.MAV_LANDED_STATE_TAKEOFF
 LANDING: int = dialect.MAV_LANDED_STATE_LANDING
 # ArduPilot and PX4 report the last two only once they have left the ground
 OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)
-# of HEARTBEAT.system_status: on the ground, and in flight
+# of HEARTBEAT.system_status: on the ground, in flight, and in a failsafe
 STANDBY: int = dialect.MAV_STATE_STANDBY
 ACTIVE: int = dialect.MAV_STATE_ACTIVE
+CRITICAL: int = dialect.MAV_STATE_CRITICAL
+NO_SEVERITY = 255  # of STATUSTEXT whose source does not log it, beside MAV_SEVERITY's 0 to 7
 GENERIC: int = dialect.MAV_AUTOPILOT_GENERIC  # where the autopilot is not known
 ARDUPILOT: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
 PX4: int = dialect.MAV_AUTOPILOT_PX4

@@ -132,8 +132,9 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
 
 
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
-# Without a stamp, as before ArduCopter 3.4, they have the time of the message before them
-EVENTS = ("EV", "ARM")
+# Without a stamp, as before ArduCopter 3.4, they have the time of the message before them; texts have it always, as
+# those of one start are stamped before it
+EVENTS = ("EV", "ARM", "ERR", "MODE", "MSG")
 UNKNOWN: int = dialect.MAV_TYPE_GENERIC
 COPTER: int = dialect.MAV_TYPE_QUADROTOR
 FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10, "sub": 12}
@@ -199,11 +200,15 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     }
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
+    said = recording.table("MSG")
+    texts = _texts(said, "Message")
+    if len(texts) == len(said.place):
+        words = {"Message": np.array(texts, dtype=np.object_)}
+        logged["MSG"] = MessageTable(said.place, {**numbers(said).columns, **words})
     tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
     if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
         raise Unreadable(_no_flight(source, recording))
     parameters, first = (_parameters(recording.table("PARM"), way) for way in (1, -1))
-    texts = _texts(recording.table("MSG"), "Message")
     kind = _mav_type(texts, parameters)
     # DSF counts the messages that the logger had no room for, anew with each boot.
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
@@ -246,7 +251,10 @@ def _on_boot_clock(
 ) -> tuple[dict[str, Columns], tuple[Fact, ...]]:
     """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and the repairs."""
     clocks = {
-        name: field for name, table in tables.items() for field in CLOCKS if field in table.columns
+        name: field
+        for name, table in tables.items()
+        for field in CLOCKS
+        if field in table.columns and name != "MSG"
     }
     if not clocks:
         return {}, ()

@@ -17,9 +17,7 @@ logged, and the landed state is undefined, as it is after the last. A boot witho
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +32,7 @@ from mavdem.ingest.vocabulary import (
     ARDUPILOT,
     ARMED,
     IN_AIR,
+    NO_SEVERITY,
     ON_GROUND,
     attitude_target,
     heartbeat_fields,
@@ -202,33 +201,24 @@ def _filter_status(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
 
 
 def _modes(tables: Mapping[str, Columns]) -> Columns | None:
-    """CURRENT_MODE; in text logs of old versions the mode is a name, and is left out."""
+    """CURRENT_MODE, with Rsn beside its fields; in text logs of old versions the mode is a name, and is left out."""
     field = "ModeNum" if "ModeNum" in tables.get("MODE", {}) else "Mode"
     logged = having(tables, "MODE", (field,))
-    return (
-        None if logged is None else stamped(logged, {"custom_mode": values(logged, (field,))[:, 0]})
-    )
-
-
-def _errors(tables: Mapping[str, Columns]) -> Columns | None:
-    """STATUSTEXT of what went wrong; ECode 0 says that it is over."""
-    logged = having(tables, "ERR", ("Subsys", "ECode"))
     if logged is None:
         return None
-    logged = selected(logged, logged["ECode"] > 0)
-    pairs = values(logged, ("Subsys", "ECode")).astype(int).tolist()
-    texts = [f"{SUBSYSTEMS.get(one, f'subsystem {one}')}: code {code}" for one, code in pairs]
-    return stamped(
-        logged,
-        {
-            "severity": np.full(len(texts), dialect.MAV_SEVERITY_ERROR),
-            "text": np.array(texts, dtype=object),
-        },
-    )
+    cause = {"Rsn": logged["Rsn"]} if "Rsn" in logged else {}
+    return stamped(logged, {"custom_mode": values(logged, (field,))[:, 0], **cause})
 
 
-_ERRORS = tomllib.loads(Path(__file__).with_name("errors.toml").read_text("utf-8"))
-SUBSYSTEMS: dict[int, str] = dict(enumerate(_ERRORS["subsystems"], 1))
+def _texts(tables: Mapping[str, Columns]) -> Columns | None:
+    """STATUSTEXT of MSG, which has no severity."""
+    logged = tables.get("MSG", {})
+    if "Message" not in logged:
+        return None
+    severity = np.full(len(logged["time"]), NO_SEVERITY, dtype=np.uint8)
+    return stamped(logged, {"severity": severity, "text": logged["Message"]})
+
+
 ANGLES = ("Roll", "Pitch", "Yaw")
 GYROS = ("GyrX", "GyrY", "GyrZ")
 RATES = ("R", "P", "Y")
@@ -256,9 +246,11 @@ NEEDED = (
     "XKF2",
     "NKF2",
     "NKF4",
+    "EKF1",
     "EKF4",
     "MODE",
     "ERR",
+    "MSG",
 )  # DataFlash's messages that are translated
 # A message is slower than another when it has fewer than this share of the other's number
 SLOWER_SHARE = 0.9
@@ -295,6 +287,7 @@ def translated(
     )
     wind, estimated = _of_core(tables, "2", {"wind_x": "VWN", "wind_y": "VWE"})
     filtered, judged = _filter_status(tables)
+    lanes, lane_of = _of_core(tables, "4", {"primary_instance": "PI"})
     climb = having(tables, "CTUN", ("CRt",))
     changes = [
         _changes(tables, "EV", "Id", ARMED_EVENTS),
@@ -316,7 +309,10 @@ def translated(
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
         "GPS_RAW_INT": ("GPS", _fixes(tables)),
         "CURRENT_MODE": ("MODE", _modes(tables)),
-        "STATUSTEXT": ("ERR", _errors(tables)),
+        "STATUSTEXT": ("MSG", _texts(tables)),
+        "ERR": ("ERR", having(tables, "ERR", ("Subsys", "ECode"))),
+        "EV": ("EV", having(tables, "EV", ("Id",))),
+        "estimator_selector_status": (lane_of, lanes),
         "LOCAL_POSITION_NED": (positioned, position),
         "EKF_STATUS_REPORT": (judged, filtered),
         "WIND_COV": (estimated, wind),
