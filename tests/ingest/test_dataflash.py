@@ -13,7 +13,7 @@ from pymavlink import DFReader
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.condition.inventory import autopilot_alarms, inventory
+from mavdem.condition.inventory import inventory
 from mavdem.errors import Unreadable
 from mavdem.facts import Code
 from mavdem.facts.sources import Repair

@@ -29,6 +29,7 @@ from ulog_files import (
     vehicle_of,
 )
 
+from mavdem.alignment.align import recorded_parts
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
@@ -409,6 +410,16 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path):
     assert set(stamps_of(vehicle)) < set(INTACT) and len(stamps_of(vehicle)) == len(INTACT) - 3
     assert {"count": 3, "flaw": Flaw.FAR_STAMP} in [fact.figures for fact in vehicle.repairs]
     assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 2.2
+
+
+def test_what_held_when_logging_started_has_that_time(tmp_path):
+    state = [data("vehicle_land_detected", 2.2, True), data("vehicle_land_detected", 21.0, False)]
+    begun = HEADER.replace(struct.pack("<Q", 1_000_000), struct.pack("<Q", 20_000_000))
+    content = log(state[0], *flight(TIMES[:100]), state[1], *flight(TIMES[100:]))
+    vehicle = vehicle_of(begun + content[len(HEADER) :], tmp_path)
+    assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 20.0
+    (part,) = recorded_parts(Signals(vehicle))
+    assert part.start == 20.0
 
 
 def nested(deep: int, wide: int) -> bytes:
