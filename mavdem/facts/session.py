@@ -47,7 +47,6 @@ class VehicleFact(Code):
     VEHICLES_FOUND = auto()
     FOLLOWING_VEHICLE = auto()
     OTHER_VEHICLE = auto()
-    VEHICLES_SHARE_IDS = auto()
     NOT_A_MULTIROTOR = auto()
     VEHICLE_REBOOTED = auto()
     CLOCK_SET_BACK = auto()

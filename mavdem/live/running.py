@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import sys
 from collections.abc import Callable
 from concurrent.futures import Future
 from threading import Thread
@@ -13,9 +12,6 @@ from typing import TypeVar
 from mavdem.live.session import LiveSession
 
 Result = TypeVar("Result")
-
-CLEANING_SECONDS = 60.0  # on the ground, between two collections of all garbage
-SWITCH_SECONDS = 5e-4  # for which another thread may compute while a sample waits
 
 
 def run(
@@ -29,29 +25,19 @@ def run(
 
     ``report`` is called every so many seconds with what it returned before.
     """
-    # No sample waits for a long collection, which only goes through what is new, nor for another thread.
+    # No sample waits for a long collection, which only goes through what is new.
     gc.collect()
     gc.freeze()
-    gc.disable()
-    interval = sys.getswitchinterval()
     line = ""
-    began = reported = cleaned = monotonic()
-    sys.setswitchinterval(SWITCH_SECONDS)
+    began = reported = monotonic()
     try:
         while not asked() and (duration is None or monotonic() - began < duration):
             session.step()
             if monotonic() - reported >= every:
                 reported = monotonic()
                 line = report(session, line)
-                if not session.stream.status().flying and reported - cleaned >= CLEANING_SECONDS:
-                    cleaned = reported
-                    gc.unfreeze()
-                gc.collect()
-                gc.freeze()
     finally:
         gc.unfreeze()
-        gc.enable()
-        sys.setswitchinterval(interval)
 
 
 def in_background(work: Callable[[], Result]) -> Future[Result]:

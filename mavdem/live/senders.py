@@ -7,7 +7,6 @@ that, the sender with the fewest frames is dropped.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from math import inf
 
 import numpy as np
@@ -15,7 +14,6 @@ import numpy as np
 from mavdem.alignment.signals import ATTITUDE_MESSAGES
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import VehicleFact
-from mavdem.ingest.mavlink.clocks import OTHER_EPOCH
 from mavdem.ingest.mavlink.definitions import definitions
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import identity, missing_between
@@ -29,38 +27,8 @@ VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones ch
 # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 ENOUGH_MESSAGES = 3
 MAX_LISTED = 8  # Vehicles named in one sentence
-# Kept of one pair of ids, and the step, either way, up to which a number belongs to one
-MAX_SEQUENCES = 3
-NEAR = 32
-# Of the clock to an earlier one, with another sequence that goes on, which show two vehicles
-SHARING_RETURNS = 8
-FORGOTTEN_FRAMES = 1024  # Frames without one of a sequence after which it has ended: some seconds
-# Between two messages, about: a number that is missing counts like so much of the clock
-MESSAGE_SECONDS = 0.005
-
-
-@dataclass
-class Sequence:
-    """Messages that are numbered one after the other; a reboot or a long gap begins another."""
-
-    number: int  # the highest so far, which goes on beyond 255
-    stamp: float = 0.0  # of the latest attitude, s, 0 without
-    latest: int = 0  # frames with its ids up to its own last
-    # number, frame, frames so far
-    recent: dict[int, tuple[int, Frame, int]] = field(default_factory=dict)
-
-    def step(self, number: int) -> int:
-        """From its highest number to this one of 0 to 255, either way."""
-        return (number - self.number + 128) % 256 - 128
-
-    def has(self, frame: Frame, frames: int) -> bool:
-        """Whether ``frame`` is a copy of one of its latest, after so many ``frames`` of the sender."""
-        number, same, then = self.recent.get(frame.sequence, (None, frame, 0))
-        return (
-            number == self.number + self.step(frame.sequence)
-            and same == frame
-            and frames - then < 128
-        )
+NEAR = 32  # The step, either way, up to which a number goes on
+COPY_FRAMES = 128  # Frames of a sender within which an equal one is a copy: half of its numbers
 
 
 class Sender:
@@ -78,12 +46,11 @@ class Sender:
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
         # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
         self.held = False
-        self.shared = False  # whether others with the same ids are left out
         self.breaks = 0  # in its sequence of numbers
         self._beats: list[tuple[int, int]] = []
-        self._sequences, self._followed = list[Sequence](), Sequence(0)
-        self._missing = self._returns = self._last = 0
-        self._stamp = 0.0  # of the latest attitude, s
+        # by its number the latest frame, and frames so far then
+        self._recent: dict[int, tuple[Frame, int]] = {}
+        self._missing = self._last = 0
         self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
         # s, of the last frame, and mean between two
         self._came = -inf
@@ -117,74 +84,19 @@ class Sender:
         """Its name, and what it is where that is known."""
         return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
 
-    def take(self, frame: Frame, message: Message | None, now: float) -> bool:
-        """Counts a frame that came ``now``, s; returns False for a copy, as some links send, and for another sender."""
+    def take(self, frame: Frame, now: float) -> bool:
+        """Counts a frame that came ``now``, s; returns False for a copy, as some links send."""
         self.frames += 1
         number = frame.sequence
-        if any(one.has(frame, self.frames) for one in self._sequences):
+        same, then = self._recent.get(number, (None, 0))
+        if same == frame and self.frames - then < COPY_FRAMES:
             return False
-        stamp = 0.0 if message is None else message.stamp
-        reference = message is not None and message.name in ATTITUDE_MESSAGES
-        found = self._nearest(number, stamp)
-        if found is None and self.shared and not reference:
-            return False
-        if opens := found is None:
-            found = self._opened(number)
-        step = found.step(number)
-        self._follow(found, reference and 0 < found.stamp < stamp < self._stamp and step > 0)
-        found.latest = self.frames
-        found.recent[number] = found.number + step, frame, self.frames
-        found.number += step if reference else max(step, 0)
-        if reference:
-            found.stamp = self._stamp = stamp
-        if found is not self._followed:
-            return False
-        self._count_missing(
-            number,
-            now,
-            max(step - 1, -1) if self.shared and not opens else missing_between(self._last, number),
-        )
+        self._recent[number] = frame, self.frames
+        self._count_missing(number, now, missing_between(self._last, number))
         self._last = number
         if frame.verdict == GOOD:
             self._count_arrived(frame.message_id)
         return True
-
-    def _nearest(self, number: int, stamp: float) -> Sequence | None:
-        """The sequence that a sequence number and ``stamp``, s or 0, go on, the followed one first; None if none."""
-        found = None
-        nearest = (inf, True)
-        for one in self._sequences:
-            step = one.step(number)
-            moved = min(abs(stamp - one.stamp), OTHER_EPOCH) if stamp and one.stamp else 0.0
-            away = abs(step - 1) * MESSAGE_SECONDS + moved, one is not self._followed
-            # No two messages of a sender have one number, but for those without a stamp that are taken for another's.
-            taken = number in one.recent and one.recent[number][0] == one.number + step
-            free = not taken and abs(step) <= NEAR
-            if (
-                free or (stamp and one.stamp and away[0] < 20 * MESSAGE_SECONDS)
-            ) and away < nearest:
-                found = one
-                nearest = away
-        return found
-
-    def _opened(self, number: int) -> Sequence:
-        """A new sequence, kept instead of the one that ended first."""
-        self._returns = 0
-        kept = sorted(
-            self._sequences, key=lambda one: (self.shared and one is self._followed, one.latest)
-        )
-        self._sequences = [*kept[1 - MAX_SEQUENCES :], Sequence(number)]
-        return self._sequences[-1]
-
-    def _follow(self, found: Sequence, returns: bool) -> None:
-        """Chooses the sequence to follow; where the clock ``returns`` to another too often, two vehicles share ids."""
-        self._returns += returns
-        if not self.shared and self._returns >= SHARING_RETURNS:
-            self.shared = True
-            self._missing = 0
-            self._followed = max(self._sequences, key=lambda one: len(one.recent))
-        elif not self.shared or self.frames - self._followed.latest > FORGOTTEN_FRAMES:
-            self._followed = found
 
     def _count_missing(self, number: int, now: float, missing: int) -> None:
         """Counts ``missing`` messages before one that came ``now``, s; a long gap in seconds, since numbers wrap."""
@@ -288,9 +200,6 @@ class Senders:
     def _notice(self, sender: Sender) -> None:
         """Reports another vehicle, once."""
         assert self.followed is not None
-        if sender is self.followed and sender.shared and sender.name not in self._rivals:
-            self._rivals.add(sender.name)
-            self._report(Fact(VehicleFact.VEHICLES_SHARE_IDS, Level.WATCH, subject=sender.name))
         if (
             sender is self.followed
             or sender.name in self._rivals

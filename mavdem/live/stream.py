@@ -177,7 +177,7 @@ class LiveStream:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
         message = message_of(frame) if frame.verdict == GOOD else None
-        if not sender.take(frame, message, self._received) or frame.verdict != GOOD:
+        if not sender.take(frame, self._received) or frame.verdict != GOOD:
             return
         if message is not None:
             sender.take_message(message)

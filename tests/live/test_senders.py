@@ -1,7 +1,5 @@
 """Which vehicle is followed."""
 
-import pytest
-from hover import Hover
 from live_hover import Flight, Timed, replay
 from mavlink_streams import heartbeat, message
 
@@ -13,28 +11,6 @@ TWO = sorted(
     Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0),
     key=lambda entry: entry[0],
 )
-
-
-@pytest.mark.parametrize(
-    ("number", "burst"), [(0, 1), (100, 1), (250, 1), (0, 30), (1, 30), (128, 30)]
-)
-def test_of_two_with_the_same_ids_one_is_followed_and_nothing_is_lost(number, burst):
-    """Their clocks are 0.16 s apart, and a relay passes messages on in bursts."""
-    first = Flight(hover=Hover()).frames(start=8.0, end=14.0)
-    second = Flight(hover=Hover(sway=0.02), clock=0.16, number=number).frames(start=8.0, end=14.0)
-    bursts = range(0, len(first), burst)
-    made = replay(
-        [entry for at in bursts for entry in first[at : at + burst] + second[at : at + burst]]
-    )
-    (fact,) = (fact for fact in made.facts if fact.code is VehicleFact.VEHICLES_SHARE_IDS)
-    assert fact.subject == "1:1"
-    assert made.stream.status().lost == made.stream.status().late == 0
-    rolls = {(row.time, row.outputs[0]) for row in made.rows if row.time > 11.0}
-    errors = [
-        [abs(flown.roll(time - late) - roll) for time, roll in rolls]
-        for flown, late in ((Hover(), 0.0), (Hover(sway=0.02), 0.16))
-    ]
-    assert len(rolls) > 200 and min(map(max, errors)) < 1e-6, "all are of the same one"
 
 
 def only_heartbeats(system: int = 1) -> Timed:
