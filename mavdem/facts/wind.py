@@ -27,3 +27,10 @@ class WindShare(Code):
 
     SHARE_KNOWN = auto()
     SHARE_UNKNOWN = auto()
+
+
+class WindLight(Code):
+    """What the light of the wind says."""
+
+    WIND_BLEW = auto()
+    WIND_NOT_KNOWN = auto()

@@ -14,6 +14,7 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 
+from mavdem.condition.wind_velocity import from_point
 from mavdem.facts import Code, Fact, Words
 from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
@@ -113,6 +114,7 @@ def _environment() -> Environment:
         "degrees": lambda angle: degrees(angle),
         "fixed": lambda value, digits=0: f"{value:.{digits}f}",
         "few": few,
+        "from_point": from_point,
         "go_on": go_on,
         "headline": headline,
         "in_one_line": in_one_line,

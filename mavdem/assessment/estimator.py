@@ -1,0 +1,115 @@
+"""The light of the estimator: innovations in flight against what the filter accepts, and the quality of GPS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mavdem.alignment.drive import Signal, floats, series
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flown import flown, longest, worst
+from mavdem.facts import Fact, Level
+from mavdem.facts.estimator import EstimatorLight
+from mavdem.ingest.telemetry import Telemetry
+
+MEASURED = ("velocity", "position", "height", "compass")
+REPORTS = {
+    "EKF_STATUS_REPORT": (
+        "velocity_variance",
+        "pos_horiz_variance",
+        "pos_vert_variance",
+        "compass_variance",
+    ),
+    "ESTIMATOR_STATUS": ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"),
+}
+"""Messages with the innovations of ``MEASURED``, as shares of what the filter accepts."""
+GLITCH = {"EKF_STATUS_REPORT": 1 << 15, "ESTIMATOR_STATUS": 1 << 10}
+"""Bits of their flags that say that GPS jumped: EKF_GPS_GLITCHING and ESTIMATOR_GPS_GLITCH."""
+EKF_THRESHOLD = 0.8
+"""Innovation from which ArduCopter's ``ekf_check.cpp`` doubts the filter, the default of FS_EKF_THRESH; PX4 at 1."""
+DOUBT_SECONDS = 1.0  # as long it lasts there until the failsafe
+POOR_DILUTION = 2.5
+FEW_SATELLITES = 6
+"""HDOP above, satellites below which PX4's filter does not start with GPS: EKF2_REQ_HDOP, EKF2_REQ_NSATS."""
+FIXED = 3  # GPS_FIX_TYPE_3D_FIX and better
+
+
+def estimator_light(evidence: Evidence) -> Fact:
+    """Returns the worst of filter and GPS in flight; unknown where the log has neither."""
+    innovations = sorted(_filter(evidence), key=lambda fact: -fact.figures["duration"])
+    found = [*innovations, *_fixes(evidence)]
+    return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED)
+
+
+def _filter(evidence: Evidence) -> Iterator[Fact]:
+    """By ArduCopter's rule: two of velocity, which counts twice from twice the limit, position and compass."""
+    telemetry = evidence.signals.telemetry
+    limit = 1.0
+    if telemetry.autopilot != "PX4":
+        limit = telemetry.parameters.get("FS_EKF_THRESH", 0.0) or EKF_THRESHOLD
+    for part in flown(evidence, _innovations(telemetry)):
+        ratios = part.values[:, : len(MEASURED)]
+        beyond = ratios >= limit
+        velocity, position, _, compass = beyond.T
+        doubts = 1.0 * velocity + (ratios[:, 0] >= 2 * limit) + position + compass
+        failed = longest(part, doubts >= 2)
+        lasting = [longest(part, column) for column in beyond.T]
+        most = int(np.argmax(lasting)) if max(lasting) else int(ratios.max(axis=0).argmax())
+        level = Level.GOOD
+        if max(lasting) >= DOUBT_SECONDS:
+            level = Level.BAD if failed >= DOUBT_SECONDS else Level.WATCH
+        yield Fact(
+            EstimatorLight.FILTER_DOUBTED
+            if level is not Level.GOOD
+            else EstimatorLight.FILTER_AGREED,
+            level,
+            time=part.time[ratios[:, most].argmax()],
+            name=MEASURED[most],
+            ratio=ratios[:, most].max() / limit,
+            duration=lasting[most],
+        )
+        if np.any(glitches := part.values[:, -1]):
+            yield Fact(
+                EstimatorLight.GPS_GLITCHED,
+                Level.WATCH,
+                time=part.time[glitches.argmax()],
+                duration=longest(part, glitches),
+            )
+
+
+def _innovations(telemetry: Telemetry) -> Signal | None:
+    """Those of ``MEASURED``, 0 where there is none, and whether GPS jumped, (N, 5)."""
+    for name, fields in REPORTS.items():
+        report = telemetry.messages.get(name, {})
+        if all(field in report for field in fields):
+            flags = floats(report, "flags") if "flags" in report else np.zeros(len(report["time"]))
+            jumped = np.nan_to_num(flags).astype(np.int64) & GLITCH[name] > 0
+            columns = [np.nan_to_num(floats(report, field)) for field in fields]
+            return series(report, np.column_stack([*columns, jumped]))
+    return None
+
+
+def _fixes(evidence: Evidence) -> Iterator[Fact]:
+    """Of GPS, where it ever had a fix in flight."""
+    report = evidence.signals.telemetry.messages.get("GPS_RAW_INT", {})
+    fields = ("fix_type", "satellites_visible", "eph")
+    if not all(field in report for field in fields):
+        return
+    table = np.column_stack([floats(report, field) for field in fields])
+    for part in flown(evidence, series(report, table)):
+        fix, satellites, dilution = part.values.T
+        fixed = fix >= FIXED
+        if not fixed.any():
+            continue
+        lost = longest(part, ~fixed)
+        figures: dict[str, Any] = {
+            "satellites": int(np.median(satellites[fixed])),
+            "dilution": float(np.median(dilution[fixed])) / 100,
+        }
+        if lost >= DOUBT_SECONDS:
+            begins = part.time[(~fixed).argmax()]
+            yield Fact(EstimatorLight.FIX_LOST, Level.WATCH, time=begins, duration=lost)
+        elif figures["satellites"] < FEW_SATELLITES or figures["dilution"] > POOR_DILUTION:
+            yield Fact(EstimatorLight.FIX_POOR, Level.WATCH, **figures)

@@ -1,0 +1,55 @@
+"""What was measured in flight: off the ground, and until the vehicle was lost, whose end is no fault of all else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from math import inf
+
+import numpy as np
+
+from mavdem.alignment import phases
+from mavdem.alignment.drive import Signal
+from mavdem.assessment.evidence import Evidence
+from mavdem.facts import Fact, Level
+from mavdem.ingest.telemetry import Array
+
+SEVERITY = (Level.UNKNOWN, Level.GOOD, Level.WATCH, Level.BAD)
+
+
+def flights(evidence: Evidence, boot: int) -> phases.Intervals:
+    """Returns where the vehicle flew in a ``boot``."""
+    signals = evidence.signals
+    flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
+    ending = evidence.ending
+    if ending is not None and ending.figures.get("boot", boot) == boot:
+        flown = phases.both(flown, [(-inf, ending.time or inf)])
+    return flown
+
+
+def flown(evidence: Evidence, signal: Signal | None) -> Iterator[Signal]:
+    """Yields what of a ``signal`` was measured in each flight."""
+    if signal is None:
+        return
+    for boot in np.unique(signal.boot):
+        here = signal.boot == boot
+        for flight in flights(evidence, int(boot)):
+            rows = here & phases.during(signal.time, [flight])
+            if rows.any():
+                yield Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
+
+
+def averaged(evidence: Evidence, signal: Signal | None) -> Array:
+    """Returns the means over 2 s of a ``signal`` in flight."""
+    means = [phases.average(part) for part in flown(evidence, signal)]
+    return np.concatenate([np.zeros(0), *means])
+
+
+def longest(signal: Signal, true: Array) -> float:
+    """Returns for how long, s, without a break ``true`` (N,) holds of the ``signal`` of one boot."""
+    ends = np.clip(phases.where(signal.time, true > 0), signal.time[0], signal.time[-1])
+    return float(max((end - start for start, end in ends), default=0.0))
+
+
+def worst(facts: Iterable[Fact]) -> Fact:
+    """Returns the worst of the facts, the first of such."""
+    return max(facts, key=lambda fact: SEVERITY.index(fact.level))

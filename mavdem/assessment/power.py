@@ -1,0 +1,144 @@
+"""The light of power: how the battery held under its load in flight, and what the board was supplied with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mavdem.alignment import phases
+from mavdem.alignment.drive import Signal, floats, series
+from mavdem.alignment.signals import Signals
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flown import averaged, flown, worst
+from mavdem.facts import Fact, Level
+from mavdem.facts.power import PowerLight
+
+CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 14])
+FULL_CELL = (3.5, 4.36)
+"""V of a cell with which flights begin: above storage, and a full cell of the highest kind, 4.35 V."""
+EMPTY_CELL = 3.0
+LOW_CELL = 3.3
+"""V of a cell under load: below the first a lithium cell is damaged, near the second little charge is left."""
+LOW_SECONDS = 10.0  # s below a level that count: ArduPilot's default of BATT_LOW_TIMER
+LEAST_SUPPLY = 4.5
+LOW_SUPPLY = 4.65
+"""V of the board below which PX4 warns, critically and at all (``powerCheck.cpp``)."""
+SUPPLY_FALL = 0.3  # V: twice what ArduPilot's page on power in logs calls normal
+RESISTANCE_CORRELATION = (
+    -0.7
+)  # of voltage and current about their means of 2 s: half of the variance is explained
+LOW_LEVELS = ("BATT_LOW_VOLT", "FS_BATT_VOLTAGE")
+CRITICAL_LEVELS = ("BATT_CRT_VOLT",)
+"""ArduPilot's parameters of voltages, V, at which it acts; 0 for none."""
+
+
+def power_light(evidence: Evidence) -> Fact:
+    """Returns the worse of battery and supply in flight; unknown where neither was measured."""
+    found = [*_battery(evidence), *_supply(evidence)]
+    return worst(found) if found else Fact(PowerLight.POWER_UNMEASURED)
+
+
+def _battery(evidence: Evidence) -> Iterator[Fact]:
+    """Of the lowest mean over 2 s, and of what was lasting: the voltage that it was below for ``LOW_SECONDS``."""
+    signals = evidence.signals
+    voltage = signals.voltage
+    means = np.sort(averaged(evidence, voltage))
+    if voltage is None or not len(means):
+        return
+    parameters = signals.telemetry.parameters
+    cells = _cells(signals, float(np.percentile(voltage.values, 99)))
+    steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
+    rows = round(LOW_SECONDS / max(float(np.median(steps)), 1e-3)) if len(steps) else 0
+    lasting = means[min(rows, len(means) - 1)]
+    each = cells or 0
+    critical = max(EMPTY_CELL * each, *(parameters.get(name, 0.0) for name in CRITICAL_LEVELS))
+    low = max(critical, LOW_CELL * each, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
+    load = _load(evidence)
+    resistance, current = (None, None) if load is None else _resistance(load)
+    figures: dict[str, Any] = {
+        "voltage": means[0],
+        "cells": cells,
+        "current": current,
+        "resistance": resistance,
+        "voltage_limit": critical if lasting < critical else low,
+    }
+    if lasting < low:
+        level = Level.BAD if lasting < critical else Level.WATCH
+        yield Fact(PowerLight.BATTERY_LOW, level, **figures)
+    elif low > 0:
+        yield Fact(PowerLight.BATTERY_HELD, Level.GOOD, **figures)
+    else:
+        yield Fact(PowerLight.CELLS_UNKNOWN, **figures)
+    remaining = averaged(evidence, _of_message(signals, "SYS_STATUS", "battery_remaining"))
+    least = parameters.get("BAT_LOW_THR", 0.0)
+    if np.any(left := remaining[remaining > 0] / 100) and left.min() < least:
+        yield Fact(PowerLight.CHARGE_LOW, Level.WATCH, share=left.min(), share_limit=least)
+
+
+def _supply(evidence: Evidence) -> Iterator[Fact]:
+    """Of the board's voltage; one that never changes is not measured."""
+    messages = ("POWER_STATUS", "HWSTATUS")
+    found = (_of_message(evidence.signals, name, "Vcc") for name in messages)
+    measured = next((one for one in found if one is not None and np.ptp(one.values) > 0), None)
+    volts = averaged(evidence, measured) / 1000
+    if not len(volts):
+        return
+    least = float(volts.min())
+    usual = float(np.median(volts))
+    figures: dict[str, Any] = {
+        "voltage": least,
+        "voltage_usual": usual,
+        "voltage_limit": LOW_SUPPLY,
+    }
+    if least < LOW_SUPPLY:
+        level = Level.BAD if least < LEAST_SUPPLY else Level.WATCH
+        yield Fact(PowerLight.SUPPLY_LOW, level, **figures)
+    elif usual - least > SUPPLY_FALL:
+        yield Fact(PowerLight.SUPPLY_FELL, Level.WATCH, **figures)
+    else:
+        yield Fact(PowerLight.SUPPLY_HELD, **figures)
+
+
+def _cells(signals: Signals, full: float) -> int | None:
+    """How many cells the battery has, by its parameters, else by the voltages that cells have when flights begin."""
+    for name in ("BAT1_N_CELLS", "BAT_N_CELLS"):
+        if count := int(signals.telemetry.parameters.get(name, 0)):
+            return count
+    each = full / CELL_COUNTS
+    possible = CELL_COUNTS[(each >= FULL_CELL[0]) & (each <= FULL_CELL[1])]
+    return int(possible[0]) if len(possible) == 1 else None
+
+
+def _load(evidence: Evidence) -> tuple[Signal, ...] | None:
+    """Voltage and current in flight, V and A, (N, 2) of each boot; None where the current was not measured."""
+    columns = evidence.signals.telemetry.messages.get("SYS_STATUS", {})
+    if "current_battery" not in columns:
+        return None
+    current = floats(columns, "current_battery") / 100
+    pairs = np.column_stack([floats(columns, "voltage_battery") / 1000, current])
+    return tuple(flown(evidence, series(columns, pairs, current > 0))) or None
+
+
+def _resistance(load: tuple[Signal, ...]) -> tuple[float | None, float]:
+    """The internal resistance, ohm, where voltage falls as current rises, and the largest mean current over 2 s, A."""
+    apart = []
+    most = 0.0
+    for part in load:
+        means = np.column_stack(
+            [phases.average(Signal(part.time, part.boot, one)) for one in part.values.T]
+        )
+        apart.append(part.values - means)
+        most = max(most, float(means[:, 1].max()))
+    volts, amperes = np.concatenate(apart).T
+    spread = float(volts @ volts * (amperes @ amperes))
+    together = float(volts @ amperes)
+    if spread == 0 or together > RESISTANCE_CORRELATION * spread**0.5:
+        return None, most
+    return -together / float(amperes @ amperes), most
+
+
+def _of_message(signals: Signals, message: str, field: str) -> Signal | None:
+    columns = signals.telemetry.messages.get(message, {})
+    return series(columns, floats(columns, field)) if field in columns else None

@@ -1,0 +1,228 @@
+"""Lights of power, estimator, wind and log: what was measured in flight against the limits that are stated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns, log_of
+from recorded_flights import recorded
+
+from mavdem.alignment.learnability import learnability_of
+from mavdem.alignment.signals import Signals
+from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, estimator_light
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.log import LONG_GAP, log_light, simulated_of
+from mavdem.assessment.power import (
+    EMPTY_CELL,
+    FULL_CELL,
+    LEAST_SUPPLY,
+    LOW_CELL,
+    LOW_SECONDS,
+    LOW_SUPPLY,
+    SUPPLY_FALL,
+    power_light,
+)
+from mavdem.assessment.wind import MUCH_LEAN, wind_light
+from mavdem.condition.condition import Steady, condition_of
+from mavdem.condition.wind_of_log import air_of
+from mavdem.facts import Fact, Level
+from mavdem.facts.estimator import EstimatorLight
+from mavdem.facts.log import LogLight, Simulation
+from mavdem.facts.power import PowerLight
+from mavdem.facts.wind import NoWind, WindLight
+from mavdem.ingest.telemetry import Telemetry
+
+HOVER = Hover()
+TIME = HOVER.stamps(5.0)
+FLYING = (TIME > 12.0) & (TIME < 60.0)
+
+
+def evidence(telemetry: Telemetry, ending: Fact | None = None) -> Evidence:
+    signals = Signals(telemetry)
+    log = log_of(telemetry)
+    known = learnability_of(signals), condition_of(signals)
+    return Evidence(log, signals, *known, (), air_of(signals), (), ending, {})
+
+
+def measured(message: str, parameters: dict[str, float] | None = None, **fields) -> Telemetry:
+    """The hover at 20 Hz, with a message at 5 Hz."""
+    telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
+    return changed(telemetry, message, **columns(TIME, **fields))
+
+
+def battery(volts: np.ndarray, parameters: dict[str, float] | None = None) -> Telemetry:
+    return measured("SYS_STATUS", parameters, voltage_battery=1000 * volts)
+
+
+def held(cell: float, seconds: float = 20.0) -> np.ndarray:
+    """The voltage of four cells: nearly full, but ``cell`` each for so many seconds of the flight."""
+    low = (TIME >= 30.0) & (30.0 + seconds > TIME)
+    return np.where(low, 4 * cell, 16.4)
+
+
+def test_a_battery_is_judged_by_its_cells_and_its_load():
+    amperes = np.where(FLYING, 20.0 + 5 * np.sin(5 * TIME), 0.5)
+    volts = 16.6 - 0.04 * amperes
+    telemetry = changed(battery(volts), "SYS_STATUS", current_battery=100 * amperes)
+    fact = power_light(evidence(telemetry))
+    assert (fact.code, fact.level) == (PowerLight.BATTERY_HELD, Level.GOOD)
+    assert fact.figures["cells"] == 4 and fact.figures["resistance"] == pytest.approx(0.04)
+    assert fact.figures["voltage"] == pytest.approx(15.8, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("volts", "parameters", "level"),
+    [
+        (held(LOW_CELL + 0.05), {}, Level.GOOD),
+        (held(LOW_CELL - 0.05), {}, Level.WATCH),
+        (held(EMPTY_CELL - 0.05), {}, Level.BAD),
+        (held(EMPTY_CELL - 0.05, LOW_SECONDS / 2), {}, Level.GOOD),
+        (held(3.6), {"BATT_LOW_VOLT": 14.5}, Level.WATCH),
+        (held(3.6), {"BATT_CRT_VOLT": 14.5}, Level.BAD),
+        # It can have five cells, and six.
+        (np.full(len(TIME), 6 * FULL_CELL[0] + 0.2), {}, Level.UNKNOWN),
+        (np.full(len(TIME), 6 * FULL_CELL[0] + 0.2), {"BAT1_N_CELLS": 6.0}, Level.GOOD),
+    ],
+)
+def test_levels_of_the_battery(volts, parameters, level):
+    fact = power_light(evidence(battery(volts, parameters)))
+    assert fact.level is level
+    assert (fact.code is PowerLight.BATTERY_LOW) == (level in (Level.WATCH, Level.BAD))
+    assert (fact.code is PowerLight.CELLS_UNKNOWN) == (level is Level.UNKNOWN)
+
+
+def test_what_follows_a_loss_is_no_fault_of_the_battery():
+    volts = np.where(TIME > 40.0, 11.0, 16.4)
+    lost = Fact(PowerLight.BATTERY_LOW, Level.BAD, time=39.0)
+    assert power_light(evidence(battery(volts))).level is Level.BAD
+    assert power_light(evidence(battery(volts), lost)).level is Level.GOOD
+
+
+def test_charge_that_the_autopilot_estimates():
+    left = np.linspace(100.0, 10.0, len(TIME))
+    telemetry = battery(held(3.8), {"BAT_LOW_THR": 0.25})
+    fact = power_light(evidence(changed(telemetry, "SYS_STATUS", battery_remaining=left)))
+    assert (fact.code, fact.level) == (PowerLight.CHARGE_LOW, Level.WATCH)
+
+
+@pytest.mark.parametrize(
+    ("usual", "least", "code", "level"),
+    [
+        (5.0, LOW_SUPPLY + 0.1, PowerLight.SUPPLY_HELD, Level.UNKNOWN),
+        (5.3, 5.25 - SUPPLY_FALL, PowerLight.SUPPLY_FELL, Level.WATCH),
+        (5.0, LOW_SUPPLY - 0.05, PowerLight.SUPPLY_LOW, Level.WATCH),
+        (5.0, LEAST_SUPPLY - 0.05, PowerLight.SUPPLY_LOW, Level.BAD),
+        # It never changes: it is not measured.
+        (5.0, 5.0, PowerLight.POWER_UNMEASURED, Level.UNKNOWN),
+    ],
+)
+def test_levels_of_the_supply(usual, least, code, level):
+    volts = np.where((TIME > 30) & (TIME < 40), least, usual)
+    fact = power_light(evidence(measured("POWER_STATUS", Vcc=1000 * volts)))
+    assert (fact.code, fact.level) == (code, level)
+
+
+def filtered(flags: int = 831, **ratios) -> Telemetry:
+    """The hover with a filter's report: its ratios are 0.1, and others for some seconds."""
+    names = ("velocity", "pos_horiz", "pos_vert", "compass")
+    fields = {f"{name}_variance": np.full(len(TIME), 0.1) for name in names}
+    for name, (value, seconds) in ratios.items():
+        fields[f"{name}_variance"][(TIME > 30.0) & (30.1 + seconds > TIME)] = value
+    glitch = np.where((TIME > 30.0) & (TIME < 33.0), flags, 831)
+    return measured("EKF_STATUS_REPORT", flags=glitch, **fields)
+
+
+BEYOND = EKF_THRESHOLD + 0.05
+
+
+@pytest.mark.parametrize(
+    ("telemetry", "code", "level"),
+    [
+        (filtered(), EstimatorLight.FILTER_AGREED, Level.GOOD),
+        (
+            filtered(compass=(BEYOND, DOUBT_SECONDS - 0.5)),
+            EstimatorLight.FILTER_AGREED,
+            Level.GOOD,
+        ),
+        (
+            filtered(compass=(BEYOND, DOUBT_SECONDS + 0.5)),
+            EstimatorLight.FILTER_DOUBTED,
+            Level.WATCH,
+        ),
+        (
+            filtered(compass=(BEYOND, 2.0), velocity=(BEYOND, 2.0)),
+            EstimatorLight.FILTER_DOUBTED,
+            Level.BAD,
+        ),
+        (filtered(velocity=(2 * BEYOND, 2.0)), EstimatorLight.FILTER_DOUBTED, Level.BAD),
+        (filtered(flags=831 | 1 << 15), EstimatorLight.GPS_GLITCHED, Level.WATCH),
+        (HOVER.telemetry(20.0, 20.0), EstimatorLight.ESTIMATOR_UNMEASURED, Level.UNKNOWN),
+    ],
+)
+def test_levels_of_the_filter(telemetry, code, level):
+    fact = estimator_light(evidence(telemetry))
+    assert (fact.code, fact.level) == (code, level)
+    if level is Level.BAD:
+        assert fact.figures["name"] == "velocity" and fact.time == pytest.approx(30.2)
+
+
+@pytest.mark.parametrize(
+    ("fix", "satellites", "dilution", "code"),
+    [
+        (3, 12, 0.8, EstimatorLight.FILTER_AGREED),
+        (1, 12, 0.8, EstimatorLight.FIX_LOST),
+        (3, 5, 0.8, EstimatorLight.FIX_POOR),
+        (3, 12, 2.6, EstimatorLight.FIX_POOR),
+    ],
+)
+def test_gps(fix, satellites, dilution, code):
+    fixes = np.where((TIME > 30.0) & (TIME < 33.0), fix, 3)
+    figures = {"satellites_visible": satellites + 0 * TIME, "eph": 100 * dilution + 0 * TIME}
+    report = columns(TIME, fix_type=fixes, **figures)
+    assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
+
+
+def test_the_wind_is_reported_where_the_flight_identifies_its_speed():
+    known = evidence(recorded("sitl_events/ap_short_with_climb.tlog"))
+    fact = wind_light(known)
+    assert (fact.code, fact.level) == (WindLight.WIND_BLEW, Level.GOOD)
+    assert fact.figures["low"] < 5 * np.sqrt(10 / 60) < fact.figures["high"]  # at 10 m: DATA.md
+    leaning = replace(
+        known.condition, lean={"roll": Steady(np.radians(30 * MUCH_LEAN + 1), None, 0.0)}
+    )
+    strong = Signals(replace(known.signals.telemetry, parameters={"ANGLE_MAX": 3000.0}))
+    light = wind_light(replace(known, condition=leaning, signals=strong))
+    assert light.level is Level.WATCH
+    unknown = evidence(HOVER.telemetry(20.0, 20.0, without=("LOCAL_POSITION_NED",)))
+    fact = wind_light(unknown)
+    assert (fact.code, fact.level) == (WindLight.WIND_NOT_KNOWN, Level.UNKNOWN)
+    assert fact.figures["because"].code is NoWind.NO_VELOCITY and fact.remedy
+
+
+def test_the_log_is_judged_by_its_rates_and_gaps():
+    whole = HOVER.telemetry(50.0, 50.0)
+    time = HOVER.stamps(50.0)
+    holed = HOVER.telemetry(time[(time < 30) | (time > 30.1 + LONG_GAP)], 50.0)
+    for telemetry, code in (
+        (whole, LogLight.RECORDED_FAST),
+        (HOVER.telemetry(10.0, 50.0), LogLight.RECORDED_SLOWLY),
+        (holed, LogLight.RECORDED_WITH_GAPS),
+        (replace(whole, dropouts=3), LogLight.RECORDED_WITH_GAPS),
+        (HOVER.telemetry(50.0, without=("ATTITUDE",)), LogLight.MOTION_NOT_RECORDED),
+    ):
+        fact = log_light(evidence(telemetry))
+        assert fact.code is code
+        assert bool(fact.remedy) == (code is not LogLight.RECORDED_FAST)
+
+
+def test_what_shows_that_a_flight_was_simulated():
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    assert simulated_of(evidence(telemetry)) is None
+    for simulated, kind in (
+        (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulation.HARDWARE),
+        (replace(telemetry, parameters={"SIM_WIND_SPD": 5.0}), Simulation.SOFTWARE),
+        (replace(telemetry, hardware="PX4_SITL"), Simulation.SOFTWARE),
+        (changed(telemetry, "SIMSTATE", **columns(TIME)), Simulation.SOFTWARE),
+    ):
+        fact = simulated_of(evidence(simulated))
+        assert fact is not None and (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)
