@@ -96,20 +96,6 @@ def test_the_bands_hold_nine_of_ten():
         assert 0.85 < inside.mean() < 0.95
 
 
-def test_predictions_go_no_farther_than_the_fastest_step_leads():
-    """A channel that grows without end makes the autoregression explosive."""
-    flight = controlled(4, 2000)
-    outputs = flight.outputs.copy()
-    outputs[1500:] *= np.exp(0.05 * np.arange(500))[:, None]
-    found, _ = predicted(replace(flight, outputs=outputs), (1, 50))
-    steps = np.maximum.accumulate(np.abs(np.diff(outputs, axis=0, prepend=outputs[:1])))
-    for place, horizon in enumerate((1, 50)):
-        assert (
-            np.abs(found[1500:, place] - outputs[1500:])
-            <= (horizon + 1) * steps[1500:] * (1 + 1e-9)
-        ).all()
-
-
 def test_no_lag_and_no_error_reaches_across_a_gap():
     """Samples after it are elsewhere: an error of 1000 standard deviations, if there were one."""
     flight = controlled(7, 1500)
@@ -132,7 +118,6 @@ def test_no_lag_and_no_error_reaches_across_a_gap():
             ahead.predict(memory)
         if row >= 1255:
             assert (ahead.error_ratio[:-1] < 2).all()
-            assert ahead._fastest.max() < 100
 
 
 def test_a_still_vehicle_is_no_error():
@@ -148,7 +133,7 @@ def test_a_still_vehicle_is_no_error():
 def test_a_form_counts_by_the_likelihood_of_its_latest_errors():
     """As of 16 independent Laplace errors: one that errs a tenth less counts for 5.4 times as much."""
     ahead = OnlineJoint(0.01, 10, (1,), 1, None)
-    ahead._average(np.tile([1.0, 1.0, 1.0, 0.9, 1.0, 1.0], (10, 1))[:, None, :, None])
-    best, *others = ahead._weights[:, 0, 0]
-    assert best / others == pytest.approx([0.9**-16] * 2)
-    assert best + sum(others) == pytest.approx(1.0)
+    ahead._average(np.tile([1.0, 1.0, 1.0, 0.9, 1.0], (10, 1))[:, None, :, None])
+    best, other = ahead._weights[:, 0, 0]
+    assert best / other == pytest.approx(0.9**-16)
+    assert best + other == pytest.approx(1.0)

@@ -117,12 +117,11 @@ class LagStatistics(NamedTuple):
         """Returns what is left of them when each sample counts only this ``share``."""
         return LagStatistics(share * self.rows, share * self.gram)
 
-    def shortened(self, lags: int, fewer: int, channels: Array | None = None) -> Array:
-        """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``, of some ``channels`` or all."""
+    def shortened(self, lags: int, fewer: int) -> Array:
+        """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``."""
         one = len(self.gram) * lags // (lags + 1)
         k = len(self.gram) - one - 1
-        kept = np.arange(k) if channels is None else channels
-        places = np.concatenate([*(kept + lag * k for lag in range(fewer)), [one], one + 1 + kept])
+        places = np.r_[: fewer * k, one : len(self.gram)]
         return np.asarray(self.gram[np.ix_(places, places)])
 
     def in_own_units(self, lags: int, least: float) -> tuple[LagStatistics, ChannelUnits]:
@@ -333,10 +332,16 @@ class Var(NamedTuple):
         maps = np.array([rows[horizon] for horizon in horizons])
         return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
 
-    def output_gain(self, m: int) -> Array:
-        """Returns (m, r): of what a sample's inputs, by their innovations, say of its m outputs."""
+    def latest(self, m: int) -> tuple[Array, Array]:
+        """Returns a map (m, (lags + 1) k) of a sample and its lags, and a constant (m,), to its m outputs.
+
+        They tell them from the sample's inputs, whose innovations they share, and from all before it; in ``units``.
+        """
         noise = self.covariance[m:, m:] + INPUT_NOISE * np.eye(len(self.covariance) - m)
-        return np.asarray(np.linalg.solve(noise, self.covariance[m:, :m]).T)
+        gain = np.linalg.solve(noise, self.covariance[m:, :m]).T
+        across = self.across
+        weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
+        return weights, self.offset[:m] - gain @ self.offset[m:]
 
     def filter(self, m: int, steps: int) -> KalmanFilter:
         """Returns the filter of the m outputs of all lags, with the inputs measured; what those add to it is known."""

@@ -1,10 +1,9 @@
 """The joint model of a stream: each sample from those before it, and the next ones with their inputs unknown.
 
 Sums over the samples are forgotten exponentially, and every half second the joint model is fitted to them again, in
-three forms: with the past and prior that F̄ chooses, of which each time one other is tried; with the longest past; and
-of all motors, whose other combinations tell of coupled axes. Predictions are their average, at each horizon with
-weights by their latest errors there, and no farther from the last sample than the fastest step of late leads. Before
-the first fit the last sample is held.
+two forms: with the past and prior that F̄ chooses, of which each time one other is tried; and with the longest past.
+Predictions are their average, at each horizon with weights by their latest errors there. Before the first fit the last
+sample is held.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from scipy.linalg import block_diag
 
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice
-from mavdem.dem.forecast.var import RIDGE, ChannelUnits, LagStatistics, Var, initial_lags, regress
+from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags, regress
 from mavdem.dem.online.memory import Memory, MemoryBlock
 
 MEMORY_SECONDS = 30.0  # time constant of forgetting
@@ -26,14 +25,11 @@ MEMORY_SECONDS = 30.0  # time constant of forgetting
 FIRST_SECONDS = 1.0
 REFIT_SECONDS = 0.5
 SMALLEST_SCALE = 1e-6  # of a channel that became still, in units of its first second
-# of the second and the third form
-LONG = Choice(LAGS[-1], 1e-4, False)
-ALL_MOTORS = Choice(4, RIDGE, False)
-ERROR_SECONDS = np.array([10.0] * 3 + [3.0] * 3)
+LONG = Choice(LAGS[-1], 1e-4, False)  # of the second form
+FORMS = 2
+ERROR_SECONDS = np.array([10.0] * 3 + [3.0] * FORMS)
 """Time constants of the squared errors of what was shown, the last sample and the mean, which are compared; and of the
 sizes of each form's errors, since what is best changes from hover to manoeuvre."""
-# of samples whose largest change in a step bounds predictions: a step more than to the horizon
-FASTEST_SECONDS = 20.0
 # of a form, for its weight: their Laplace likelihood, its mean absolute error ** -16
 INDEPENDENT_ERRORS = 16
 
@@ -56,23 +52,18 @@ class OnlineJoint:
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
         self._rows = np.arange(len(horizons))
         self.combinations: Array | None = None
-        # Of the latest samples, outputs and inputs, the latest first, and constants: (3 H + 1, m, …) of each form's
+        # Of the latest samples, outputs and inputs, the latest first, and constants: (2 H + 1, m, …) of each form's
         # predictions and, last, of the latest sample by the first form, with its own inputs.
         self._maps: Array | None = None
-        self._constants = np.zeros((3 * len(horizons) + 1, outputs))
-        self._weights = np.full((3, len(horizons), outputs), 1 / 3)
-        self._steps: deque[Array] = deque(maxlen=max(1, round(FASTEST_SECONDS / dt / block)))
-        self._fastest = np.zeros(outputs)  # change in a step, of these blocks
+        self._constants = np.zeros((FORMS * len(horizons) + 1, outputs))
+        self._weights = np.full((FORMS, len(horizons), outputs), 1 / FORMS)
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
         self._ring = np.full((horizons[-1] + 1, len(ERROR_SECONDS), len(horizons), outputs), np.nan)
         self._place = 0
         self._errors: list[Array] = []
         self._unknown = np.full(outputs, np.nan)
-        self._choice, self._others, self._turns = (
-            Choice(LAGS[2], 1e-3, True),
-            cycle(CHOICES),
-            cycle((1, 2)),
-        )
+        self._choice = Choice(LAGS[2], 1e-3, True)
+        self._others = cycle(CHOICES)
         self.begin_with((), combinations)
 
     def begin_with(self, blocks: Iterable[MemoryBlock], combinations: Array | None) -> None:
@@ -94,8 +85,6 @@ class OnlineJoint:
     def add(self, block: MemoryBlock) -> None:
         """Learns from the block that was just closed, whose samples were predicted from."""
         self._waiting.append(block)
-        self._steps.append(np.abs(np.diff(block.outputs, axis=0)).max(axis=0, initial=0.0))
-        self._fastest = np.max(self._steps, axis=0)
         if self._errors:
             errors = np.abs(self._errors)
             errors[:, :, :3] **= 2
@@ -127,13 +116,9 @@ class OnlineJoint:
                 every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
             )
             expected = found[-1] if len(outputs) > 1 else expected
-        farthest = (self._horizons[:, None] + 1) * np.maximum(
-            self._fastest, np.abs(latest - outputs[-2:][0])
-        )
         # soon after a gap the fewest lags are known
         short = self._maps is not None and len(outputs) < LAGS[-1]
-        ahead = every[-1] if short else np.add.reduce(self._weights * every)
-        ahead = np.minimum(np.maximum(ahead, latest - farthest), latest + farthest)
+        ahead = latest if short else np.add.reduce(self._weights * every)
         row = self._ring[self._place]
         row[0] = ahead
         row[1] = latest
@@ -179,69 +164,54 @@ class OnlineJoint:
 
     def _channels(self, inputs: Array, outputs: Array) -> Array:
         assert self.combinations is not None
-        return np.hstack([outputs, inputs @ self.combinations, inputs])
+        return np.hstack([outputs, inputs @ self.combinations])
 
     def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> Iterator[None]:
         """Fits two of the forms, in pieces of some milliseconds."""
         assert self.combinations is not None
-        m = self._outputs
-        (r, c) = self.combinations.shape
         scaled, units = statistics.in_own_units(LAGS[-1], SMALLEST_SCALE)
         units = ChannelUnits(center + scale * units.center, scale * units.scale)
         if self._maps is None:  # a form without a fit holds the last sample
-            self._maps = np.zeros((*self._constants.shape, (LAGS[-1] + 1) * (m + r)))
-            self._maps[..., :m] = np.eye(m)
+            samples = (LAGS[-1] + 1) * (self._outputs + len(self.combinations))
+            self._maps = np.zeros((*self._constants.shape, samples))
+            self._maps[..., : self._outputs] = np.eye(self._outputs)
             self._constants[-1] = np.nan
-        turning = np.arange(m + c)
-        motors = np.r_[:m, m + c : m + c + r]
-        forms = (
-            (0, turning, (self._choice, next(self._others))),
-            (1, turning, (LONG,)),
-            (2, motors, (ALL_MOTORS,)),
-        )
-        for place, channels, choices in (forms[0], forms[next(self._turns)]):
+        for place, choices in enumerate(((self._choice, next(self._others)), (LONG,))):
             try:
                 fits = []
                 for one in choices:
                     yield
-                    fits.append(
-                        regress(
-                            scaled.shortened(LAGS[-1], one.lags, channels), scaled.rows, one.prior
-                        )
-                    )
+                    gram = scaled.shortened(LAGS[-1], one.lags)
+                    fits.append(regress(gram, scaled.rows, one.prior))
             except np.linalg.LinAlgError:  # of these fits; the next have other samples
                 continue
             yield
             choice, found = max(zip(choices, fits, strict=True), key=lambda one: one[1].free_energy)
-            process = Var.of(found, ChannelUnits(units.center[channels], units.scale[channels]))
+            process = Var.of(found, units)
             if process.spectral_radius > 1 + 1 / self._horizons[-1]:
                 # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
                 self._uncounted = round(REFIT_SECONDS / self._dt)
                 continue
             rows = slice(place * len(self._horizons), (place + 1) * len(self._horizons))
-            ahead = process.ahead(tuple(self._horizons.tolist()), m)
-            self._maps[rows], self._constants[rows] = self._physical(process, channels, *ahead)
+            ahead = process.ahead(tuple(self._horizons.tolist()), self._outputs)
+            self._maps[rows], self._constants[rows] = self._physical(units, *ahead)
             if place == 0:
-                self._choice, gain, across = choice, process.output_gain(m), process.across
-                weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
-                constants = process.offset[:m] - gain @ process.offset[m:]
-                self._maps[-1], self._constants[-1] = self._physical(
-                    process, channels, weights, constants
-                )
+                self._choice = choice
+                latest = process.latest(self._outputs)
+                self._maps[-1], self._constants[-1] = self._physical(units, *latest)
 
     def _physical(
-        self, process: Var, channels: Array, weights: Array, constants: Array
+        self, units: ChannelUnits, weights: Array, constants: Array
     ) -> tuple[Array, Array]:
-        """Weights (…, m, p k) of the latest p samples of some ``channels``, and constants (…, m)."""
+        """Weights (…, m, p k) of the latest p samples of channels in these ``units``, and constants (…, m)."""
         assert self.combinations is not None
         m = self._outputs
-        (center, scale) = process.units
-        r = len(self.combinations)
-        basis = block_diag(np.eye(m), np.hstack([self.combinations, np.eye(r)]))[:, channels]
+        (center, scale) = units
+        basis = block_diag(np.eye(m), self.combinations)
         by_lag = (
             scale[:m, None, None] * weights.reshape(*weights.shape[:-1], -1, len(center)) / scale
         )
-        physical = np.zeros((*weights.shape[:-1], LAGS[-1] + 1, m + r))
+        physical = np.zeros((*weights.shape[:-1], LAGS[-1] + 1, len(basis)))
         physical[..., : by_lag.shape[-2], :] = by_lag @ basis.T
         constants = center[:m] + scale[:m] * constants - by_lag.sum(axis=-2) @ center
         return physical.reshape(*weights.shape[:-1], -1), constants
