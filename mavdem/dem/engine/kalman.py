@@ -3,12 +3,9 @@
 A filter of a time-invariant system becomes steady: every pass over the samples is then a linear recursion with constant
 coefficients, which is vectorized.
 
-The steady filter is exact for a first state that is as uncertain as its later ones. What a first state is more
-uncertain than that, Δ = P₀ − P, is one more unknown ζ of the whole segment: it appears in the innovations as C Lᵗ ζ,
-with L = Φ − K C the filter's transition, and is estimated from them by least squares. Its backward pass is the
-disturbance smoother: x̂ₜ + P rₜ₋₁ with rₜ₋₁ = Cᵀ eₜ / F + Lᵀ rₜ (de Jong, "A cross-validation filter for time series
-models", Biometrika 75, 1988; Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., sec. 4.4). It
-inverts no covariance of states.
+The steady filter is exact for a first state that is as uncertain as its later ones. Its backward pass is the
+disturbance smoother: x̂ₜ + P rₜ₋₁ with rₜ₋₁ = Cᵀ eₜ / F + Lᵀ rₜ and L = Φ − K C (Durbin and Koopman, Time Series
+Analysis by State Space Methods, 2nd ed., sec. 4.4). It inverts no covariance of states.
 """
 
 from __future__ import annotations
@@ -24,7 +21,6 @@ MAX_STEPS = (
     60  # that double the time over which the filter becomes steady, and single ones after them
 )
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
-NEGLIGIBLE = 1e-12  # of a variance: what is less of it no longer counts
 
 
 def steady_covariance(A: Array, C: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
@@ -126,57 +122,23 @@ class SteadyFilter(NamedTuple):
 
     def weights(self, number: int, read: Array) -> Array:
         """Returns (number,) weights of a sample's innovation and of those after it, in the smoothed ``read`` · x."""
-        weights = np.zeros(number)
-        heard = _powers(self.closed, number)[:, 0] @ self.covariance @ read
-        weights[: len(heard)] = heard / self.variance
-        return weights
+        first = self.covariance @ read
+        following = recursion(self.closed, np.zeros((number - 1, len(read))), first)
+        return np.append(first[0], following[:, 0]) / self.variance
 
-    def smoothed(
-        self, pushes: Array, measured: Array, first: Array, uncertainty: Array, read: Array
-    ) -> SteadySmoothed:
+    def smoothed(self, pushes: Array, measured: Array, first: Array, read: Array) -> SteadySmoothed:
         """Returns ``read`` (n,) · x in a segment, from all of its samples ``measured`` (T,).
 
-        ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,) and
-        covariance ``uncertainty`` (n, n).
+        ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,).
         """
         predicted = self.predicted(pushes, measured, first)
-        errors = measured - predicted[:, 0]
-        F = self.variance
-
-        powers = _powers(self.closed, len(measured))
-        heard = powers[:, 0]
-        short = len(powers)
-        excess = uncertainty - self.covariance
-        spread = excess @ np.linalg.inv(np.eye(len(read)) + heard.T @ heard @ excess / F)
-        zeta = spread @ heard.T @ errors[:short] / F
-        errors[:short] -= heard @ zeta
-        predicted[:short] += powers @ zeta
-
         back = np.zeros_like(predicted)
-        back[:, 0] = errors[::-1] / F
+        back[:, 0] = (measured - predicted[:, 0])[::-1] / self.variance
         later = np.vstack([back[0], recursion(self.closed.T, back[1:], back[0])])[::-1]
         toward = self.covariance @ read
-        mean = predicted @ read + later @ toward
-
-        # Sums over the samples from one on: all of those, or as many as are not negligible.
-        weights = heard @ toward
-        known = np.cumsum(weights**2) / F
-        left = read - np.cumsum(heard * weights[:, None], axis=0) / F
-        following = np.minimum(np.arange(len(measured))[::-1], short - 1)
-        variance = read @ toward - known[following]
-        slope = np.einsum("tij,ti->tj", powers, left[following[:short]])
-        variance[:short] += np.einsum("ti,ij,tj->t", slope, spread, slope)
-        return SteadySmoothed(mean, np.maximum(variance, 0.0), predicted)
-
-
-def _powers(matrix: Array, number: int) -> Array:
-    """(h, n, n) the powers of a stable matrix from 0 on, ``number`` of them, or as many as are not negligible."""
-    powers = np.eye(len(matrix))[None]
-    step = matrix
-    while len(powers) < number and np.abs(powers[-1]).max() > NEGLIGIBLE:
-        powers = np.concatenate([powers, powers @ step])
-        step = step @ step
-    return powers[:number]
+        # Each sample is known by the innovations of those from it on.
+        known = self.variance * np.cumsum(self.weights(len(measured), read) ** 2)[::-1]
+        return SteadySmoothed(predicted @ read + later @ toward, read @ toward - known, predicted)
 
 
 class KalmanFilter(NamedTuple):

@@ -348,8 +348,6 @@ class Plant(NamedTuple):
     step: Transition  # it has one input, c in rad/s²
     process: Array  # (n, n) covariance of the noise, which drives the wind
     wind: Array  # (n,) the wind's torque, rad/s², out of a state
-    # (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque
-    stationary: Array
     jumps: float  # share of a step by which commands that jump do so sooner than half way
 
     def pushes(self, commanded: Array, steps: float) -> Array:
@@ -364,15 +362,12 @@ class Plant(NamedTuple):
     def smoothed(self, noise: float, commanded: Array, steps: float, rate: Array) -> SteadySmoothed:
         """Returns the wind's torque in a segment, rad/s², from all of its ``rate`` (T,), rad/s; else as above.
 
-        At its beginning the motors have settled at what is commanded, with all that is steady, and of the wind nothing
-        is known but how strong it is.
+        At its beginning the motors have settled at what is commanded, with all that is steady, and there is no wind.
         """
-        filtered = self.filter(noise)
         first = np.zeros(len(self.wind))
-        uncertainty = self.stationary.copy()
-        first[:2] = rate.mean(), commanded[0]
-        uncertainty[0, 0] += np.var(rate) + filtered.variance
-        return filtered.smoothed(self.pushes(commanded, steps), rate, first, uncertainty, self.wind)
+        first[:2] = rate[0], commanded[0]
+        pushes = self.pushes(commanded, steps)
+        return self.filter(noise).smoothed(pushes, rate, first, self.wind)
 
 
 def with_wind(
@@ -397,15 +392,6 @@ def with_wind(
     return A, drive, wind
 
 
-def stationary(A: Array, drive: Array, first: int) -> Array:
-    """(n, n) covariance of the states from the ``first`` of the wind on, and 0 of those before."""
-    covariance = np.zeros_like(A)
-    covariance[first:, first:] = solve_continuous_lyapunov(
-        A[first:, first:], -drive[first:, first:]
-    )
-    return covariance
-
-
 def plant(
     damping: float,
     lag: float,
@@ -418,4 +404,4 @@ def plant(
     A[0] += wind
     step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
     process = step_covariance(A, drive, dt)
-    return Plant(step, (process + process.T) / 2, wind, stationary(A, drive, 2), jumps)
+    return Plant(step, (process + process.T) / 2, wind, jumps)

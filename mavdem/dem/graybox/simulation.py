@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import discretize, recursion
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.graybox.likelihood import delayed, stationary, step_covariance, with_wind
+from mavdem.dem.graybox.likelihood import delayed, step_covariance, with_wind
 from mavdem.dem.graybox.parameters import Physical, slopes_of
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
@@ -86,7 +86,8 @@ def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
         np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components
     )
     A[1] += wind
-    P = stationary(A, drive, 2)
+    P = np.zeros_like(A)
+    P[2:, 2:] = solve_continuous_lyapunov(A[2:, 2:], -drive[2:, 2:])
     variance = np.empty((steps, 2))
     state = expm(A * dt)
     process = step_covariance(A, drive, dt)
