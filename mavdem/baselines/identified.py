@@ -391,7 +391,7 @@ class JointAutoregression(Baseline):
         """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
         return self.model.predict_every(
             self._past, steps, *self.record.following(steps, inputs, outputs)
-        )
+        ).mean
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
         """Returns (steps, m) half widths of bands of probability ``level``, as if the parameters were exact."""

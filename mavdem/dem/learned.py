@@ -146,7 +146,7 @@ class Learned(LearnedDownstream):
     @cached_property
     def joint(self) -> JointModel:
         """The joint model of outputs and motors, by which the flight is forecast (``mavdem.dem.forecast.joint``)."""
-        return JointModel.learn(self.record, self.settings.seed)
+        return JointModel.learn(self.record)
 
     @cached_property
     def plant(self) -> PlantForecasts:

@@ -96,7 +96,7 @@ def learn_forecasts(
     with one_thread():
         record, completed = checked(train, settings)
         if completed.forecasts == "joint" and completed.known_inputs:
-            return JointModel.learn(record, completed.seed)
+            return JointModel.learn(record)
         return learn(record, settings)
 
 

@@ -39,8 +39,7 @@ X_PATTERNS = 3
 PLUS_COST = 3.0
 # added to their innovations: how well an angle follows from its rate tells nothing of the motors
 MIXER_NOISE = 1e-5
-DRAWS = 24  # of the posterior of W, in pairs about its mean
-LARGEST = 1e6  # deviations: forecasts of unstable draws go no farther
+LEAST_FREEDOM = 3.0  # of Student's t, for which a variance is finite
 
 
 class Choice(NamedTuple):
@@ -158,7 +157,6 @@ class JointModel:
         choice: what F̄ chose.
         process: the model at the posterior's mean.
         terms: of F̄, nats.
-        draws: (D, q, k) of the coefficients of [lag 1 … lag L, 1], in the process's units.
         past: (L, k) the last samples of the training data.
         samples: of the training data.
     """
@@ -167,17 +165,12 @@ class JointModel:
     choice: Choice
     process: var.Var
     terms: dict[str, float]
-    draws: Array
     past: Array
     samples: int
 
     @classmethod
-    def learn(cls, record: Record, seed: int = 0) -> JointModel:
-        """Learns from training data; ``seed`` is of the draws.
-
-        Raises:
-            ValueError: no segment has two samples.
-        """
+    def learn(cls, record: Record) -> JointModel:
+        """Learns from training data; ``ValueError`` where no segment has two samples."""
         with one_thread():
             combinations = turning_combinations(record)
             lags = max(
@@ -186,15 +179,9 @@ class JointModel:
             )
             units, statistics = _statistics(record, combinations, lags)
             choice, found = choose(statistics, lags)
-            sizes, directions = np.linalg.eigh(found.covariance)
-            spread = (directions * np.sqrt(np.maximum(sizes, 0.0))) @ directions.T
-            half = np.random.default_rng(seed).standard_normal((DRAWS // 2, *found.mean.shape))
-            away = found.root.T @ np.concatenate([half, -half]) @ spread
             process = var.Var.of(found, units)
             past = process.past(_combined(record, combinations))
-            return cls(
-                combinations, choice, process, found.terms, found.mean + away, past, len(record)
-            )
+            return cls(combinations, choice, process, found.terms, past, len(record))
 
     @property
     def free_energy(self) -> float:
@@ -208,65 +195,20 @@ class JointModel:
 
         Inputs are measured up to each sample; or, to ``smooth``, all of a forecast's.
         """
-        length, m = outputs.shape
-        steps = max(1, min(steps, length))
         combined = inputs @ self.combinations
-        pasts = self.process.pasts(self.past, steps, combined, outputs)
-        rows = var.pieces(len(pasts), steps, length)
-        filtered = self.process.filter(m, steps)
-        lags = self.choice.lags
-        before = self.process.units.scaled(pasts)
-        now = self.process.units.scaled_inputs(combined[rows])
-        weights, offsets = self._weights
-        parts = weights[:, :, :m], weights[:, :, m:]
-        of_outputs, of_inputs = (
-            part.reshape(len(weights), -1, weights.shape[-1]) for part in parts
-        )
-        earlier = var.lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
-        drives = earlier @ of_inputs[:, None] + offsets[:, None, None]
-        state = np.repeat(var.latest_first(before[..., :m])[None], len(weights), axis=0)
-        made = np.empty((*drives.shape[:-1], m))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for t in range(steps):
-                expected = state @ of_outputs + drives[:, :, t]
-                gain = filtered.gains[min(t, len(filtered.gains) - 1)]
-                state = np.concatenate([expected[..., :m], state[..., :-m]], axis=-1)
-                state += (now[:, t] - expected[..., m:]) @ gain.T
-                np.clip(state, -LARGEST, LARGEST, out=state)
-                made[:, :, t] = state[..., :m]
-        variance = np.maximum(
-            np.diagonal(filtered.covariances_of(steps), axis1=1, axis2=2)[1:, :m], 0.0
-        )
-        moved = np.mean(now**2, axis=-1).cumsum(axis=1) / np.arange(1, steps + 1)
-        mean = made[0]
-        spread = np.mean((made[1:] - made[0]) ** 2, axis=0)
-        if smooth:
-            mean = self.process.units.scaled(
-                self.process.infer(pasts, combined[rows], smooth=True).mean
-            )
-        return self._answer(mean, spread, variance, np.maximum(moved, 1.0)[..., None], length)
+        return self.process.infer_every(self.past, steps, combined, outputs, smooth)
 
     def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> var.Forecast:
-        """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
-        length, m = outputs.shape
-        steps = max(1, min(steps, length))
-        pasts = self.process.pasts(self.past, steps, inputs @ self.combinations, outputs)
-        weights, offsets = self._weights
-        weights = weights.reshape(len(weights), -1, weights.shape[-1])
-        state = np.repeat(
-            var.latest_first(self.process.units.scaled(pasts))[None], len(weights), axis=0
-        )
-        made = np.empty((*state.shape[:2], steps, m))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for t in range(steps):
-                following = np.clip(state @ weights + offsets[:, None], -LARGEST, LARGEST)
-                state = np.concatenate([following, state[..., : -following.shape[-1]]], axis=-1)
-                made[:, :, t] = following[..., :m]
-        variance = self.process.variances(steps)[:, :m]
-        variance = np.where(variance < LARGEST, variance, LARGEST)
-        return self._answer(
-            made[0], np.mean((made[1:] - made[0]) ** 2, axis=0), variance, np.ones(1), length
-        )
+        """Returns (H, m) forecasts likewise, each without the inputs after its beginning.
+
+        Where the variance to expect is larger than that of the training data, as of a model that grows, the mean is
+        drawn towards theirs, in proportion.
+        """
+        combined = inputs @ self.combinations
+        found = self.process.predict_every(self.past, steps, combined, outputs)
+        center, scale = (values[: outputs.shape[1]] for values in self.process.units)
+        kept = np.minimum(scale**2 / found.variance, 1.0)
+        return found._replace(mean=center + kept * (found.mean - center))
 
     def predict_every(self, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (H, m) the mean of :meth:`unknown_every`."""
@@ -286,34 +228,9 @@ class JointModel:
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``, begun each ``steps``.
 
-        The variance is known by as many forecasts as the training data hold, each as far from the next as it is long,
-        so that their errors are hardly correlated: Student's t.
+        The variance is known by as many forecasts as the training data hold, a quarter of them one after the other, so
+        that their errors are hardly correlated: Student's t.
         """
         lengths = np.arange(len(variance)) % max(1, steps) + 1
-        return half_width(
-            variance,
-            level,
-            np.maximum(self.samples / (2 * lengths), 4 * var.LEAST_FREEDOM)[:, None],
-        )
-
-    @property
-    def _weights(self) -> tuple[Array, Array]:
-        """(1 + D, L, k, k) by lag and (1 + D, k): of the mean and of each draw."""
-        k = self.draws.shape[-1]
-        across = self.process.across.T
-        offset = self.process.offset
-        every = np.concatenate([np.vstack([across, offset])[None], self.draws])
-        return every[:, :-1].reshape(len(every), -1, k, k), every[:, -1]
-
-    def _answer(
-        self, deviation: Array, spread: Array, variance: Array, prior: Array, length: int
-    ) -> var.Forecast:
-        """The forecast of a ``deviation`` d (S, H, m) from the training mean with a ``spread`` V of draws; scaled.
-
-        It was expected with variance S, the ``prior``; as far as the posterior leaves it open it becomes d / (1 + V/S).
-        """
-        kept = 1 / (1 + spread / prior)
-        center, scale = (values[: deviation.shape[-1]] for values in self.process.units)
-        answers = deviation * kept, variance + spread * kept
-        mean, squared = (table.reshape(-1, table.shape[-1])[:length] for table in answers)
-        return var.Forecast(center + scale * mean, scale**2 * squared)
+        freedom = np.maximum(self.samples / (4 * lengths), LEAST_FREEDOM)
+        return half_width(variance, level, freedom[:, None])

@@ -282,7 +282,11 @@ class Var(NamedTuple):
         The ``past`` ends with the latest sample; leading axes are separate pasts. Where a mean overflows it is the mean
         of the training data, with infinite variance.
         """
-        return self._physical(self._predicted(past, steps), self.variances(steps))
+        maps, constants = self.ahead(tuple(range(1, steps + 1)), len(self.offset))
+        latest = latest_first(self.units.scaled(past))
+        with np.errstate(over="ignore", invalid="ignore"):
+            mean = np.einsum("...i,hki->...hk", latest, maps, optimize=True) + constants
+        return self._physical(mean, self.variances(steps))
 
     def variances(self, steps: int) -> Array:
         """Returns (steps, k) those of :meth:`predict` in the model's ``units``, the same for every past."""
@@ -298,19 +302,6 @@ class Var(NamedTuple):
                 )
                 response = np.concatenate([across @ response, response[:-k]])
             return variance.cumsum(axis=0)
-
-    def _predicted(self, past: Array, steps: int) -> Array:
-        k = len(self.offset)
-        lags = self.lags
-        across = self.across.T.copy()
-        # All samples in one array, the latest first, so that the lags of each step are a slice of it.
-        samples = np.empty((*past.shape[:-2], (steps + lags) * k))
-        samples[..., steps * k :] = latest_first(self.units.scaled(past))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for start in range((steps - 1) * k, -1, -k):
-                lagged_samples = samples[..., start + k : start + (lags + 1) * k]
-                samples[..., start : start + k] = lagged_samples @ across + self.offset
-        return samples[..., : steps * k].reshape(*past.shape[:-2], steps, k)[..., ::-1, :]
 
     def ahead(self, horizons: tuple[int, ...], outputs: int) -> tuple[Array, Array]:
         """Returns maps (H, m, lags k) of the lags, the latest first, and constants (H, m), to the first ``outputs``.
@@ -396,14 +387,12 @@ class Var(NamedTuple):
         found = self.infer(pasts, inputs[pieces(len(pasts), steps, length)], smooth)
         return Forecast(*(table.reshape(-1, m)[:length] for table in found))
 
-    def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
-        """Returns (H, m): the samples that follow, by a new prediction from every ``steps``-th on."""
-        length = len(inputs)
-        m = outputs.shape[1]
-        ahead = self._predicted(
-            self.pasts(past, steps, inputs, outputs), max(1, min(steps, length))
-        )
-        return np.asarray(self._physical(ahead, np.zeros(1)).mean[..., :m].reshape(-1, m)[:length])
+    def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Forecast:
+        """Returns (H, m) as :meth:`predict`, begun again at every ``steps``-th sample from all samples before it."""
+        length, m = outputs.shape
+        steps = max(1, min(steps, length))
+        found = self.predict(self.pasts(past, steps, inputs, outputs), steps)
+        return Forecast(*(table[..., :m].reshape(-1, m)[:length] for table in found))
 
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
