@@ -154,9 +154,9 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Fact:
     moving = [
         bank.first + i for bank in banks for i in range(width) if _moves(bank.signal.values[:, i])
     ]
-    plan = motor_geometry(
-        telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, width
-    )
+    # A motor that is disabled in flight keeps its place.
+    parameters = {**telemetry.parameters, **telemetry.earlier}
+    plan = motor_geometry(telemetry.vehicle, telemetry.autopilot, parameters, moving, width)
     if plan is None or not moving:
         return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
     there = {channel for bank in banks for channel in bank.among(plan.channels)}

@@ -129,10 +129,10 @@ def settled(signals: Signals, boot: int) -> Intervals:
 
 
 def _settled(signals: Signals, boot: int) -> Intervals:
-    climb = _of_boot(signals.climb_rate, boot)
-    landing = _of_boot(signals.landing, boot)
+    climb = of_boot(signals.climb_rate, boot)
+    landing = of_boot(signals.landing, boot)
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
-    if landing is not None and climb is None and _of_boot(signals.landed_state, boot) is None:
+    if landing is not None and climb is None and of_boot(signals.landed_state, boot) is None:
         flights = both(flights, where(landing.time, landing.values == 0))
     flights = off_ground(flights, signals, boot)
     tilts = [
@@ -158,7 +158,7 @@ def _settled(signals: Signals, boot: int) -> Intervals:
 
 def off_ground(flights: Intervals, signals: Signals, boot: int) -> Intervals:
     """Returns the ``flights`` of ``boot`` that rose, without what the ground held for ``GROUND_SECONDS`` or longer."""
-    if (climb := _of_boot(signals.climb_rate, boot)) is not None:
+    if (climb := of_boot(signals.climb_rate, boot)) is not None:
         speed = np.abs(average(climb))
         rose = (
             climb.time[0] > start or speed[climb.time <= end].max() >= LEAST_CLIMB
@@ -178,7 +178,7 @@ def grounded(signals: Signals, boot: int) -> Intervals:
 
     Or its attitude stands still while its motors fight what holds it.
     """
-    collective = _of_boot(signals.collective, boot)
+    collective = of_boot(signals.collective, boot)
     motors = signals.motors
     if collective is None:
         return []
@@ -211,7 +211,7 @@ def flying(signals: Signals, boot: int) -> Intervals:
 
 def armed(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of ``boot`` when armed; always, where no heartbeat came."""
-    state = _of_boot(signals.armed, boot)
+    state = of_boot(signals.armed, boot)
     return [(-inf, inf)] if state is None else where(state.time, state.values > 0)
 
 
@@ -220,7 +220,7 @@ def highest_collective(signals: Signals) -> float:
     highest = 0.0
     collective = signals.collective
     for boot in np.unique(collective.boot) if collective is not None else ():
-        if (here := _of_boot(collective, boot)) is not None:
+        if (here := of_boot(collective, boot)) is not None:
             highest = max(
                 highest,
                 float(average(here)[during(here.time, armed(signals, boot))].max(initial=0.0)),
@@ -234,8 +234,8 @@ def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals
     The states are those of EXTENDED_SYS_STATE while it comes. A report counts for the time up to the next, not for what
     came before all reports, nor across a long gap.
     """
-    reported = _of_boot(signals.landed_state, boot)
-    collective = _of_boot(signals.collective, boot)
+    reported = of_boot(signals.landed_state, boot)
+    collective = of_boot(signals.collective, boot)
     carried: Intervals = []
     if collective is not None:
         carried = where(
@@ -274,7 +274,8 @@ def between_transients(flight: Interval, climb: Signal | None) -> Interval | Non
     return (after, before) if after < before else None
 
 
-def _of_boot(signal: Signal | None, boot: int) -> Signal | None:
+def of_boot(signal: Signal | None, boot: int) -> Signal | None:
+    """Returns the samples of ``boot``; None where there are none."""
     if signal is None or not np.any(signal.boot == boot):
         return None
     here = signal.boot == boot

@@ -56,7 +56,11 @@ CLIMB_FIELDS = {
     "GLOBAL_POSITION_INT": ("vz", -0.01),
     "VFR_HUD": ("climb", 1.0),
 }
-HEIGHT_FIELDS = {"LOCAL_POSITION_NED": ("z", -1.0), "GLOBAL_POSITION_INT": ("relative_alt", 0.001)}
+HEIGHT_FIELDS = {
+    "LOCAL_POSITION_NED": ("z", -1.0),
+    "GLOBAL_POSITION_INT": ("relative_alt", 0.001),
+    "ALTITUDE": ("altitude_relative", 1.0),
+}
 """Messages with vertical speed, and height, the preferred first: the field, and the factor that makes it m/s, m, up."""
 BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
 """Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the

@@ -298,6 +298,8 @@ def translated(
     rising = (
         None if climb is None else stamped(climb, {"climb": values(climb, ("CRt",))[:, 0] / 100})
     )
+    climbed = having(tables, "CTUN", ("Alt",))
+    height = climbed and stamped(climbed, {"altitude_relative": climbed["Alt"]})
     named_columns: dict[str, tuple[str, Columns | None]] = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
@@ -317,6 +319,7 @@ def translated(
         "EKF_STATUS_REPORT": (judged, filtered),
         "WIND_COV": (estimated, wind),
         "VFR_HUD": ("CTUN", rising),
+        "ALTITUDE": ("CTUN", height),
         "HEARTBEAT": (
             "",
             {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},

@@ -1,0 +1,308 @@
+"""Motion: what attitude, height and motors show of a flight that went wrong, whatever the autopilot reports.
+
+An attitude is lost where it leaves its setpoint by more than 30° for 0.3 s or longer: what is asked for in an ordinary
+flight, tracked as badly as in a step, stays within that. What was asked counts for a second, so that a step is no loss;
+where setpoints are not recorded, up to 30° may have been asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from mavdem.alignment.drive import TILT_AXES, Signal, floats, series
+from mavdem.alignment.phases import (
+    Interval,
+    Intervals,
+    airborne_collective,
+    during,
+    flying,
+    of_boot,
+    where,
+)
+from mavdem.alignment.quality import at_limits
+from mavdem.alignment.signals import Signals, held, setpoints
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
+from mavdem.ingest.motors import MULTIROTORS
+from mavdem.ingest.telemetry import Array, rate_without_gaps
+
+LOST_ANGLE = np.radians(30.0)
+LOST_SECONDS = 0.3
+"""A loss of attitude, and a motor at its stop, last so long: one sample of a stream at 4 Hz is none."""
+ONSET_ANGLE = LOST_ANGLE / 3
+"""The error from which on the attitude was leaving: vehicles in order stay within it but for moments."""
+ASKED_SECONDS = 1.0
+"""As late a setpoint may be followed: the attitude loops of the largest multirotors take about a second."""
+CAUGHT_SECONDS = 5.0
+"""Of flight after a loss of attitude, with which it was caught; events of a kind that follow sooner are one."""
+GROUND_HEIGHT = (
+    1.0  # m above the take-off: what never rose above it stood, and what is no higher may stand
+)
+FALL_SPEED = 5.0  # m/s down: autopilots descend by themselves at 1.5 to 4
+HIT_SPEED = 2.0
+"""m/s down, to which a fall is braked within ``LOST_SECONDS`` by the ground only: rotors give twice the weight."""
+BELOW_RANGE = -0.02
+"""Share of the range below which PX4 sends motors that are off; ArduPilot's run above 0 as long as they are armed."""
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeError:
+    """How far roll and pitch are from all that was asked in the last second, at ``time`` (N,) s of one boot.
+
+    ``roll`` (N,), as it turns the body's vertical, and ``pitch`` (N,) in rad, positive to the right and nose up;
+    ``asked`` (N,): whether the setpoint is known.
+    """
+
+    time: Array
+    roll: Array
+    pitch: Array
+    asked: NDArray[np.bool_]
+
+    @property
+    def size(self) -> Array:
+        """(N,) both together, rad."""
+        return np.hypot(self.roll, self.pitch)
+
+
+def motion_events(signals: Signals) -> tuple[Fact, ...]:
+    """Returns what the motion shows, in order of boot and time; nothing of vehicles that are no multirotors."""
+    if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN") or not signals.tilts:
+        return ()
+    boots = np.unique(signals.tilts[0].boot).tolist()
+    return tuple(
+        event
+        for boot in boots
+        for event in sorted(_events(signals, boot), key=lambda event: event.time or 0.0)
+    )
+
+
+def _events(signals: Signals, boot: int) -> Iterator[Fact]:
+    error = attitude_error(signals, boot)
+    if error is None:
+        return
+    flights = flights_of(signals, boot)
+    yield from _at_limits(signals, boot, flights)
+    yield from _switched_off(signals, boot, flights)
+    yield from _clipped(signals, boot, flights)
+    for flight in flights:
+        lost: float | None = None
+        for span in _losses(error, flight):
+            loss = _loss(signals, boot, error, flight, span)
+            yield loss
+            if loss.level is Level.BAD:
+                lost = loss.time
+                break
+        yield from _fall(signals, boot, flight, lost)
+    last = float(error.time[-1])
+    if flights and flights[-1][1] == inf:
+        height = height_above(signals, boot, flights[-1], last)
+        if height is not None and height > GROUND_HEIGHT:
+            code = MotionEvent.LOG_ENDED_IN_AIR
+            yield Fact(code, Level.WATCH, time=last, height=height, boot=boot)
+
+
+def flights_of(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of ``boot`` off the ground; what was mistaken for a landing in the air splits none."""
+    return merged(flying(signals, boot), CAUGHT_SECONDS)
+
+
+def merged(intervals: Intervals, gap: float) -> Intervals:
+    """Returns the intervals, those that follow each other within a ``gap``, s, as one."""
+    joined: Intervals = []
+    for start, end in intervals:
+        begins = joined.pop()[0] if joined and start - joined[-1][1] < gap else start
+        joined.append((begins, end))
+    return joined
+
+
+def height_above(signals: Signals, boot: int, flight: Interval, time: float) -> float | None:
+    """Returns the height above where the ``flight`` began, m, at ``time``, s; None where it was not recorded."""
+    height = of_boot(signals.height, boot)
+    if height is None:
+        return None
+    at, ground = np.interp([time, flight[0]], height.time, height.values)
+    return float(at - ground)
+
+
+def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
+    """Returns the error of the attitude in ``boot``; None where there is no attitude."""
+    tilts = [of_boot(Signal(tilt.time, tilt.boot, tilt.angle), boot) for tilt in signals.tilts]
+    known = [tilt for tilt in tilts if tilt is not None and len(tilt.time) > 1]
+    if len(known) < len(TILT_AXES):
+        return None
+    time = known[0].time
+    angles = [np.interp(time, tilt.time, tilt.values) for tilt in known]
+    window = max(1, round(ASKED_SECONDS * rate_without_gaps(np.diff(time))))
+    past = (window - 1) // 2  # so that the window ends with its sample
+    errors = []
+    for axis, angle in zip(TILT_AXES, angles, strict=True):
+        asked = np.full(len(time), np.nan)
+        for setpoint in setpoints(signals.telemetry, axis):
+            if setpoint.unit == "rad":
+                asked = held(setpoint, boot, time)
+        unknown = np.isnan(asked)
+        least = minimum_filter1d(np.where(unknown, -LOST_ANGLE, asked), window, origin=past)
+        most = maximum_filter1d(np.where(unknown, LOST_ANGLE, asked), window, origin=past)
+        apart = angle - np.clip(angle, least, most)
+        errors.append(np.remainder(apart + np.pi, 2 * np.pi) - np.pi)
+    return AttitudeError(time, errors[0] * np.cos(angles[1]), errors[1], ~unknown)
+
+
+def _losses(error: AttitudeError, flight: Interval) -> Intervals:
+    """Where the attitude was lost in a flight, or as it ended."""
+    lost = _lasting(error.time, error.size > LOST_ANGLE, ASKED_SECONDS)
+    latest = flight[1] + ASKED_SECONDS
+    return [one for one in merged(lost, CAUGHT_SECONDS) if flight[0] < one[0] <= latest]
+
+
+def _lasting(time: Array, true: NDArray[np.bool_], gap: float) -> Intervals:
+    """Runs, as one where they follow each other within a ``gap``, s, that hold one of ``LOST_SECONDS``."""
+    runs = where(time, true)
+    after = np.append(time, time[-1])
+    long = [
+        (start, end)
+        for start, end in runs
+        if end > start and after[np.searchsorted(time, end, "right")] - start >= LOST_SECONDS
+    ]
+    return [one for one in merged(runs, gap) if any(one[0] <= run[0] <= one[1] for run in long)]
+
+
+def _loss(
+    signals: Signals, boot: int, error: AttitudeError, flight: Interval, lost: Interval
+) -> Fact:
+    """A loss of the attitude, from when it began to leave."""
+    start, end = lost
+    time = error.time
+    settled = time[(time < start) & (error.size < ONSET_ANGLE)]
+    onset = float(settled[-1]) if len(settled) else start
+    here = (time >= start) & (time <= end)
+    angle = float(error.size[here].max())
+    height = height_above(signals, boot, flight, onset)
+    climb = of_boot(signals.climb_rate, boot)
+    speed = 0.0
+    if climb is not None:
+        falling = (climb.time >= onset) & (climb.time <= end + CAUGHT_SECONDS)
+        speed = -float(climb.values[falling].min(initial=0.0))
+    code = MotionEvent.ATTITUDE_LOST
+    level = Level.BAD
+    if onset - flight[0] < CAUGHT_SECONDS:
+        code = MotionEvent.TIPPED
+    elif height is not None and height < GROUND_HEIGHT:
+        code = MotionEvent.HIT
+    harmless = angle < 2 * LOST_ANGLE and speed < FALL_SPEED
+    if harmless or _is_caught(signals, boot, flight, end):
+        code = MotionEvent.ATTITUDE_CAUGHT
+        level = Level.WATCH if error.asked[here].all() else Level.UNKNOWN
+    return Fact(
+        code,
+        level,
+        time=onset,
+        until=_seen(end),
+        angle=angle,
+        height=height,
+        speed=speed,
+        boot=boot,
+    )
+
+
+def _seen(end: float) -> float | None:
+    return None if end == inf else end
+
+
+def _is_caught(signals: Signals, boot: int, flight: Interval, end: float) -> bool:
+    """Whether the vehicle flew on after a loss, off the ground as far as its height is known."""
+    collective = of_boot(signals.collective, boot)
+    if collective is None or min(flight[1], collective.time[-1]) < end + CAUGHT_SECONDS:
+        return False
+    after = collective.values[(collective.time > end) & (collective.time < end + CAUGHT_SECONDS)]
+    usual = np.median(collective.values[during(collective.time, [flight])])
+    height = height_above(signals, boot, flight, end + CAUGHT_SECONDS)
+    return after.mean() > usual / 2 and (height is None or height > GROUND_HEIGHT)
+
+
+def _fall(signals: Signals, boot: int, flight: Interval, lost: float | None) -> Iterator[Fact]:
+    """The fall after control was ``lost``, or with which a flight ended, and when it hit the ground."""
+    climb = of_boot(signals.climb_rate, boot)
+    if climb is None:
+        return
+    time = climb.time
+    end = min(flight[1], time[-1])
+    since = end - CAUGHT_SECONDS if lost is None else lost
+    near = (time > max(flight[0], since)) & (time < end + CAUGHT_SECONDS)
+    falling = np.flatnonzero(near & (climb.values < -FALL_SPEED))
+    if not len(falling):
+        return
+    speed = -float(climb.values[falling].min())
+    begun, ended = time[falling[[0, -1]]].tolist()
+    yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
+    braked = np.interp(time[falling] + LOST_SECONDS, time, climb.values) > -HIT_SPEED
+    if braked.any():
+        hit = falling[np.argmax(braked)]
+        speed = -float(climb.values[hit])
+        level = Level.BAD if lost is None else Level.WATCH
+        yield Fact(MotionEvent.HIT, level, height=None, time=time[hit], speed=speed, boot=boot)
+
+
+def _at_limits(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
+    """Motors that were at their upper stop lastingly, each with the share of the time."""
+    motors = signals.motors
+    if motors is None:
+        return
+    here = motors.boot == boot
+    time = motors.time[here]
+    at_stop, _ = at_limits(motors.scale.fraction(motors.outputs[here]), motors.scale)
+    for name, limited in zip(motors.layout.names, at_stop.T, strict=True):
+        for start, end in _lasting(time, limited & during(time, flights), CAUGHT_SECONDS):
+            share = float(limited[(time >= start) & (time <= end)].mean())
+            code = MotionEvent.MOTOR_AT_ITS_STOP
+            yield Fact(
+                code,
+                Level.WATCH,
+                time=start,
+                until=_seen(end),
+                subject=name,
+                share=share,
+                boot=boot,
+            )
+
+
+def _switched_off(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
+    """Motors whose output was off while the others flew the vehicle."""
+    motors = signals.motors
+    if motors is None:
+        return
+    here = motors.boot == boot
+    time = motors.time[here]
+    shares = motors.scale.fraction(motors.outputs[here])
+    lowest = 0.0 if signals.telemetry.autopilot == "ARDUPILOTMEGA" else BELOW_RANGE
+    off = (shares <= lowest) | ((motors.outputs[here] == 0) & (motors.scale.low > 0))
+    others = (shares.sum(axis=1, keepdims=True) - shares) / (shares.shape[1] - 1)
+    off &= others > airborne_collective(signals.telemetry.parameters)
+    for name, is_off in zip(motors.layout.names, off.T, strict=True):
+        for start, end in _lasting(time, is_off & during(time, flights), CAUGHT_SECONDS):
+            code = MotionEvent.MOTOR_OFF
+            yield Fact(code, Level.BAD, time=start, until=_seen(end), subject=name, boot=boot)
+
+
+def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
+    """Where accelerometers were out of their range in flight, and how often."""
+    columns = signals.telemetry.messages.get("VIBRATION")
+    if columns is None:
+        return
+    counts = np.column_stack([floats(columns, f"clipping_{number}") for number in range(3)])
+    counted = of_boot(series(columns, counts.sum(axis=1)), boot)
+    if counted is None:
+        return
+    rises = np.diff(counted.values, prepend=counted.values[0])
+    time = counted.time[(rises > 0) & during(counted.time, flights)]
+    for start, end in merged([(at, at) for at in time.tolist()], CAUGHT_SECONDS):
+        clips = rises[(counted.time >= start) & (counted.time <= end)].sum()
+        yield Fact(
+            MotionEvent.CLIPPED, Level.WATCH, time=start, until=end, count=int(clips), boot=boot
+        )

@@ -1,0 +1,215 @@
+"""How flights end: losses of attitude, falls and limits by the motion, and what failed first, if that is clear."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mavdem.alignment.signals import Signals
+from mavdem.assessment.ending import ending_of
+from mavdem.assessment.motion import motion_events
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
+from mavdem.ingest.telemetry import Telemetry, selected
+from mavdem.ingest.vocabulary import attitude_target, quaternion
+from tests.hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
+
+FAILS = 30.0
+NAMES = (
+    "motor 1 (front right)",
+    "motor 2 (rear left)",
+    "motor 3 (front left)",
+    "motor 4 (rear right)",
+)
+PLACES = np.array([[1, 1], [-1, -1], [1, -1], [-1, 1]]) / np.sqrt(2)
+OPPOSITE = (1, 0, 3, 2)
+
+
+def flight(rate: float = 10.0, **change: object) -> Telemetry:
+    """A hover at 10 m whose setpoints, heights and clips are recorded."""
+    made = Hover(sway=0.0, **change).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
+    time = made.messages["ATTITUDE"]["time"]
+    level = quaternion(0 * time, 0 * time, 0 * time)
+    made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(q=level)))
+    at = made.messages["LOCAL_POSITION_NED"]["time"]
+    z = -np.cumsum(-made.messages["LOCAL_POSITION_NED"]["vz"]) * 0.1
+    none = np.zeros(len(at))
+    counts = dict.fromkeys(("clipping_0", "clipping_1", "clipping_2"), none)
+    made = changed(made, "LOCAL_POSITION_NED", x=none, y=none, vx=none, vy=none, z=z)
+    return changed(made, "VIBRATION", **columns(at, **counts))
+
+
+def leaning(made: Telemetry, towards: np.ndarray, angle: float, seconds: float) -> Telemetry:
+    """The attitude leaves at ``FAILS`` in the direction ``towards`` (2,), forward and right, by so many degrees."""
+    columns = made.messages["ATTITUDE"]
+    since = columns["time"] - FAILS
+    lean = np.radians(angle) * np.clip(since / 0.3, 0, 1) * (since < seconds + 0.3)
+    return changed(made, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
+
+
+def falling(made: Telemetry, seconds: float = 2.0) -> Telemetry:
+    """It falls from ``FAILS`` on, at 9 m/s in the end, and stops."""
+    columns = made.messages["LOCAL_POSITION_NED"]
+    since = columns["time"] - FAILS
+    vz = np.where(since > seconds, 0.0, np.clip(since, 0, None) / seconds * 9.0)
+    return changed(made, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
+
+
+def driven(made: Telemetry, motor: int, output: float, since: float = FAILS) -> Telemetry:
+    """The outputs of a motor, from 0, are this from ``since`` on."""
+    outputs = pulses(made)
+    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
+    outputs[motor, (time >= since) & (outputs[motor] > 1000)] = output
+    return with_pulses(made, outputs)
+
+
+def lost(motor: int, rate: float = 10.0) -> Telemetry:
+    """Motor ``motor``, from 0, loses its thrust in flight, and its autopilot fights."""
+    made = falling(leaning(flight(rate), PLACES[motor], 120.0, 100.0))
+    return driven(driven(made, motor, 2000.0), OPPOSITE[motor], 1100.0)
+
+
+def judged(made: Telemetry) -> tuple[dict[object, Fact], Fact | None]:
+    """The last event of each code, and the ending."""
+    signals = Signals(made, inputs="motors")
+    events = motion_events(signals)
+    return {event.code: event for event in events}, ending_of(signals, events)
+
+
+def test_a_sound_flight_has_no_ending():
+    events, ending = judged(flight())
+    assert not events
+    assert ending is None
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+@pytest.mark.parametrize("motor", range(4))
+def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(motor, rate):
+    events, ending = judged(lost(motor, rate))
+    assert events[MotionEvent.ATTITUDE_LOST].figures["angle"] > np.radians(80)
+    assert events[MotionEvent.FELL].figures["speed"] == pytest.approx(9.0, abs=0.5)
+    assert events[MotionEvent.MOTOR_AT_ITS_STOP].subject == NAMES[motor]
+    assert ending.code is Ending.CONTROL_LOST
+    assert ending.level is Level.BAD
+    assert ending.time == pytest.approx(FAILS, abs=0.15)
+    assert ending.figures["height"] == pytest.approx(10.0, abs=0.5)
+    assert ending.figures["cause"].code is FailedFirst.LIMIT_FIRST
+    assert ending.subject == ending.figures["cause"].subject == NAMES[motor]
+
+
+def test_names_none_where_the_controller_threw_it_over_or_swung_it():
+    thrown = leaning(lost(1), PLACES[0], 120.0, 100.0)
+    assert judged(thrown)[1].subject == ""
+    swung = driven(lost(1), 0, 2000.0, FAILS - 1.0)
+    time = swung.messages["SERVO_OUTPUT_RAW"]["time"]
+    outputs = np.where(time >= FAILS, pulses(lost(1)), pulses(swung))
+    assert judged(with_pulses(swung, outputs))[1].subject == ""
+
+
+def test_names_none_between_two_motors():
+    assert judged(leaning(lost(1), np.array([-1.0, 0.0]), 120.0, 100.0))[1].subject == ""
+
+
+def test_names_none_where_places_are_unknown():
+    unknown = replace(lost(1), vehicle="HEXAROTOR", parameters={})
+    assert judged(unknown)[1].subject == ""
+
+
+def test_names_motors_without_output():
+    made = falling(leaning(flight(), PLACES[2], 120.0, 100.0))
+    events, ending = judged(driven(made, 2, 1000.0))
+    assert events[MotionEvent.MOTOR_OFF].subject == ending.subject == NAMES[2]
+    assert ending.figures["cause"].code is FailedFirst.MOTOR_OFF_FIRST
+    _, ending = judged(driven(driven(made, 2, 1000.0), 3, 1000.0))
+    assert ending.subject == ""
+    assert ending.figures["cause"].figures["names"] == NAMES[2:]
+
+
+def test_names_a_motor_whose_output_stands_still():
+    made = falling(leaning(flight(50.0), PLACES[0], 120.0, 100.0))
+    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
+    made = with_pulses(made, pulses(made) + 100.0 * np.sin(40.0 * time))
+    _, ending = judged(driven(made, 0, 1500.0))
+    assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
+    assert ending.subject == NAMES[0]
+
+
+@pytest.mark.parametrize(
+    ("output", "since", "code"),
+    [
+        (1100.0, FAILS, FailedFirst.ALL_OFF_FIRST),
+        (1950.0, FAILS - 3.0, FailedFirst.THRUST_SPENT_FIRST),
+    ],
+)
+def test_all_motors_together_name_none(output, since, code):
+    made = falling(leaning(flight(), np.array([0.3, 1.0]), 120.0, 100.0))
+    for motor in range(4):
+        made = driven(made, motor, output, since)
+    _, ending = judged(made)
+    assert ending.figures["cause"].code is code
+    assert ending.subject == ""
+
+
+def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
+    towards = np.array([0.0, 1.0])
+    for angle, seconds, there in ((29.0, 2.0, False), (31.0, 2.0, True), (40.0, 0.1, False)):
+        events, ending = judged(leaning(flight(), towards, angle, seconds))
+        assert ending is None
+        assert (MotionEvent.ATTITUDE_CAUGHT in events) is there
+
+
+def test_a_setpoint_that_is_followed_is_no_loss():
+    made = flight()
+    time = made.messages["ATTITUDE"]["time"]
+    turn = np.clip((time - FAILS) / 2.0, 0, 1) * 2 * np.pi
+    roll = np.remainder(turn + np.pi, 2 * np.pi) - np.pi
+    asked = quaternion(roll, 0 * time, 0 * time)
+    made = changed(made, "ATTITUDE_TARGET", q=asked)
+    assert not judged(changed(made, "ATTITUDE", roll=np.roll(roll, 3)))[0]
+
+
+def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
+    made = only(lost(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
+    assert judged(made)[1].code is Ending.CONTROL_LOST
+    caught = leaning(made, np.array([0.0, 1.0]), 70.0, 1.0)
+    caught = changed(caught, "LOCAL_POSITION_NED", **flight().messages["LOCAL_POSITION_NED"])
+    events, ending = judged(with_pulses(caught, pulses(flight())))
+    assert events[MotionEvent.ATTITUDE_CAUGHT].level is Level.UNKNOWN
+    assert ending is None
+
+
+def test_a_vehicle_that_tips_over_at_take_off_names_none():
+    made = lost(1)
+    early = {
+        name: selected(table, table["time"] >= FAILS - 8.0) for name, table in made.messages.items()
+    }
+    for table in early.values():
+        table["time"] = table["time"] - FAILS + 8.0
+    early["SERVO_OUTPUT_RAW"] = {
+        name: np.where(early["SERVO_OUTPUT_RAW"]["time"] < 6.0, 1000.0, values)
+        if name.startswith("servo")
+        else values
+        for name, values in early["SERVO_OUTPUT_RAW"].items()
+    }
+    events, ending = judged(replace(made, messages=early))
+    assert events[MotionEvent.TIPPED].level is Level.BAD
+    assert ending.code is Ending.TIPPED_OVER
+    assert ending.subject == ""
+
+
+def test_a_fall_that_stops_at_once_is_a_crash_also_with_the_attitude_held():
+    made = only(falling(flight()), lambda time: time < FAILS + 4.0)
+    events, ending = judged(made)
+    assert events[MotionEvent.HIT].time == pytest.approx(FAILS + 2.0, abs=0.4)
+    assert ending.code is Ending.CRASHED
+    assert ending.figures["speed"] == pytest.approx(9.0, abs=1.5)
+
+
+def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
+    made = only(flight(), lambda time: time < FAILS)
+    clips = made.messages["VIBRATION"]
+    counts = np.where(clips["time"] > 20.0, 3.0, 0.0) + np.where(clips["time"] > 22.0, 4.0, 0.0)
+    events, ending = judged(changed(made, "VIBRATION", clipping_1=counts))
+    assert ending is None
+    assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == pytest.approx(10.0, abs=0.5)
+    assert events[MotionEvent.CLIPPED].figures["count"] == 7
