@@ -56,3 +56,15 @@ class HealthUnknown(Code):
     HEALTH_UNSURE = auto()
     VEHICLE_UNNAMED = auto()
     HEALTH_FAILED = auto()
+
+
+class Trim(Code):
+    """By which pattern the motors of one flight work unevenly."""
+
+    TRIM_EVEN = auto()
+    TRIM_OF_YAW = auto()
+    TRIM_OF_CENTRE = auto()
+    TRIM_OF_ONE_MOTOR = auto()
+    TRIM_OF_SEVERAL = auto()
+    TRIM_UNKNOWN = auto()
+    TRIM_OF_UNKNOWN_PLACES = auto()

@@ -7,7 +7,7 @@ thinner air, and with propellers that give less thrust: which, it does not say.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -37,7 +37,7 @@ NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one wit
 MIN_LEAN = np.radians(2.0)  # Difference of lean that is worth a sentence
 
 
-class Assessment(NamedTuple):
+class HealthAssessment(NamedTuple):
     """What the figures of one flight say of its motors."""
 
     # fault: a motor works 8 % harder or more than in healthy flights, for it or its propeller is weak; drift: the
@@ -55,7 +55,7 @@ class Assessment(NamedTuple):
 
 def assess(
     flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] | None = None
-) -> tuple[Assessment, ...]:
+) -> tuple[HealthAssessment, ...]:
     """Judges each flight of one vehicle against its healthy ones; a healthy one against the other healthy ones.
 
     Flights with a date are judged in its order, from what is known after those before.
@@ -68,7 +68,7 @@ def assess(
     chosen = baseline is not None
     named = flights if baseline is None else baseline
     healthy = healthy_flights(flights, baseline)
-    assessments: dict[int, Assessment] = {}
+    assessments: dict[int, HealthAssessment] = {}
     candidates: dict[object, Candidates] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
     for number in sorted(range(len(flights)), key=lambda number: flights[number].when):
@@ -82,7 +82,7 @@ def assess(
             few = HealthUnknown.HEALTHY_FLIGHTS_FEW
             unknown = Fact(few, **reference, total=total, needed=FEWEST_FLIGHTS)
         if unknown is not None:
-            assessments[number] = Assessment(MotorHealth.UNKNOWN, (unknown,))
+            assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, (unknown,))
             continue
         assert flight.signatures is not None
         if flight.layout not in candidates:
@@ -101,7 +101,7 @@ def assess(
             unsure = HealthUnknown.HEALTH_UNSURE
             lost = lost_thrust(DETECTABLE_RISE)
             fact = Fact(unsure, loss=lost, usual=away.usual, **reference)
-            assessment = Assessment(MotorHealth.UNKNOWN, (fact,))
+            assessment = HealthAssessment(MotorHealth.UNKNOWN, (fact,))
         conditions = _conditions(flight, others, effort)
         assessments[number] = assessment._replace(facts=(*assessment.facts, *conditions))
     return tuple(assessments[number] for number in range(len(flights)))
@@ -113,7 +113,7 @@ def _assessment(
     away: Deviation,
     effort: EffortChange | None,
     reference: dict[str, Any],
-) -> Assessment:
+) -> HealthAssessment:
     """The assessment beside the flights of the ``reference``, with what speaks for it."""
     # The effort says nothing of a single motor, and a weak one takes little of it.
     balance = 1 - weighed.healthy
@@ -135,11 +135,11 @@ def _assessment(
             **reference,
         )
         motor = suspect + 1 if is_named else None
-        return Assessment(MotorHealth.FAULT, (weak,), *known, motor)
+        return HealthAssessment(MotorHealth.FAULT, (weak,), *known, motor)
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
     if change < PROBABLE and not away.beyond:
         same = Fact(MotorsBetween.MOTORS_UNCHANGED, Level.GOOD, probability=change, **reference)
-        return Assessment(MotorHealth.OK, (same,), *known)
+        return HealthAssessment(MotorHealth.OK, (same,), *known)
     differs = {"shift": away.change, "usual": away.usual, **reference}
     drift = Fact(MotorsBetween.BALANCE_OUTSIDE, Level.WATCH, **differs)
     if change >= PROBABLE and effort is not None and effort.probability > balance:
@@ -165,7 +165,7 @@ def _assessment(
             rise=weighed.harder[:, motor],
             **differs,
         )
-    return Assessment(MotorHealth.DRIFT, (drift,), *known)
+    return HealthAssessment(MotorHealth.DRIFT, (drift,), *known)
 
 
 def _conditions(
@@ -233,7 +233,11 @@ class Candidates:
             ``RISES``.
     """
 
-    def __init__(self, signatures: MotorSignatures) -> None:
+    def __init__(
+        self, signatures: MotorSignatures, priors: Mapping[str, float] = PRIORS
+    ) -> None:
+        """Weighs the groups by ``priors``, of any sum."""
+        total = sum(priors.values())
         centres = np.array(list(product(CENTRE_ERRORS, repeat=3)))
         motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
         sizes, weights = shift_sizes(SHIFT)
@@ -246,7 +250,7 @@ class Candidates:
         self.signatures = signatures
         self.groups = dict(zip(likely, map(slice, [0, *ends], ends), strict=True))
         self.prior = np.concatenate(
-            [PRIORS[name] * weights / weights.sum() for name, weights in likely.items()]
+            [priors[name] / total * weights / weights.sum() for name, weights in likely.items()]
         )
         self.change, self.spread, self.centre = np.zeros((3, len(self.prior), 3))
         self.centre[self.groups["healthy"]] = centres

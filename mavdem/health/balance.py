@@ -17,9 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import settled_segments, within
+from mavdem.alignment.align import Segment, settled_segments, within
 from mavdem.alignment.drive import AXES, MotorGeometry
+from mavdem.alignment.phases import both, total
 from mavdem.alignment.signals import Signals
+from mavdem.alignment.steadiness import steady
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact
@@ -28,6 +30,8 @@ from mavdem.facts.motors import HealthUnknown
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
 FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
+LEAST_SECONDS = 10.0
+"""Of steady flight without which no motor is named: of 324 real logs, shorter ones showed gusts and corrections."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ class BalanceFigures(NamedTuple):
 
 
 def balance_of_signals(signals: Signals) -> BalanceFigures | None:
-    """The figures of a vehicle's settled flight; None without motor outputs, or where it is too short."""
+    """The figures of a vehicle's settled flight, as far as it is steady; None without motor outputs, or if too short."""
     motors = signals.motors
     if motors is None:
         return None
@@ -108,16 +112,20 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
         len(motors.layout.motors), motors.layout.positions, motors.layout.spins
     )
     runs = []
+    seconds = 0.0
     segments = sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start))
     for segment in segments:
-        time = motors.time[within(motors, segment)]
+        spans = both([(segment.start, segment.end)], steady(signals, segment.boot))
+        seconds += total(spans)
+        here = within(motors, *(Segment(segment.boot, *span) for span in spans))
+        time = motors.time[here]
         lean = np.full((len(time), 2), np.nan)
         for column, tilt in enumerate(signals.tilts if len(signals.tilts) == 2 else ()):
             rows = within(tilt, segment)
             if rows.any():
                 lean[:, column] = np.interp(time, tilt.time[rows], tilt.angle[rows])
-        runs.append((time, motors.scale.fraction(motors.outputs[within(motors, segment)]), lean))
-    return balance_figures(runs, signatures, sum(segment.duration for segment in segments))
+        runs.append((time, motors.scale.fraction(motors.outputs[here]), lean))
+    return balance_figures(runs, signatures, seconds)
 
 
 def balance_figures(
@@ -213,7 +221,7 @@ class HealthFigures:
     @property
     def missing(self) -> Fact | None:
         """What the judgement of a motor needs and the flight does not have; None if it has all."""
-        if self.signatures is None or self.balance is None:
+        if self.signatures is None or self.balance is None or self.balance.seconds < LEAST_SECONDS:
             return Fact(HealthUnknown.BALANCE_UNKNOWN)
         if not self.signatures.names_a_motor:
             return Fact(HealthUnknown.GEOMETRY_UNKNOWN)
@@ -305,7 +313,7 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     and of the flight's own mean.
     """
     balances = [_balance(other) for other in (flight, *healthy)]
-    effect, variance = _lean_effects(balances)
+    effect, variance = lean_effects(balances)
     lean = np.array([balance.lean for balance in balances])
     level = np.array([balance.mean for balance in balances]) - np.einsum("fal,fl->fa", effect, lean)
     error = (
@@ -326,8 +334,8 @@ def _balance(flight: HealthFigures) -> BalanceFigures:
     return flight.balance
 
 
-def _lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
-    """(f, 3, 2) the effects of lean in each flight, and their variances: what it shows itself, drawn to the mean.
+def lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
+    """Returns (f, 3, 2) the effects of lean in each flight, and their variances: what it shows, drawn to the mean.
 
     How much they differ shows in the flights, and half of that is taken for what manoeuvres make of the estimates.
     """

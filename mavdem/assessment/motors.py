@@ -1,0 +1,64 @@
+"""The light of the motors: what they lost in flight, their limits, the pattern of their trim, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mavdem.analysis.findings import LITTLE_HEADROOM
+from mavdem.analysis.overrides import SATURATED
+from mavdem.assessment.evidence import Evidence
+from mavdem.condition.condition import HoverFigures
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import MotorsLight, Trim
+from mavdem.health.balance import LEAST_SECONDS
+from mavdem.health.in_flight import losses_of
+from mavdem.health.trim import trim_of_signals
+
+WORST_FIRST = (Level.BAD, Level.WATCH, Level.GOOD, Level.UNKNOWN)
+
+
+def motors_light(evidence: Evidence) -> Fact:
+    """Returns the worst that a log shows of its motors: an event or alarm that names one, limits, trim, or headroom."""
+    found = [*_named_by_events(evidence), *_in_flight(evidence)]
+    hover = evidence.condition.hover
+    if hover is None:
+        found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, needed_duration=LEAST_SECONDS))
+    else:
+        found += _limits(hover)
+        found.append(_trim(evidence, min(hover.headroom)))
+    return min(found, key=lambda fact: WORST_FIRST.index(fact.level))
+
+
+def _named_by_events(evidence: Evidence) -> Iterator[Fact]:
+    """How the flight was lost, and what is bad of single motors."""
+    motors = evidence.signals.motors
+    names = () if motors is None else motors.layout.names
+    ending = [] if evidence.ending is None else [evidence.ending]
+    for event in (*ending, *evidence.events):
+        if event.level is Level.BAD and event.subject in names:
+            yield event
+
+
+def _in_flight(evidence: Evidence) -> list[Fact]:
+    """What motors lost before control was lost: then their balance says nothing."""
+    end = evidence.ending
+    lost = float("inf") if end is None or end.time is None else end.time
+    return losses_of([alarm for alarm in evidence.alarms if alarm.time < lost])
+
+
+def _limits(hover: HoverFigures) -> Iterator[Fact]:
+    share = max(hover.at_upper_limit)
+    if share > SATURATED and hover.seconds >= LEAST_SECONDS:
+        motor = hover.motors[hover.at_upper_limit.index(share)]
+        yield Fact(MotorsLight.MOTOR_AT_LIMIT, Level.BAD, subject=motor, share=share)
+
+
+def _trim(evidence: Evidence, headroom: float) -> Fact:
+    """The pattern of the trim with what is left, or that little is."""
+    trim = trim_of_signals(evidence.signals) or Fact(Trim.TRIM_UNKNOWN)
+    if headroom < LITTLE_HEADROOM and trim.level is not Level.WATCH:
+        return Fact(MotorsLight.HEADROOM_LITTLE, Level.WATCH, share=headroom)
+    if trim.level is Level.GOOD:
+        known = {"headroom": headroom, **trim.figures}
+        return Fact(MotorsLight.MOTORS_EVEN, Level.GOOD, **known)
+    return trim

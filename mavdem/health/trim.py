@@ -1,0 +1,90 @@
+"""Trim: by which pattern the motors of one flight work unevenly, and how surely: yaw, centre of gravity, one motor.
+
+A twisted arm or motor is balanced by yaw alone, a centre of gravity beside the middle by roll and pitch, and a weak motor
+by its own signature, which is all three in the ratio of its place. Steady wind leans the vehicle and asks for torque in
+roll and pitch, too: what the lean explains, by how the balance follows it in this flight, is taken away, and what it may
+explain widens the intervals (``mavdem.health.balance``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mavdem.alignment.drive import MotorGeometry
+from mavdem.alignment.signals import Signals
+from mavdem.confidence import quantile
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import Trim
+from mavdem.health.assessment import NAMED, PROBABLE, Candidates, lost_thrust
+from mavdem.health.balance import (
+    LEAST_SECONDS,
+    SCATTER,
+    SCATTER_FREEDOM,
+    BalanceFigures,
+    Deviation,
+    balance_of_signals,
+    lean_effects,
+    motor_signatures,
+)
+from mavdem.ingest.motors import place_name
+
+UNEVEN = 0.08
+"""Of a motor's command beyond the mean of all, surely: what health calls a fault's size."""
+UNEVEN_QUADROTORS = {"healthy": 0.0, "motor": 1.0, "load": 5.0, "yaw": 11.0, "other": 6.0}
+"""Of 23 real quadrotors with uneven motors, how many were so by each pattern."""
+
+
+def trim_of_signals(signals: Signals) -> Fact | None:
+    """Returns how even the motors of a vehicle's steady flight are; None without motor outputs."""
+    motors = signals.motors
+    return None if motors is None else trim_of(balance_of_signals(signals), motors.layout)
+
+
+def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
+    """Returns by which pattern the motors of a ``layout`` work unevenly: GOOD where surely none does by ``UNEVEN``."""
+    if balance is None or balance.seconds < LEAST_SECONDS:
+        return Fact(Trim.TRIM_UNKNOWN, needed=LEAST_SECONDS)
+    if not np.isfinite(balance.mean).all():
+        return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
+    signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
+    effect, variance = lean_effects([balance])
+    level = balance.mean - effect[0] @ balance.lean
+    error = np.sqrt(balance.error**2 + variance[0] @ balance.lean**2)
+    mixer = np.linalg.pinv(signatures.weights)[:, 1:]
+    apart = mixer @ level
+    half = quantile() * np.sqrt(mixer**2 @ error**2)
+    most = int(np.argmax(np.abs(apart) - half))
+    known = {"shift": level, "deviation": apart[most], "half": half[most]}
+    known["assumed"] = layout.positions_assumed
+    if abs(apart[most]) - half[most] <= UNEVEN:
+        return Fact(Trim.TRIM_EVEN, Level.GOOD, **known)
+    scale = np.sqrt(SCATTER**2 + error**2)
+    lean = float(np.linalg.norm(balance.lean))
+    away = Deviation(level, scale, SCATTER_FREEDOM, np.zeros(3), lean)
+    weighed = Candidates(signatures, UNEVEN_QUADROTORS).after(away)
+    motor = int(weighed.motors.argmax())
+    if weighed.motors[motor] >= NAMED:
+        rise = weighed.harder[:, motor]
+        return Fact(
+            Trim.TRIM_OF_ONE_MOTOR,
+            Level.WATCH,
+            subject=layout.names[motor],
+            probability=weighed.motors[motor],
+            rise=rise,
+            loss=[lost_thrust(float(end)) for end in rise],
+            **known,
+        )
+    roll, pitch, yaw = level.tolist()
+    if weighed.shares["yaw"] >= PROBABLE:
+        twisted = Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=yaw, **known)
+        return twisted.but(probability=weighed.shares["yaw"])
+    if weighed.shares["load"] >= PROBABLE:
+        return Fact(
+            Trim.TRIM_OF_CENTRE,
+            Level.WATCH,
+            place=place_name((pitch, -roll)),
+            share=float(np.hypot(roll, pitch)),
+            probability=weighed.shares["load"],
+            **known,
+        )
+    return Fact(Trim.TRIM_OF_SEVERAL, Level.WATCH, **known)
