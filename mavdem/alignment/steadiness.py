@@ -1,12 +1,11 @@
-"""Steadiness: where the motors of a flight may be compared, for it neither turns its nose nor strays from its setpoint.
+"""Steadiness: where motors may be compared, for the vehicle neither turns its nose nor strays from its setpoint.
 
-While the nose turns, wind and load pull from elsewhere, and the yaw controller works; and a vehicle that does not follow
-its attitude setpoint is steered against what the motors show.
+While the nose turns, wind and load pull from elsewhere, and the yaw controller works; and motors of a vehicle that does
+not follow its attitude setpoint work against something else than their own weakness.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from math import nan
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.phases import Intervals, both, settled, where
-from mavdem.alignment.signals import HOLD_SECONDS, Signals, attitude, held, setpoints
+from mavdem.alignment.signals import Signals, attitude, held, setpoints
 from mavdem.ingest.telemetry import Array
 
 TURN_SECONDS = 1.0
@@ -57,8 +56,6 @@ def steady(signals: Signals, boot: int) -> Intervals:
         tilts.append(np.interp(time, tilt.time[here], tilt.angle[here]))
         known = (one for one in setpoints(signals.telemetry, axis) if one.unit == "rad")
         setpoint = next(known, None)
-        asked.append(
-            np.full(len(time), nan) if setpoint is None else held(setpoint, boot, time)
-        )
+        asked.append(np.full(len(time), nan) if setpoint is None else held(setpoint, boot, time))
     angles = np.column_stack([*tilts, yaw.angle[rows]])
     return both(intervals, where(time, is_steady(time, angles, np.column_stack(asked))))

@@ -20,6 +20,7 @@ from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
+from mavdem.alignment.steadiness import steady
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
 from mavdem.analysis.findings import disown_torque
 from mavdem.condition.condition import condition_of
@@ -37,6 +38,7 @@ from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.forecasts import Forecasts, TestResult
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
+from mavdem.health.trim import trim_of_signals
 from mavdem.ingest import Log
 
 # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
@@ -154,10 +156,12 @@ def _without_model(
         condition = condition_of(signals)
         identity = identity_of(signals, log.receive_time[0])
         alarms = motor_alarms(signals)
+        trim = trim_of_signals(signals)
     else:
         condition = other_axis.condition
         identity = other_axis.identity
         alarms = other_axis.alarms
+        trim = other_axis.trim
     motors = signals.motors
     placed = motors is not None and bool(motors.layout.positions)
     tier = tier_of(verdict, condition)
@@ -175,6 +179,7 @@ def _without_model(
         VehicleFigures({}, condition.hover),
         reason,
         alarms=alarms,
+        trim=trim,
         watched=placed and motors is not None and usual_rate(motors) >= MIN_RATE,
         signals=signals,
     )
@@ -205,8 +210,9 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         rows = motors.boot == boot
         time = motors.time[rows]
         commands = motors.scale.fraction(motors.outputs[rows])
+        is_steady = during(time, steady(signals, int(boot)))
         for row in np.flatnonzero(during(time, settled(signals, int(boot)))):
-            watch.take(float(time[row]), commands[row])
+            watch.take(float(time[row]), commands[row], bool(is_steady[row]))
         alarms += watch.alarms
     return tuple(alarms)
 

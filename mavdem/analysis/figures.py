@@ -91,6 +91,7 @@ class LogAnalysis:
             parameters; forecasts of windows that no model saw.
         truth: the estimates beside the truth of a simulated flight, where its file was given.
         alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
+        trim: how even the motors work; None without their outputs.
         watched: whether a motor that weakens would have been seen.
         signals: what was recorded.
     """
@@ -106,6 +107,7 @@ class LogAnalysis:
     held_out: HeldOut | None = None
     truth: TruthComparison | None = None
     alarms: tuple[MotorAlarm, ...] = ()
+    trim: Fact | None = None
     watched: bool = False
     signals: Signals | None = None
 
@@ -125,7 +127,7 @@ class LogAnalysis:
         known = self.condition, self.alarms, self.reason, self.flights, self.watched
         # Rates that are sent slowly say nothing of the angle.
         consistency = self.verdict.figures.consistency if self.model == "full" else None
-        return findings_of(self.learned, self.held_out, *known, consistency)
+        return findings_of(self.learned, self.held_out, *known, consistency, self.trim)
 
     @property
     def refusal(self) -> NotLearnable:

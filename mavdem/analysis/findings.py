@@ -114,6 +114,7 @@ def findings_of(
     flights: Sequence[Flight] = (),
     watched: bool = False,
     consistency: float | None = None,
+    trim: Fact | None = None,
 ) -> Findings:
     """Returns the findings of a flight, of which each part may be missing.
 
@@ -125,8 +126,9 @@ def findings_of(
         flights: what the model was trained on.
         watched: whether a motor that weakens would have been seen.
         consistency: share of the angle's changes that the rates explain.
+        trim: how even the motors work.
     """
-    overrides = overrides_of(condition, alarms, None if learned is None else consistency)
+    overrides = overrides_of(condition, alarms, None if learned is None else consistency, trim)
     step = _step_of_torque(learned, flights)
     purposes = () if learned is None else tuple(_purposes(learned, held_out))
     if step is not None:

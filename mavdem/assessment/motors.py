@@ -22,7 +22,7 @@ def motors_light(evidence: Evidence) -> Fact:
     found = [*_named_by_events(evidence), *_in_flight(evidence)]
     hover = evidence.condition.hover
     if hover is None:
-        found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, needed_duration=LEAST_SECONDS))
+        found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
     else:
         found += _limits(hover)
         found.append(_trim(evidence, min(hover.headroom)))
@@ -50,7 +50,7 @@ def _limits(hover: HoverFigures) -> Iterator[Fact]:
     share = max(hover.at_upper_limit)
     if share > SATURATED and hover.seconds >= LEAST_SECONDS:
         motor = hover.motors[hover.at_upper_limit.index(share)]
-        yield Fact(MotorsLight.MOTOR_AT_LIMIT, Level.BAD, subject=motor, share=share)
+        yield Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject=motor, share=share)
 
 
 def _trim(evidence: Evidence, headroom: float) -> Fact:

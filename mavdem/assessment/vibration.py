@@ -8,52 +8,59 @@ import numpy as np
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, within
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.evidence import Evidence
-from mavdem.condition.condition import parts_of, settled_parts, vibration_by_imu
+from mavdem.condition.condition import settled_parts, vibration_of
 from mavdem.facts import Fact, Level
-from mavdem.facts.lights import VibrationLight
+from mavdem.facts.vibration import VibrationLight
 
 
 class Limits(NamedTuple):
-    """m/s², up to which vibration is good, and beyond which it is bad."""
+    """Vibration, m/s², up to which it is good, and beyond which it is bad."""
 
     watch: float
     bad: float
 
 
-LIMITS = {"PX4": Limits(4.905, 9.81)}
-"""Of ``accel_vibration_metric``: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py."""
 ARDUPILOT = Limits(15.0, 30.0)
 """Of VIBE: https://ardupilot.org/copter/docs/common-measuring-vibration.html."""
-MANY_CLIPS = 100
-"""In flight, up to which the same page calls clips acceptable."""
+PX4 = Limits(4.905, 9.81)
+"""Of ``accel_vibration_metric``: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py."""
+MANY_CLIPS = 100  # In flight, up to which ArduPilot's page calls them acceptable
 
 
 def vibration_light(evidence: Evidence) -> Fact:
-    """Returns the largest mean vibration in settled flight, or else in the air, by IMU and axis, and how often it clips."""
+    """Returns the largest mean vibration in settled flight, else in the air, of all IMUs, and how often they clip."""
     signals = evidence.signals
-    measured = vibration_by_imu(signals)
-    rows = _flown(signals, measured)
-    if measured is None or not rows.any():
-        return Fact(VibrationLight.VIBRATION_UNKNOWN, autopilot=signals.telemetry.autopilot)
-    axes = measured.axes
-    mean = measured.levels.values[rows].mean(axis=0)
+    autopilot = signals.telemetry.autopilot
+    limits = PX4 if autopilot == "PX4" else ARDUPILOT
+    unknown = Fact(VibrationLight.VIBRATION_UNKNOWN, autopilot=autopilot)
+    measured = vibration_of(signals)
+    if measured is None:
+        return unknown
+    levels = measured.levels
+    flown = (
+        Segment(boot, *span)
+        for boot in np.unique(levels.boot).tolist()
+        for span in phases.flying(signals, boot)
+    )
+    here = within(levels, *(settled_parts(signals) or flown))
+    if not here.any():
+        return unknown
+    mean = levels.values[here].mean(axis=0)
     most = int(mean.argmax())
-    clips = measured.clips[rows].sum(axis=0)
-    limits = LIMITS.get(signals.telemetry.autopilot, ARDUPILOT)
+    imu, axis = divmod(most, len(measured.axes))
+    clips = int(measured.clips[here].sum())
     level = Level.GOOD
-    if mean[most] > limits.bad or clips.max() > MANY_CLIPS:
+    if mean[most] > limits.bad or clips > MANY_CLIPS:
         level = Level.BAD
-    elif mean[most] > limits.watch or clips.any():
+    elif mean[most] > limits.watch or clips:
         level = Level.WATCH
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
         level,
-        subject=f"IMU {most // len(axes) + 1}",
-        axis=axes[most % len(axes)],
+        subject=f"IMU {imu + 1}",
+        axis=measured.axes[axis],
         vibration=mean[most],
-        vibration_limit=limits.bad if level is Level.BAD else limits.watch,
-        clips=int(clips.max()),
+        acceptable_vibration=limits.watch,
+        clips=clips,
     )

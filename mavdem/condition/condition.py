@@ -15,9 +15,9 @@ Trim: how hard each motor works in settled flight, how much it has left, and how
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.fft import dct
@@ -210,7 +210,7 @@ class Steady:
 
 @dataclass(frozen=True)
 class VibrationFigures:
-    """Of the first IMU: the mean ``level`` of its acceleration, m/s², and how often it ``clips`` (was out of range).
+    """The mean ``level`` of the first IMU's acceleration, m/s², and how often IMUs ``clip`` (were out of range).
 
     The level is x, y and z from ArduPilot, one for all axes from PX4, and not alike: compare flights of one autopilot.
     """
@@ -386,20 +386,49 @@ def _measured(signals: Signals, message: str, fields: tuple[str, ...]) -> Signal
     return series(columns, np.column_stack([floats(columns, name) for name in fields]))
 
 
-def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigures | None:
-    """The vibration in settled flight, if measured; PX4's (``streams/VIBRATION.hpp``) has acceleration in z only."""
+class MeasuredVibration(NamedTuple):
+    """The vibration of every IMU, the first one's axes first.
+
+    Attributes:
+        axes: of each IMU that were measured; PX4 measures all together.
+        levels: (N, k) m/s², of so many axes of each IMU.
+        clips: (N, 3) how often each IMU was out of range since the sample before.
+    """
+
+    axes: tuple[str, ...]
+    levels: Signal
+    clips: Array
+
+
+def vibration_of(signals: Signals) -> MeasuredVibration | None:
+    """Returns the vibration, if measured; PX4's (``streams/VIBRATION.hpp``) has acceleration in z only."""
     names = LEVELS[-1:] if signals.telemetry.autopilot == "PX4" else LEVELS
-    measured = _measured(signals, "VIBRATION", (*names, *CLIPS))
+    columns = signals.telemetry.messages.get("VIBRATION")
+    if columns is None or not all(name in columns for name in (*names, *CLIPS)):
+        return None
+    first = np.column_stack([floats(columns, name) for name in names])
+    levels = columns.get("levels", first)
+    clips = [floats(columns, name) for name in CLIPS]
+    measured = series(columns, np.column_stack([levels, *clips]))
+    counts = measured.values[:, -len(CLIPS) :]
+    # The counts are of the boot so far.
+    rises = np.clip(np.diff(counts, axis=0, prepend=counts[:1]), 0, None)
+    of_all = replace(measured, values=measured.values[:, : -len(CLIPS)])
+    axes = ("",) if len(names) == 1 else tuple("xyz")
+    # A firmware may send zeros.
+    return MeasuredVibration(axes, of_all, rises) if of_all.values.any() else None
+
+
+def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigures | None:
+    """The vibration in settled flight, if measured."""
+    measured = vibration_of(signals)
     if measured is None:
         return None
-    here = within(measured, *settled, slack=0)
-    levels = measured.values[here, : len(names)]
-    clips = measured.values[:, len(names) :]
-    if not levels.any():  # also where a firmware sends zeros
+    here = within(measured.levels, *settled, slack=0)
+    if not here.any():
         return None
-    # The counts are of the boot so far.
-    rises = np.clip(np.diff(clips, axis=0, prepend=clips[:1]), 0, None).sum(axis=1)
-    return VibrationFigures(tuple(levels.mean(axis=0).tolist()), int(rises[here].sum()))
+    levels = measured.levels.values[here, : len(measured.axes)]
+    return VibrationFigures(tuple(levels.mean(axis=0).tolist()), int(measured.clips[here].sum()))
 
 
 def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | None:

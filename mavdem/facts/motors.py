@@ -25,6 +25,15 @@ class InFlight(Code):
     FALSE_ALARMS = auto()
 
 
+class MotorsLight(Code):
+    """What the light of the motors says beside their trim and what they lost."""
+
+    MOTORS_EVEN = auto()
+    MOTOR_LIMITED = auto()
+    HEADROOM_LITTLE = auto()
+    MOTORS_NOT_SEEN = auto()
+
+
 class MotorsBetween(Code):
     """How the motors of a flight compare with those of healthy flights, and under which other conditions."""
 

@@ -233,9 +233,7 @@ class Candidates:
             ``RISES``.
     """
 
-    def __init__(
-        self, signatures: MotorSignatures, priors: Mapping[str, float] = PRIORS
-    ) -> None:
+    def __init__(self, signatures: MotorSignatures, priors: Mapping[str, float] = PRIORS) -> None:
         """Weighs the groups by ``priors``, of any sum."""
         total = sum(priors.values())
         centres = np.array(list(product(CENTRE_ERRORS, repeat=3)))

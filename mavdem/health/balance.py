@@ -104,7 +104,7 @@ class BalanceFigures(NamedTuple):
 
 
 def balance_of_signals(signals: Signals) -> BalanceFigures | None:
-    """The figures of a vehicle's settled flight, as far as it is steady; None without motor outputs, or if too short."""
+    """The figures of a vehicle's steady flight; None without motor outputs, or where it is too short."""
     motors = signals.motors
     if motors is None:
         return None

@@ -32,7 +32,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.health.assessment import lost_thrust
-from mavdem.health.balance import motor_signatures
+from mavdem.health.balance import LEAST_SECONDS, motor_signatures
 
 Places = NDArray[np.int_]
 _log_sum = np.logaddexp.reduce  # logarithm of the sum along the first axis, of logarithms
@@ -43,6 +43,7 @@ PRESENT_SHARE = 0.8  # Of the blocks, at least: where more are missing, changes 
 # Before the first change, at least; and of a change in roll and pitch alone: a gust is over by then
 REFERENCE_SECONDS = 8.0
 NEXT_REFERENCE_SECONDS = 2.0  # Before another: the noise is known then
+SHOWN_SHARE = 0.5  # Of a change, that steady flight of each heading must show
 SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: no reference
 # Over which the reference forgets: wind and battery change, and damage comes at once
 MEMORY_SECONDS = 60.0
@@ -219,6 +220,28 @@ class MotorAlarm(NamedTuple):
         return f"Alarm: {said[0].lower()}{said[1:]}" if self.weak else said
 
 
+def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
+    """Returns the thrust that each motor lost, the worst first: BAD while it lasts, WATCH with its end where it ended.
+
+    Of several losses of a motor the largest that lasts, or else the largest.
+    """
+    found = []
+    for name in dict.fromkeys(change.name for change in changes if change.weak):
+        own = [change for change in changes if change.name == name]
+        ended = [place for place, change in enumerate(own) if not change.weak]
+        lasting = own[ended[-1] + 1 :] if ended else own
+        worst = max(
+            lasting or [change for change in own if change.weak], key=lambda change: change.size
+        )
+        end = next((own[place] for place in ended if own[place].time > worst.time), None)
+        fact = worst.fact
+        until = None if end is None else end.since
+        level = Level.BAD if end is None else Level.WATCH
+        lost = Fact(fact.code, level, time=fact.time, until=until, subject=name, **fact.figures)
+        found.append((level is Level.WATCH, -worst.size, lost))
+    return [lost for *_, lost in sorted(found, key=lambda one: one[:2])]
+
+
 def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
     """Plain JSON values: alarms on motors, motors that are sound again, changes of the steady torque, false alarms."""
     codes = InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED, InFlight.STEADY_TORQUE_CHANGED
@@ -266,14 +289,23 @@ class MotorWatch:
         self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
         self._latest = -inf
 
-    def take(self, time: float, commands: Sequence[float] | Array) -> list[MotorAlarm]:
-        """A sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight: what it shows."""
+    def take(
+        self, time: float, commands: Sequence[float] | Array, steady: bool = True
+    ) -> list[MotorAlarm]:
+        """What a sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight, shows.
+
+        It is ``steady`` where the nose keeps its heading and the attitude its setpoint.
+        """
         if not self._is_named:
             return []
         number = floor(time / BLOCK_SECONDS)
         if not 0 <= time - self._latest < 2:  # s, after which what was before is no reference
             self._times: list[float] = []
             self._blocks: list[Array] = []
+            # Number, from 1, of the run of steady blocks that each is of; 0 of none
+            self._legs: list[int] = []
+            self._leg = self._steady_blocks = 0
+            self._steady = True
             self._noise = np.full(len(self._weights), PRIOR_SD**2)
             self._freedom = PRIOR_FREEDOM
             self.weak.clear()
@@ -294,7 +326,9 @@ class MotorWatch:
                 self._block((self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0))
             self._number = number
             self._open = []
+            self._steady = True
         self._open.append(commands)
+        self._steady &= steady
         return self.alarms[known:]
 
     def _block(self, time: float, commands: Array) -> None:
@@ -303,8 +337,11 @@ class MotorWatch:
             return
         self._times.append(time)
         self._blocks.append(self._weights @ (commands / mean))
+        self._leg += self._steady and not (self._legs and self._legs[-1])
+        self._legs.append(self._leg * self._steady)
+        self._steady_blocks += self._steady
         keep = round(KEPT_SECONDS / BLOCK_SECONDS)
-        del self._times[:-keep], self._blocks[:-keep]
+        self._keep(keep)
         if len(self._blocks) < PRESENT_SHARE * (
             (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
         ):
@@ -344,7 +381,9 @@ class MotorWatch:
         odds = float(motors[best] - _log_sum(rivals))
         if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
             place = int(np.argmax(by_window[best]))
-            return self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
+            if self._is_of_no_turn(int(windows[place]), changes, place):
+                self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
+            return
         lasting, long = (
             np.where(windows * BLOCK_SECONDS >= s, 0.0, -inf)
             for s in (REFERENCE_SECONDS, STALE_SECONDS)
@@ -355,14 +394,45 @@ class MotorWatch:
         if loaded >= self._enough and odds >= log(NAMING_ODDS):
             place = int(np.argmax(load + lasting))
             size = float(np.linalg.norm(changes.moved[place] * self._flat))
-            self._found(None, int(windows[place]), odds, size)
+            if self._is_of_no_turn(int(windows[place]), changes, place):
+                self._found(None, int(windows[place]), odds, size)
         elif strange.max() >= self._enough:
             place = int(np.argmax(strange))
         else:
             return
         # What comes is compared with what is now.
-        self._times = self._times[-windows[place] :]
-        self._blocks = self._blocks[-windows[place] :]
+        self._keep(int(windows[place]))
+
+    def _keep(self, n: int) -> None:
+        """Forgets all but the last ``n`` blocks."""
+        del self._times[:-n], self._blocks[:-n], self._legs[:-n]
+
+    def _is_of_no_turn(self, n: int, changes: _Changes, place: int) -> bool:
+        """Whether steady flight alone shows the change ``n`` blocks ago, and no turn of the nose explains it.
+
+        Between two headings the wind's torque differs as between a sound and a weak motor: what changed must show
+        within one leg, or in two legs at least and in none before.
+        """
+        if self._steady_blocks * BLOCK_SECONDS < LEAST_SECONDS:
+            return False
+        blocks = np.array(self._blocks)
+        legs = np.array(self._legs)
+        weights = changes.moved[place] / changes.variance[place]
+        shown = (blocks - blocks[-n:].mean(axis=0)) @ weights / (changes.moved[place] @ weights)
+        is_after = np.arange(len(blocks)) >= len(blocks) - n
+        before, after = (
+            {
+                leg: float(shown[rows].mean())
+                for leg in range(1, self._leg + 1)
+                if np.count_nonzero(rows := (legs == leg) & side) >= SETTLING_BLOCKS
+            }
+            for side in (~is_after, is_after)
+        )
+        if common := before.keys() & after.keys():
+            leg = common.pop()
+            return after[leg] - before[leg] > SHOWN_SHARE
+        is_before = max(before.values(), default=0.0) < -SHOWN_SHARE
+        return len(after) > 1 and is_before and min(after.values()) > -SHOWN_SHARE
 
     def _motors_changed(
         self, rises: Array, n: int, changes: _Changes, place: int, odds: float
@@ -392,8 +462,12 @@ class MotorWatch:
             )
             self.weak[motor] = self._found(motor, n, odds, max(size, SIZES[0]), *loss)
         # What comes is compared with what is now, once the vehicle has settled.
-        self._times = self._times[-n:][SETTLING_BLOCKS:]
-        self._blocks = self._blocks[-n:][SETTLING_BLOCKS:]
+        self._keep(n)
+        del (
+            self._times[:SETTLING_BLOCKS],
+            self._blocks[:SETTLING_BLOCKS],
+            self._legs[:SETTLING_BLOCKS],
+        )
         self._noise, self._freedom = changes.noise[place], min(changes.freedom[place], MOST_FREEDOM)
 
     def _found(

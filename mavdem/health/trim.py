@@ -1,9 +1,9 @@
 """Trim: by which pattern the motors of one flight work unevenly, and how surely: yaw, centre of gravity, one motor.
 
-A twisted arm or motor is balanced by yaw alone, a centre of gravity beside the middle by roll and pitch, and a weak motor
-by its own signature, which is all three in the ratio of its place. Steady wind leans the vehicle and asks for torque in
-roll and pitch, too: what the lean explains, by how the balance follows it in this flight, is taken away, and what it may
-explain widens the intervals (``mavdem.health.balance``).
+A twisted arm or motor is balanced by yaw alone, a centre of gravity beside the middle by roll and pitch, and a weak
+motor by its own signature, which is all three in the ratio of its place. Steady wind leans the vehicle and asks for
+torque in roll and pitch, too: what the lean explains, by how the balance follows it in this flight, is taken away, and
+what it may explain widens the intervals (``mavdem.health.balance``).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def trim_of_signals(signals: Signals) -> Fact | None:
 def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     """Returns by which pattern the motors of a ``layout`` work unevenly: GOOD where surely none does by ``UNEVEN``."""
     if balance is None or balance.seconds < LEAST_SECONDS:
-        return Fact(Trim.TRIM_UNKNOWN, needed=LEAST_SECONDS)
+        return Fact(Trim.TRIM_UNKNOWN, least_duration=LEAST_SECONDS)
     if not np.isfinite(balance.mean).all():
         return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
     signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)

@@ -339,13 +339,22 @@ def _estimator_status(topics: Topics) -> dict[str, NDArray[Any]]:
 
 
 def _vibration(topics: Topics) -> dict[str, NDArray[Any]]:
-    """VIBRATION.hpp: vehicle_imu_status of the first IMU; z is the level of its acceleration, m/s²."""
+    """VIBRATION.hpp: vehicle_imu_status; z is the level of the first IMU's acceleration, m/s².
+
+    ``levels`` are those of each IMU, and the counts of clips are of an IMU each, of all its axes.
+    """
     status = _first(topics, "vehicle_imu_status")
     # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
     if "gyro_clipping[2]" not in status:
         return {}
-    clips = {f"clipping_{axis}": status[f"accel_clipping[{axis}]"] for axis in range(3)}
-    return {"time": status["time"], "vibration_z": status["accel_vibration_metric"], **clips}
+    time = status["time"]
+    levels = []
+    clips = {f"clipping_{number}": np.zeros(len(time)) for number in range(3)}
+    for name, (_, imu) in zip(clips, sorted(topics["vehicle_imu_status"].items()), strict=False):
+        levels.append(np.interp(time, imu["time"], imu["accel_vibration_metric"]))
+        counted = _array(imu, "accel_clipping", 3).sum(axis=1)
+        clips[name] = np.interp(time, imu["time"], counted)
+    return {"time": time, "vibration_z": levels[0], **clips, "levels": np.column_stack(levels)}
 
 
 def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:

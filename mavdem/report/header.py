@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import LITTLE_HEADROOM, Findings, known_wind
-from mavdem.analysis.overrides import UNEVEN, most_uneven
 from mavdem.condition.loop.loop import Loop, margin_rating
 from mavdem.condition.wind_of_log import Air
 from mavdem.confidence import LEVEL
@@ -21,7 +20,7 @@ from mavdem.report.condition import wind_words
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import TORQUE, readable, rounded, short, with_unit
 from mavdem.report.timeline import Timeline
-from mavdem.report.words import bare
+from mavdem.report.words import bare, headline
 
 POINTS = 16_000
 FEW_POINTS = 2_000
@@ -64,11 +63,10 @@ def key_figures(
     levels = {finding.purpose: finding.grade.level for finding in analysis.findings.purposes}
     yield from _lost(analysis.alarms)
     if hover is not None:
-        number = most_uneven(hover.imbalance)
-        most = hover.imbalance[number]
-        motor = hover.motors[number]
-        level = Level.BAD if abs(most) > UNEVEN else Level.GOOD
-        yield KeyFigure("Trim deviation", f"{round(most, 1) + 0.0:+.1f} %", motor, level)
+        if (trim := analysis.trim) is not None and "deviation" in trim.figures:
+            most = 100 * trim.figures["deviation"]
+            remark = bare(headline(trim))
+            yield KeyFigure("Trim deviation", f"{most:+.1f} %", remark, trim.level)
         left, motor = min(zip(hover.headroom, hover.motors, strict=True))
         limit = max(map(sum, zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)))
         remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"

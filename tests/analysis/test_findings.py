@@ -12,7 +12,7 @@ from mavdem import Flight
 from mavdem.analysis.findings import Finding, disown_torque, findings_of, next_step, warnings_of
 from mavdem.analysis.residuals import Residuals
 from mavdem.condition.oscillation import Oscillation
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import (
     Because,
     BoundTest,
@@ -27,7 +27,7 @@ from mavdem.facts.assessment import (
 )
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
-from mavdem.facts.motors import InFlight
+from mavdem.facts.motors import InFlight, Trim
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.report.screen import parameter_reasons
 
@@ -157,7 +157,9 @@ CYCLE = Oscillation(
 )
 WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
 SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0)}
-UNEVEN = {"trim_share": (0.97, 0.97, 1.09, 0.97)}
+TWISTED = Fact(
+    Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, deviation=0.17, half=0.02
+)
 
 
 @pytest.mark.parametrize(
@@ -165,9 +167,13 @@ UNEVEN = {"trim_share": (0.97, 0.97, 1.09, 0.97)}
     [
         ({"alarms": (WEAK,)}, Override.MOTORS, "motor 1 (front right)"),
         ({"condition": of_vehicle(**SATURATED)}, Override.SATURATION, "motor 3 (front left)"),
-        ({"condition": of_vehicle(**UNEVEN)}, Override.TRIM, "motor 3 (front left)"),
+        ({"trim": TWISTED}, Override.TRIM, ""),
         ({"consistency": 0.7}, Override.DATA, ""),
-        ({"condition": of_vehicle(CYCLE, **SATURATED, **UNEVEN)}, Override.OSCILLATION, "roll"),
+        (
+            {"condition": of_vehicle(CYCLE, **SATURATED), "trim": TWISTED},
+            Override.OSCILLATION,
+            "roll",
+        ),
     ],
 )
 def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, subject):
@@ -188,13 +194,19 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
         assert dict(after.reason.figures) == {"because": because, "override": override}
 
 
-def test_a_motor_that_lost_thrust_is_said_with_its_first_alarm_and_its_largest():
+def test_what_a_motor_lost_is_said_with_its_own_time_and_its_end_and_what_lasts_first():
     worse = WEAK._replace(time=90.0, since=80.0, size=0.4, loss=(0.3, 0.5))
+    sound = WEAK._replace(time=95.0, since=94.0, size=0.0)
     other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
-    second, first = findings_of(alarms=(WEAK, worse, other, WEAK._replace(size=0.0))).overrides
-    assert (first.subject, first.time, first.figures["loss"]) == (WEAK.name, 66.4, (0.3, 0.5))
-    assert first.figures["because"].code is InFlight.MOTOR_LOST_THRUST
-    assert second.subject == other.name
+    first, second = findings_of(alarms=(WEAK, worse, other, sound)).overrides
+    assert (first.subject, first.level, first.until) == (other.name, Level.BAD, None)
+    assert (second.subject, second.level) == (WEAK.name, Level.WATCH)
+    assert (second.time, second.until, second.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
+    assert second.figures["because"].code is InFlight.MOTOR_LOST_THRUST
+    # Weak again, by less: that is what lasts.
+    again = WEAK._replace(time=120.0, since=119.0)
+    [last] = findings_of(alarms=(worse, sound, again)).overrides
+    assert (last.level, last.time) == (Level.BAD, 119.0)
 
 
 @pytest.mark.parametrize(

@@ -203,6 +203,8 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     np.testing.assert_allclose(power["current_battery"], 1525)
     np.testing.assert_allclose(shaking["vibration_z"], 3.5)
     np.testing.assert_array_equal(shaking["clipping_0"], range(5))
+    np.testing.assert_array_equal(shaking["clipping_1"], range(7, 12))
+    np.testing.assert_allclose(shaking["levels"], [[1.5, 2.5, 3.5, 1.5, 2.5, 4.5]] * 5)
     # with a fix
     np.testing.assert_allclose(clock["time_unix_usec"] / 1e6, moment.timestamp() + np.arange(1, 5))
 

@@ -75,6 +75,7 @@ def stamped(logged: Columns, fields: Mapping[str, NDArray[Any]]) -> Columns:
 
 BATTERIES = ("BAT", "CURR")
 LEVELS = ("VibeX", "VibeY", "VibeZ")
+MAX_IMUS = 3  # As many have a counter of clips in VIBRATION
 # UNIX s at which GPS time began, and seconds of a week
 GPS_EPOCH = 315964800
 WEEK = 604800
@@ -103,22 +104,26 @@ def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
 
 
 def vibration(tables: Mapping[str, Columns]) -> Columns | None:
-    """Returns VIBRATION of the first IMU: the standard deviation of the acceleration along each axis, m/s²."""
+    """Returns VIBRATION: standard deviations of the first IMU's acceleration, m/s², and of all as ``levels`` (N, 3 k).
+
+    IMUs that were logged a sample longer than others are cut.
+    """
     logged = having(tables, "VIBE", LEVELS)
     if logged is None:
         return None
-    logged = instance(logged, "IMU", 0) or logged
-    clips = next(
-        (logged[name] for name in ("Clip", "Clip0") if name in logged),
-        np.zeros(len(logged["time"])),
-    )
-    levels = zip(
-        ("vibration_x", "vibration_y", "vibration_z"), values(logged, LEVELS).T, strict=True
-    )
-    none = np.zeros(len(logged["time"]))
-    return stamped(
-        logged, {**dict(levels), "clipping_0": clips, "clipping_1": none, "clipping_2": none}
-    )
+    numbers = range(MAX_IMUS if "IMU" in logged else 1)
+    each = [one for number in numbers if (one := instance(logged, "IMU", number)) is not None]
+    least = min(map(count, each))
+    imus = [selected(one, np.arange(least)) for one in each]
+    clips = [np.zeros(least)] * MAX_IMUS
+    if "Clip" in logged:
+        clips[: len(imus)] = [one["Clip"] for one in imus]
+    elif "Clip0" in logged:
+        clips = [imus[0].get(f"Clip{number}", clips[number]) for number in range(MAX_IMUS)]
+    levels = np.column_stack([values(one, LEVELS) for one in imus])
+    axes = zip(("vibration_x", "vibration_y", "vibration_z"), levels.T, strict=False)
+    by_imu = {f"clipping_{number}": column for number, column in enumerate(clips)}
+    return stamped(imus[0], {**dict(axes), **by_imu, "levels": levels})
 
 
 OLD_AXES = {"Rll": "R", "Pit": "P", "Yaw": "Y"}

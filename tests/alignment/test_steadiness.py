@@ -1,0 +1,35 @@
+"""Steady flight: neither where the nose turns nor where the attitude strays from its setpoint."""
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns
+
+from mavdem.alignment.phases import total
+from mavdem.alignment.signals import Signals
+from mavdem.alignment.steadiness import steady
+from mavdem.ingest.vocabulary import attitude_target, quaternion
+
+HOVER = Hover(hovering=40.0)
+
+
+def steady_seconds(turn: float = 0.0, stray: float = 0.0) -> float:
+    """Of 40 s, for 5 s of which the nose turns by so many °/s, and for another 5 s roll strays so far, °."""
+    telemetry = HOVER.telemetry(attitude_time=20.0, motor_time=20.0)
+    time = telemetry.messages["ATTITUDE"]["time"]
+    yaw = (np.radians(turn) * np.clip(time - 20.0, 0.0, 5.0) + np.pi) % (2 * np.pi) - np.pi
+    roll = telemetry.messages["ATTITUDE"]["roll"] + np.radians(stray) * ((time >= 35) & (time < 40))
+    asked = quaternion(HOVER.roll(time), 0 * time, 0 * time)
+    telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, roll=roll)
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(q=asked)))
+    return total(steady(Signals(telemetry, inputs="motors"), 0))
+
+
+def test_a_turn_and_what_strays_are_not_steady():
+    whole = steady_seconds()
+    assert whole == pytest.approx(40.0, abs=3.0)
+    assert steady_seconds(turn=9.5) == whole
+    # and the second after it, over which headings are compared
+    assert whole - steady_seconds(turn=40.0) == pytest.approx(5.5, abs=0.5)
+    assert steady_seconds(stray=14.0) == whole
+    assert whole - steady_seconds(stray=16.0) == pytest.approx(5.0, abs=0.2)
+    assert steady_seconds(turn=180.0) == pytest.approx(whole - 6.0, abs=0.2)

@@ -1,0 +1,88 @@
+"""The light of the motors: the worst of what they lost, their limits, the pattern of their trim, and what is left."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hover import X_QUAD_PARAMETERS, Hover, log_of, with_pulses
+
+from mavdem.alignment.signals import Signals
+from mavdem.analysis.analysis import motor_alarms
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.motors import motors_light
+from mavdem.condition.condition import condition_of
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import InFlight, MotorsLight, Trim
+from mavdem.facts.session import Session
+
+HOVER = Hover(hovering=60.0)
+
+
+def evidence(pulses=lambda time: 0.0, **known):
+    """Of a hover in which the motors' pulses are so much more, µs: (4, N) or a number."""
+    telemetry = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    noise = np.random.default_rng(3).normal(scale=3.0, size=(4, len(time)))
+    flying = (time >= 6.0) & (time < HOVER.landed)
+    sent = np.where(flying, 1500.0 + noise + pulses(time), 1000.0)
+    signals = Signals(with_pulses(telemetry, sent), inputs="motors")
+    found = Evidence(
+        log_of(signals.telemetry),
+        signals,
+        None,
+        condition_of(signals),
+        motor_alarms(signals),
+        (None, None, None),
+        (),
+        None,
+        {},
+    )
+    return replace(found, **known)
+
+
+def weak(begin, end=np.inf):
+    """Motor 2 works a quarter harder from ``begin`` to ``end``, s."""
+    return lambda time: np.outer([0, 1, 0, 0], 125.0 * ((time > begin) & (time < end)))
+
+
+@pytest.mark.parametrize(
+    ("pulses", "code", "level"),
+    [
+        (lambda time: 0.0, MotorsLight.MOTORS_EVEN, Level.GOOD),
+        (lambda time: np.array([[80], [80], [-80], [-80]]), Trim.TRIM_OF_YAW, Level.WATCH),
+        (weak(40.0), InFlight.MOTOR_LOST_THRUST, Level.BAD),
+        (weak(30.0, 50.0), InFlight.MOTOR_LOST_THRUST, Level.WATCH),
+        (lambda time: 420.0, MotorsLight.HEADROOM_LITTLE, Level.WATCH),
+        (lambda time: 600.0 * (time % 10 < 0.8), MotorsLight.MOTOR_LIMITED, Level.BAD),
+        (lambda time: 600.0 * (time % 10 < 0.35), MotorsLight.HEADROOM_LITTLE, Level.WATCH),
+    ],
+)
+def test_the_worst_is_said(pulses, code, level):
+    found = motors_light(evidence(pulses))
+    assert (found.code, found.level) == (code, level)
+    if code is InFlight.MOTOR_LOST_THRUST:
+        assert found.subject == "motor 2 (rear left)"
+        ends = (found.time, found.until)
+        assert ends == ((40, None) if level is Level.BAD else (30, 50)) or np.allclose(
+            [end for end in ends if end], [40] if level is Level.BAD else [30, 50], atol=1.5
+        )
+
+
+def test_what_names_a_motor_before_its_balance_goes_first():
+    even = evidence()
+    named = Fact(Session.ALARM, Level.BAD, time=70.0, subject="motor 3 (front left)")
+    other = Fact(Session.ALARM, Level.BAD, time=70.0, subject="GPS")
+    assert motors_light(replace(even, events=(other, named))) == named
+    assert motors_light(replace(even, ending=named)) == named
+    # After control was lost the balance says nothing.
+    assert motors_light(evidence(weak(40.0))).level is Level.BAD
+    lost = other.but()
+    after = motors_light(evidence(weak(40.0), ending=Fact(lost.code, lost.level, time=30.0)))
+    assert after.code is not InFlight.MOTOR_LOST_THRUST and not after.subject
+
+
+def test_without_settled_flight_or_outputs_it_is_not_known():
+    flight = evidence()
+    bare = replace(flight, condition=replace(flight.condition, hover=None), alarms=())
+    found = motors_light(bare)
+    assert (found.code, found.level) == (MotorsLight.MOTORS_NOT_SEEN, Level.UNKNOWN)

@@ -1,0 +1,59 @@
+"""The light of vibration, by the limits of the autopilot, in flight only."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns
+
+from mavdem.alignment.signals import Signals
+from mavdem.assessment.vibration import ARDUPILOT, MANY_CLIPS, PX4, vibration_light
+from mavdem.facts import Level
+from mavdem.facts.vibration import VibrationLight
+
+HOVER = Hover()
+
+
+def light(levels, clips=0, autopilot="ARDUPILOTMEGA", **more):
+    """Of these levels in flight, and ten times as much on the ground; clips of the second IMU."""
+    telemetry = HOVER.telemetry(10.0, 10.0, autopilot=autopilot)
+    time = HOVER.stamps(5.0)
+    shaken = np.outer(np.where((time > 8) & (time < HOVER.landed), 1.0, 10.0), levels)
+    counts = np.where(time > 30.0, clips, 0)
+    none = 0 * time
+    fields = dict(zip(("vibration_x", "vibration_y", "vibration_z"), shaken.T, strict=False))
+    fields |= {"clipping_0": none, "clipping_1": counts, "clipping_2": none}
+    fields |= {"vibration_z": shaken[:, 0]} if autopilot == "PX4" else {}
+    known = columns(time, **fields, levels=shaken) if len(levels) != 3 else columns(time, **fields)
+    signals = Signals(changed(telemetry, "VIBRATION", **known), inputs="motors")
+    return vibration_light(SimpleNamespace(signals=signals))
+
+
+@pytest.mark.parametrize(("autopilot", "limits"), [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
+def test_the_limits_are_the_autopilot_s(autopilot, limits):
+    for share, level in ((0.99, Level.GOOD), (1.01, Level.WATCH)):
+        assert light([0.1, 0.1, limits.watch * share][::-1], autopilot=autopilot).level is level
+    for share, level in ((0.99, Level.WATCH), (1.01, Level.BAD)):
+        assert light([0.1, 0.1, limits.bad * share][::-1], autopilot=autopilot).level is level
+
+
+def test_the_worst_axis_of_the_worst_imu_is_named():
+    found = light([1, 2, 3, 4, 16, 5])
+    assert (found.subject, found.figures["axis"], found.level) == ("IMU 2", "y", Level.WATCH)
+    assert found.figures["vibration"] == pytest.approx(16)
+    assert light([1, 2], autopilot="PX4").subject == "IMU 2"
+
+
+def test_clips_are_counted():
+    assert light([1, 1, 1]).figures["clips"] == 0
+    assert light([1, 1, 1], clips=MANY_CLIPS).level is Level.WATCH
+    many = light([1, 1, 1], clips=MANY_CLIPS + 1)
+    assert (many.level, many.figures["clips"]) == (Level.BAD, MANY_CLIPS + 1)
+
+
+def test_without_the_message_it_is_not_known():
+    telemetry = HOVER.telemetry(10.0, 10.0)
+    found = vibration_light(SimpleNamespace(signals=Signals(telemetry, inputs="motors")))
+    assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, Level.UNKNOWN)
+    # Nor where zeros stand for it.
+    assert light([0, 0, 0]).code is VibrationLight.VIBRATION_UNKNOWN

@@ -1,0 +1,98 @@
+"""The trim of one flight is named by its pattern, or not at all."""
+
+import numpy as np
+import pytest
+
+from mavdem.alignment.drive import MotorGeometry
+from mavdem.facts import Level
+from mavdem.facts.motors import Trim
+from mavdem.health.balance import LEAST_SECONDS, BalanceFigures, motor_signatures
+from mavdem.health.trim import UNEVEN, trim_of
+from mavdem.ingest.motors import PlaceBasis
+
+ROOT = np.sqrt(0.5)
+HEXAGON = np.radians([90, -90, -30, 150, 30, -150])
+OCTAGON = np.radians(np.arange(22.5, 360, 45))
+FRAMES = {
+    4: ([(ROOT, ROOT), (-ROOT, -ROOT), (ROOT, -ROOT), (-ROOT, ROOT)], (1, 1, -1, -1)),
+    6: ([(np.cos(at), np.sin(at)) for at in HEXAGON], (-1, 1, -1, 1, 1, -1)),
+    8: ([(np.cos(at), np.sin(at)) for at in OCTAGON], (1, -1) * 4),
+}
+
+
+def layout(motors=4, spins=None):
+    places, usual = FRAMES[motors]
+    numbers = tuple(range(1, motors + 1))
+    return MotorGeometry(numbers, numbers, tuple(places), spins=usual if spins is None else spins)
+
+
+def flown(mean, lean=(0.0, 0.0), seconds=60.0, error=0.003):
+    """A balance that the lean has not moved in this flight, as far as it shows."""
+    steady = np.full(3, error), np.radians(lean), np.zeros((3, 2)), np.full((3, 2), 0.5)
+    return BalanceFigures(np.array(mean), *steady, seconds)
+
+
+@pytest.mark.parametrize(
+    ("mean", "code", "figures"),
+    [
+        ((0.01, 0.0, 0.16), Trim.TRIM_OF_YAW, {"share": 0.16}),
+        ((0.0, -0.01, -0.1), Trim.TRIM_OF_YAW, {"share": -0.1}),
+        ((0.0, -0.12, 0.0), Trim.TRIM_OF_CENTRE, {"share": 0.12, "place": "rear"}),
+        ((-0.1, 0.1, 0.01), Trim.TRIM_OF_CENTRE, {"share": 0.141, "place": "front right"}),
+        ((0.15, 0.01, 0.0), Trim.TRIM_OF_CENTRE, {"share": 0.15, "place": "left"}),
+        ((0.01, -0.06, 0.06), Trim.TRIM_OF_SEVERAL, {}),
+        ((0.01, -0.02, 0.03), Trim.TRIM_EVEN, {"deviation": 0.06}),
+    ],
+)
+def test_the_pattern_is_named(mean, code, figures):
+    found = trim_of(flown(mean), layout())
+    assert found.code is code and not found.subject
+    assert found.level is (Level.GOOD if code is Trim.TRIM_EVEN else Level.WATCH)
+    named = {name: found.figures[name] for name in figures}
+    assert named == {
+        name: value if isinstance(value, str) else pytest.approx(value, abs=0.005)
+        for name, value in figures.items()
+    }
+
+
+@pytest.mark.parametrize("motors", FRAMES)
+def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
+    """Of more than four motors neighbours help the weak one, and other causes are as likely."""
+    plan = layout(motors)
+    signatures = motor_signatures(motors, plan.positions, plan.spins).weak_motor[:, 1:]
+    for name, signature in zip(plan.names, 0.4 * signatures, strict=True):
+        found = trim_of(flown(signature), plan)
+        assert found.subject == (name if motors == 4 else "")
+        if found.subject:
+            assert found.code is Trim.TRIM_OF_ONE_MOTOR
+            assert found.figures["rise"][0] == pytest.approx(0.4, abs=0.05)
+        # Of a little, or in another ratio, none is.
+        assert not trim_of(flown(0.3 * signature), plan).subject
+        assert not trim_of(flown(signature * [1, 1, -0.3]), plan).subject
+
+
+def test_what_cannot_be_told_from_even_is_no_alarm():
+    half = 1.645 * 0.01
+    assert trim_of(flown((0, 0, UNEVEN + 0.99 * half), error=1e-2), layout()).level is Level.GOOD
+    sure = trim_of(flown((0, 0, UNEVEN + 1.1 * np.sqrt(3) * half), error=1e-2), layout())
+    assert sure.level is Level.WATCH
+    # Steady wind leans the vehicle, and asks for torque too.
+    assert trim_of(flown((0.0, 0.12, 0.0), lean=(0, -9)), layout()).code is Trim.TRIM_EVEN
+
+
+def test_nothing_is_said_of_little_flight_or_without_the_places():
+    twisted = (0.0, 0.0, 0.16)
+    assert trim_of(None, layout()).code is Trim.TRIM_UNKNOWN
+    short = trim_of(flown(twisted, seconds=LEAST_SECONDS - 0.1), layout())
+    assert (short.code, short.level) == (Trim.TRIM_UNKNOWN, Level.UNKNOWN)
+    assert trim_of(flown(twisted, seconds=LEAST_SECONDS), layout()).code is Trim.TRIM_OF_YAW
+    unknown = trim_of(flown((0.0, 0.0, np.nan)), layout(spins=()))
+    assert (unknown.code, unknown.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, Level.UNKNOWN)
+    assumed = MotorGeometry(
+        (1, 2, 3, 4),
+        (1, 2, 3, 4),
+        layout().positions,
+        places_by=PlaceBasis.X_QUAD,
+        spins=(1, 1, -1, -1),
+    )
+    assert trim_of(flown(twisted), assumed).figures["assumed"]
