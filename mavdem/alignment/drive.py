@@ -20,6 +20,7 @@ from mavdem.ingest.motors import (
     output_scale,
 )
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
+from mavdem.ingest.motors import place_name as place_name
 from mavdem.ingest.telemetry import Array, Columns, Telemetry
 
 FREQUENT_ENOUGH = 0.9

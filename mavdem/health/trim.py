@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mavdem.alignment.drive import MotorGeometry
+from mavdem.alignment.drive import MotorGeometry, place_name
 from mavdem.alignment.signals import Signals
 from mavdem.confidence import quantile
 from mavdem.facts import Fact, Level
@@ -26,7 +26,6 @@ from mavdem.health.balance import (
     lean_effects,
     motor_signatures,
 )
-from mavdem.ingest.motors import place_name
 
 UNEVEN = 0.08
 """Of a motor's command beyond the mean of all, surely: what health calls a fault's size."""
