@@ -163,7 +163,7 @@ def disarmed(telemetry: Telemetry) -> Telemetry:
 def with_texts(telemetry: Telemetry, *texts: bytes, severity: Sequence[int] = ()) -> Telemetry:
     """The telemetry with texts of the autopilot, one a second from 1 s on."""
     time = np.arange(1.0, len(texts) + 1)
-    fields = {"text": np.array(texts), "severity": np.array(severity)}
+    fields = {"text": np.array(texts), "severity": np.array(severity or [6] * len(texts))}
     return changed(telemetry, "STATUSTEXT", **columns(time, **fields))
 
 

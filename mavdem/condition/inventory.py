@@ -17,6 +17,7 @@ from mavdem.alignment.learnability import Learnability, learnability_of, slower_
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.condition.condition import Condition, condition_of
+from mavdem.condition.said import SEVERITIES, once, said, texts
 from mavdem.facts import Fact, Level
 from mavdem.facts.vehicle import Allowed, Basis
 from mavdem.ingest import Log
@@ -105,43 +106,26 @@ def _sent_number(telemetry: Telemetry) -> str:
 
 
 def _texts(telemetry: Telemetry) -> list[str]:
-    columns = telemetry.messages.get("STATUSTEXT", {})
-    return [
-        text.decode(errors="replace") if isinstance(text, bytes) else str(text)
-        for text in columns.get("text", np.array([])).tolist()
-    ]
-
-
-# of MAV_SEVERITY, the worst first
-SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
-# of ArduPilot before 3.4, which had severities of its own
-OLD_SCALE = {"GROUND START", "Initialising APM..."}
+    return [one.text for one in texts(telemetry)]
 
 
 def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
-    """Returns what the autopilot itself warned of, each text once: the worst first, then by ``time``, s since boot.
+    """Returns what the autopilot itself warned of, once where it repeats it: the worst first, then by ``time``.
 
-    With how often it came (``count``). Of STATUSTEXT, ERR in DataFlash and the logged messages of ULog.
+    That is s since boot. With how often it came (``count``). Of texts, and of ERR in DataFlash.
     """
-    texts = [text.strip() for text in _texts(telemetry)]
-    found = dict[tuple[int, str], dict[str, Any]]()
-    columns = telemetry.messages.get("STATUSTEXT", {})
-    if "severity" not in columns or not OLD_SCALE.isdisjoint(texts):
-        return []
-    sent = zip(
-        texts, *(columns[name].tolist() for name in ("severity", "time", "boot")), strict=True
-    )
-    for text, severity, time, boot in sent:
-        if severity < len(SEVERITIES):
-            new = {
-                "severity": SEVERITIES[severity],
-                "text": text,
-                "time": time,
-                "boot": boot,
-                "count": 0,
-            }
-            found.setdefault((severity, text), new)["count"] += 1
-    return [found[key] for key in sorted(found, key=lambda key: key[0])]
+    alarms = [
+        {
+            "severity": fact.figures.get("severity") or SEVERITIES[-1],
+            "text": fact.figures.get("text") or fact.sentence,
+            "time": fact.time,
+            "boot": fact.figures["boot"],
+            "count": fact.figures["count"],
+        }
+        for fact in once(said(telemetry))
+        if fact.level is not Level.GOOD
+    ]
+    return sorted(alarms, key=lambda alarm: SEVERITIES.index(alarm["severity"]))
 
 
 def _firmware(telemetry: Telemetry) -> str:

@@ -330,7 +330,7 @@ def translated(
             {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
         ),
         "EXTENDED_SYS_STATE": (
-            "",
+            "EV",
             dict(zip(("time", "boot", "landed_state"), landed, strict=True)),
         ),
     }
@@ -543,6 +543,9 @@ def _each_second(
         times = np.unique(logged["time"][rows_of_boot[boot]])
         _, first = np.unique(np.floor(times), return_index=True)
         time = np.union1d(times[first], own[:, 1])
+        if not undefined:
+            # twice: where the log stops until the next flight, a single row would be taken for damage
+            time = np.sort(np.append(time, own[:, 1]))
         last = np.searchsorted(own[:, 1], time, side="right") - 1
         state = np.where(last < 0, own[0, 2], own[np.maximum(last, 0), 3])
         if undefined:

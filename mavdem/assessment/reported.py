@@ -1,0 +1,209 @@
+"""Reported: what the autopilot reports of a whole log: its states, its words, and what its sensors lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment.align import Segment, recorded_parts
+from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, flying, of_boot, where
+from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
+from mavdem.condition.said import in_order, once, reason, said
+from mavdem.facts import Fact, Level
+from mavdem.facts.events import Reported
+from mavdem.facts.fact import Code
+from mavdem.ingest.telemetry import Columns
+from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND
+
+FIX_3D = 3  # of GPS_FIX_TYPE
+LEAST_BOARD_VOLTAGE = 4500.0
+"""mV below which the board may reset: ArduPilot warns below 4.3 V (BRD_VBUS_MIN) and PX4 refuses to arm below 4.5 V."""
+CHARGE_STATES = {2: Reported.BATTERY_WARNED, 3: Reported.BATTERY_ALARMED}
+"""Of MAV_BATTERY_CHARGE_STATE, and what is worse is critical too."""
+DETECTED = {
+    "fd_roll": (Reported.ATTITUDE_FAILED, "roll"),
+    "fd_pitch": (Reported.ATTITUDE_FAILED, "pitch"),
+    "fd_alt": (Reported.ALTITUDE_FAILED, ""),
+    "fd_motor": (Reported.MOTOR_FAILED, ""),
+    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, ""),
+}
+
+
+def reported_events(signals: Signals) -> tuple[Fact, ...]:
+    """Returns what the autopilot reports, in order of boot and time.
+
+    Each has its ``boot``, its ``basis``, the messages it rests on, and its ``height`` above where its flight began, m,
+    None where that is not known.
+    """
+    words = said(signals.telemetry)
+    found = []
+    for part in recorded_parts(signals):
+        own = [fact for make in STATES for fact in make(signals, part)]
+        faults = [fact for make in FAULTS for fact in make(signals, part)]
+        faults += [fact for fact in words if fact.figures["boot"] == part.boot]
+        found += [
+            fact.but(height=_height(signals, fact)) for fact in in_order([*own, *once(faults)])
+        ]
+    return tuple(found)
+
+
+def _height(signals: Signals, fact: Fact) -> float | None:
+    boot = fact.figures["boot"]
+    time = fact.time or 0.0
+    height = of_boot(signals.height, boot)
+    if height is None:
+        return None
+    begun = [start for start, _ in flying(signals, boot) if start <= time]
+    at, ground = np.interp([time, max(begun, default=-inf)], height.time, height.values)
+    return float(at - ground)
+
+
+def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:
+    state = of_boot(signals.armed, part.boot)
+    if state is None:
+        return
+    on = state.values > 0
+    for row in np.flatnonzero(np.diff(on, prepend=False)):
+        yield Fact(
+            Reported.MOTORS_ARMED if on[row] else Reported.MOTORS_DISARMED,
+            Level.GOOD,
+            time=state.time[row],
+            is_begun=row == 0,
+            boot=part.boot,
+            basis=(signals.telemetry.called("HEARTBEAT"),),
+        )
+
+
+def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Take-offs and landings: when the land detector says so or, where it says nothing, as the motors show them."""
+    boot = part.boot
+    landed = of_boot(signals.landed_state, boot)
+    reports = {Reported.OFF_GROUND: np.zeros(0), Reported.ON_GROUND: np.zeros(0)}
+    if landed is not None:
+        defined = landed.values > 0
+        in_air = np.isin(landed.values[defined], OFF_GROUND)
+        changes = np.diff(in_air, prepend=in_air[:1])
+        time = landed.time[defined]
+        reports = {
+            Reported.OFF_GROUND: time[changes & in_air],
+            Reported.ON_GROUND: time[changes & ~in_air],
+        }
+    by_motors = "" if signals.motors is None else signals.motors.message
+    for flight in flying(signals, boot):
+        for (code, times), end in zip(reports.items(), flight, strict=True):
+            if not isfinite(end):
+                continue
+            near = times[np.abs(times - end) <= AVERAGING_SECONDS]
+            source = "EXTENDED_SYS_STATE" if len(near) else by_motors
+            yield Fact(
+                code,
+                Level.GOOD,
+                time=min(near, key=lambda time: abs(time - end), default=end),
+                boot=boot,
+                basis=(signals.telemetry.called(source),),
+            )
+
+
+def _modes(signals: Signals, part: Segment) -> Iterator[Fact]:
+    columns = signals.telemetry.messages.get("CURRENT_MODE", {})
+    causes = {}
+    if "Rsn" in columns:
+        here = columns["boot"] == part.boot
+        causes = dict(zip(*(columns[name][here].tolist() for name in ("time", "Rsn")), strict=True))
+    for time, mode in signals.modes(part.boot):
+        cause, level = reason(causes.get(time))
+        yield Fact(
+            Reported.MODE_CHANGED,
+            level,
+            time=time,
+            subject=mode,
+            cause=cause,
+            boot=part.boot,
+            basis=(signals.telemetry.called("CURRENT_MODE" if columns else "HEARTBEAT"),),
+        )
+
+
+def _failsafes(signals: Signals, part: Segment) -> Iterator[Fact]:
+    columns = signals.heartbeats or {}
+    if "system_status" in columns:
+        critical = columns["system_status"] >= CRITICAL
+        yield from _lasting(signals, part, "HEARTBEAT", columns, critical, Reported.FAILSAFE)
+
+
+def _detected(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """What PX4's failure detector found."""
+    name = "failure_detector_status"
+    columns = signals.telemetry.messages.get(name, {})
+    for field, (code, subject) in DETECTED.items():
+        if field in columns:
+            failed = columns[field] > 0
+            yield from _lasting(signals, part, name, columns, failed, code, Level.BAD, subject)
+
+
+def _lanes(signals: Signals, part: Segment) -> Iterator[Fact]:
+    columns = signals.telemetry.messages.get("estimator_selector_status")
+    if columns is None:
+        return
+    here = columns["boot"] == part.boot
+    lanes = columns["primary_instance"][here]
+    for row in 1 + np.flatnonzero(np.diff(lanes)):
+        yield Fact(
+            Reported.ESTIMATOR_SWITCHED,
+            Level.WATCH,
+            time=columns["time"][here][row],
+            subject=f"lane {int(lanes[row])}",
+            boot=part.boot,
+            basis=(signals.telemetry.called("estimator_selector_status"),),
+        )
+
+
+def _losses(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """GPS without a fix after it had one, a remote control that is lost, and a supply or a battery that is low."""
+    messages = signals.telemetry.messages
+    if "fix_type" in (columns := messages.get("GPS_RAW_INT", {})):
+        fixed = columns["fix_type"] >= FIX_3D
+        lost = np.logical_or.accumulate(fixed) & ~fixed
+        yield from _lasting(signals, part, "GPS_RAW_INT", columns, lost, Reported.GPS_LOST)
+    if columns := messages.get("input_rc", {}):
+        lost = columns["rc_lost"] > 0
+        yield from _lasting(signals, part, "input_rc", columns, lost, Reported.RADIO_LOST)
+    if columns := messages.get("POWER_STATUS", {}):
+        low = (columns["Vcc"] > 0) & (columns["Vcc"] < LEAST_BOARD_VOLTAGE)
+        yield from _lasting(signals, part, "POWER_STATUS", columns, low, Reported.BOARD_VOLTAGE_LOW)
+    for name in BATTERY_MESSAGES:
+        if "charge_state" in (columns := messages.get(name, {})):
+            state = np.minimum(columns["charge_state"], max(CHARGE_STATES))
+            for number, code in CHARGE_STATES.items():
+                yield from _lasting(signals, part, name, columns, state == number, code)
+
+
+def _lasting(
+    signals: Signals,
+    part: Segment,
+    name: str,
+    columns: Columns,
+    true: NDArray[np.bool_],
+    code: Code,
+    level: Level = Level.WATCH,
+    subject: str = "",
+) -> Iterator[Fact]:
+    """A fact for each time for which it was ``true`` (N,) of a message while armed."""
+    here = columns["boot"] == part.boot
+    inside = both(armed(signals, part.boot), [(part.start, part.end)])
+    for start, end in both(where(columns["time"][here], true[here]), inside):
+        yield Fact(
+            code,
+            level,
+            time=start,
+            until=end,
+            subject=subject,
+            boot=part.boot,
+            basis=(signals.telemetry.called(name),),
+        )
+
+
+STATES = (_arming, _in_the_air, _modes)
+FAULTS = (_failsafes, _detected, _lanes, _losses)

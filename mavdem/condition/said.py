@@ -1,0 +1,189 @@
+"""Said: what the autopilot itself reports in words, errors and events, each a fact.
+
+Words are MAVLink's STATUSTEXT, DataFlash's MSG and ULog's logged messages; errors and events are DataFlash's ERR and
+EV. ``said.toml`` has what each means.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Iterator
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+from mavdem.facts import Fact, Level
+from mavdem.facts.events import Reported
+from mavdem.ingest.telemetry import Telemetry
+
+_SAID = tomllib.loads((files("mavdem.condition") / "said.toml").read_text("utf-8"))
+PATTERNS = [(re.compile(pattern, re.IGNORECASE), *meant) for pattern, *meant in _SAID["texts"]]
+SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
+"""MAV_SEVERITY of what warns, the worst first."""
+OLD_SCALE = {"GROUND START", "Initialising APM..."}
+"""What ArduPilot before 3.4 says, whose severities had a scale of their own."""
+PRIMARY_FILTER = 24  # Subsystem of ERR whose code is a lane, also 0
+AGAIN_SECONDS = 30.0
+"""s after which what is said again is another event: autopilots repeat a standing warning every 5 to 30 s."""
+
+
+class Text(NamedTuple):
+    """A text of the autopilot at ``time``, s of a ``boot``, with its MAV_SEVERITY; 255 where that is not known."""
+
+    time: float
+    boot: int
+    severity: int
+    text: str
+
+
+def texts(telemetry: Telemetry) -> list[Text]:
+    """Returns all texts of the autopilot, in the order of the stream, those in chunks as one."""
+    columns = telemetry.messages.get("STATUSTEXT", {})
+    if "text" not in columns:
+        return []
+    none = [0] * len(columns["time"])
+    fields = [
+        columns[name].tolist() if name in columns else none
+        for name in ("time", "boot", "severity", "id", "chunk_seq", "text")
+    ]
+    found: list[Text] = []
+    begun = dict[int, int]()
+    for time, boot, severity, number, chunk, raw in zip(*fields, strict=True):
+        text = raw.decode(errors="replace") if isinstance(raw, bytes) else raw
+        if number and chunk and number in begun:
+            before = found[begun[number]]
+            found[begun[number]] = before._replace(text=before.text + text)
+        else:
+            begun[number] = len(found)
+            found.append(Text(time, boot, severity, text))
+    return [one._replace(text=one.text.strip()) for one in found]
+
+
+def said(telemetry: Telemetry) -> list[Fact]:
+    """Returns what the autopilot says went wrong.
+
+    Each has ``boot``, ``basis`` (the messages it rests on) and, where it is of a text, ``text`` and the word of its
+    ``severity``.
+    """
+    return [*_of_texts(telemetry), *_of_errors(telemetry), *_of_events(telemetry)]
+
+
+def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
+    known = texts(telemetry)
+    is_old = not OLD_SCALE.isdisjoint(one.text for one in known)
+    for one in known:
+        warns = one.severity < len(SEVERITIES) and not is_old
+        fact = _meant(one, warns)
+        if fact is not None:
+            yield fact.but(
+                boot=one.boot,
+                basis=(telemetry.called("STATUSTEXT"),),
+                severity=SEVERITIES[one.severity] if warns else None,
+            )
+
+
+def _meant(one: Text, warns: bool) -> Fact | None:
+    """What a text means; None where something is over, or where no pattern knows it and it ``warns`` of nothing."""
+    for pattern, code, level in PATTERNS:
+        if found := pattern.search(one.text):
+            if not code:
+                return None
+            groups = found.groupdict()
+            subject = groups.get("subject") or next(
+                (f"{name} {groups[name]}" for name in ("motor", "lane") if groups.get(name)), ""
+            )
+            text = groups.get("text", one.text)
+            return Fact(
+                Reported(code), Level(level), time=one.time, subject=subject.lower(), text=text
+            )
+    said = Fact(Reported.AUTOPILOT_SAID, Level.WATCH, time=one.time, text=one.text)
+    return said if warns else None
+
+
+def _of_errors(telemetry: Telemetry) -> Iterator[Fact]:
+    """ERR, each until its ECode is 0."""
+    rows = list(_rows(telemetry, "ERR", "Subsys", "ECode"))
+    for time, boot, number, code in rows:
+        has_lane = number == PRIMARY_FILTER
+        if code == 0 and not has_lane:
+            continue
+        name, *meant = next(iter(_SAID["subsystems"][number - 1 : number]), [str(number)])
+        ends = [ended for ended, *of in rows if of == [boot, number, 0] and ended > time]
+        subject = f"lane {code}" if has_lane else name
+        yield Fact(
+            Reported(meant[0]) if meant else Reported.AUTOPILOT_ERROR,
+            Level(meant[1]) if meant else Level.WATCH,
+            time=time,
+            until=min(ends) if ends and not has_lane else None,
+            subject="" if meant and not has_lane else subject,
+            error_code=code,
+            boot=boot,
+            basis=("ERR",),
+            severity=SEVERITIES[3],
+        )
+
+
+def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
+    for time, boot, number in _rows(telemetry, "EV", "Id"):
+        if meant := _SAID["events"].get(str(number)):
+            code, level = meant
+            yield Fact(Reported(code), Level(level), time=time, boot=boot, basis=("EV",))
+
+
+def reason(number: float | None) -> tuple[str, Level]:
+    """Returns why ArduPilot changed its mode, by the number that it logs, in a word; empty where that is not known."""
+    known = _SAID["reasons"][int(number) :][:1] if number else []
+    cause, level = next(iter(known), ("", Level.GOOD))
+    return cause, Level(level)
+
+
+def _rows(telemetry: Telemetry, message: str, *fields: str) -> Iterator[Any]:
+    """Time, boot and fields of each message of DataFlash's own; none where the log is another."""
+    columns = telemetry.messages.get(message)
+    if columns is not None:
+        yield from zip(*(columns[name].tolist() for name in ("time", "boot", *fields)), strict=True)
+
+
+def in_order(facts: Iterable[Fact]) -> list[Fact]:
+    """Returns the facts by boot and time."""
+    return sorted(facts, key=lambda fact: (fact.figures["boot"], fact.time))
+
+
+def once(facts: Iterable[Fact]) -> list[Fact]:
+    """Returns facts in order, those that say the same again soon as one, with its ``count`` and until when."""
+    kept: list[Fact] = []
+    for fact in in_order(facts):
+        at = next((at for at in range(len(kept))[::-1] if _is_again(kept[at], fact)), None)
+        if at is None:
+            kept.append(fact.but(count=1))
+        else:
+            kept[at] = _joined(kept[at], fact)
+    return kept
+
+
+def _last(fact: Fact) -> float:
+    return max(each for each in (fact.time, fact.until) if each is not None)
+
+
+def _is_again(first: Fact, fact: Fact) -> bool:
+    alike = first.code is fact.code and first.figures["boot"] == fact.figures["boot"]
+    one_subject = first.subject == fact.subject or not (first.subject and fact.subject)
+    texts_of = {each.figures.get("text") for each in (first, fact)}
+    by_text = fact.code in (Reported.AUTOPILOT_SAID, Reported.ARMING_REFUSED)
+    soon = (fact.time or 0.0) - _last(first) <= AGAIN_SECONDS
+    return alike and one_subject and soon and (len(texts_of) == 1 or not by_text)
+
+
+def _joined(first: Fact, fact: Fact) -> Fact:
+    """The first, with what the next of its kind adds."""
+    last = max(_last(first), _last(fact))
+    basis = dict.fromkeys((*first.figures["basis"], *fact.figures["basis"]))
+    added = {"basis": tuple(basis), "count": first.figures["count"] + 1}
+    return Fact(
+        first.code,
+        first.level,
+        time=first.time,
+        until=None if last == first.time else last,
+        subject=first.subject or fact.subject,
+        **{**fact.figures, **first.figures, **added},
+    )

@@ -1,0 +1,214 @@
+"""What the autopilot reports, as facts: by made-up streams, and by recorded flights as pymavlink reads them."""
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns, with_texts
+from recorded_flights import recorded
+
+from mavdem.alignment.signals import Signals
+from mavdem.assessment.reported import LEAST_BOARD_VOLTAGE, reported_events
+from mavdem.condition.said import AGAIN_SECONDS, once, said
+from mavdem.facts import Level
+from mavdem.facts.events import Reported
+from mavdem.ingest.vocabulary import NO_SEVERITY
+
+HOVER = Hover()
+FLOWN = HOVER.telemetry(10.0, 10.0)
+CLIMB = -FLOWN.messages["LOCAL_POSITION_NED"]["vz"]
+FLOWN = changed(FLOWN, "LOCAL_POSITION_NED", z=-np.cumsum(CLIMB) / 10.0)
+
+
+def events(telemetry, *codes):
+    """The events of these codes."""
+    return [fact for fact in reported_events(Signals(telemetry)) if fact.code in codes]
+
+
+TEXTS = {
+    "PreArm: Need Position Estimate": (Reported.ARMING_REFUSED, "good", ""),
+    "[health_and_arming_checks] Preflight Fail: Attitude failure (roll)": (
+        Reported.ATTITUDE_FAILED,
+        "bad",
+        "roll",
+    ),
+    "Preflight Fail: horizontal position unstable": (Reported.ARMING_REFUSED, "good", ""),
+    "Potential Thrust Loss (6)": (Reported.THRUST_LOST, "bad", "motor 6"),
+    "Motor failure detected": (Reported.MOTOR_FAILED, "bad", ""),
+    "Yaw Imbalance 98%": (Reported.YAW_IMBALANCED, "watch", ""),
+    "Vibration compensation ON": (Reported.VIBRATION_COMPENSATED, "watch", ""),
+    "Altitude failure": (Reported.ALTITUDE_FAILED, "bad", ""),
+    "Crash: Disarming: AngErr=75>30, Accel=1.2<3.0": (Reported.CRASH_DETECTED, "bad", ""),
+    "Parachute: Released": (Reported.PARACHUTE_RELEASED, "bad", ""),
+    "Critical failure detected: terminating flight": (Reported.FLIGHT_TERMINATED, "bad", ""),
+    "Kill-switch engaged": (Reported.MOTORS_STOPPED, "watch", ""),
+    "EKF3 lane switch 1": (Reported.ESTIMATOR_SWITCHED, "watch", "lane 1"),
+    "EKF variance": (Reported.ESTIMATOR_DIVERGED, "watch", ""),
+    "EKF3 IMU0 emergency yaw reset": (Reported.ESTIMATOR_RESET, "watch", ""),
+    "GPS Glitch": (Reported.GPS_GLITCHED, "watch", ""),
+    "GPS fix lost": (Reported.GPS_LOST, "watch", ""),
+    "Accel #0 fail:  TIMEOUT!": (Reported.SENSOR_FAILED, "watch", "accel"),
+    "Radio Failsafe": (Reported.RADIO_LOST, "watch", ""),
+    "GCS Failsafe": (Reported.GROUND_STATION_LOST, "watch", ""),
+    "Battery 1 is low 10.50V used 1500 mAh": (Reported.BATTERY_WARNED, "watch", ""),
+    "Battery 1 is critical 10.1V": (Reported.BATTERY_ALARMED, "watch", ""),
+    "Fence Breached": (Reported.FENCE_BREACHED, "watch", ""),
+    "Failsafe activated": (Reported.FAILSAFE, "watch", ""),
+}
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_a_text_says_what_happened(text):
+    (fact,) = said(with_texts(FLOWN, text.encode(), severity=(NO_SEVERITY,)))
+    assert (fact.code, fact.level, fact.subject) == TEXTS[text]
+    assert fact.time == 1.0 and fact.figures["basis"] == ("STATUSTEXT",)
+
+
+def test_a_warning_that_nobody_knows_is_quoted_and_what_is_no_warning_is_not():
+    telemetry = with_texts(FLOWN, b"Toilet seat up", b"EKF3 active", severity=(4, 6))
+    (fact,) = said(telemetry)
+    assert (fact.code, fact.figures["text"]) == (Reported.AUTOPILOT_SAID, "Toilet seat up")
+    assert fact.figures["severity"] == "warning"
+    assert not said(with_texts(FLOWN, b"Radio Failsafe Cleared", severity=(4,)))
+    # Severities had another scale.
+    assert not said(with_texts(FLOWN, b"GROUND START", b"ARMING MOTORS", severity=(1, 3)))
+
+
+def test_a_text_in_chunks_is_one():
+    telemetry = with_texts(FLOWN, b"Potential Thr", b"other", b"ust Loss (2)", severity=(2, 6, 2))
+    telemetry = changed(
+        telemetry, "STATUSTEXT", id=np.array([7, 0, 7]), chunk_seq=np.array([0, 0, 1])
+    )
+    (fact,) = said(telemetry)
+    assert (fact.code, fact.subject, fact.time) == (Reported.THRUST_LOST, "motor 2", 1.0)
+
+
+def test_what_is_said_again_soon_is_once_with_its_count_and_span():
+    times = np.array([1.0, 1.0 + AGAIN_SECONDS, 1.1 + 2 * AGAIN_SECONDS])
+    fields = {"text": np.array([b"GPS Glitch"] * 3), "severity": np.full(3, 4)}
+    found = once(said(changed(FLOWN, "STATUSTEXT", **columns(times, **fields))))
+    spans = [(fact.time, fact.until, fact.figures["count"]) for fact in found]
+    assert spans == [(1.0, 1.0 + AGAIN_SECONDS, 2), (times[2], None, 1)]
+
+
+def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
+    rows = columns(
+        np.array([30.0, 31.0, 34.0, 40.0, 50.0]),
+        Subsys=np.array([16, 5, 5, 13, 24]),
+        ECode=np.array([2, 1, 0, 2, 0]),
+    )
+    told = columns(np.array([45.0]), Id=np.array([51]))
+    telemetry = changed(changed(FLOWN, "ERR", **rows), "EV", **told)
+    found = once(said(telemetry))
+    assert [(fact.code, fact.time, fact.until) for fact in found] == [
+        (Reported.ESTIMATOR_DIVERGED, 30.0, None),
+        (Reported.RADIO_LOST, 31.0, 34.0),
+        (Reported.AUTOPILOT_ERROR, 40.0, None),
+        (Reported.PARACHUTE_RELEASED, 45.0, None),
+        (Reported.ESTIMATOR_SWITCHED, 50.0, None),
+    ]
+    assert found[2].subject == "flip" and found[2].figures["error_code"] == 2
+    assert found[4].subject == "lane 0"
+
+
+def test_arming_take_off_and_landing_have_time_and_height():
+    codes = (
+        Reported.MOTORS_ARMED,
+        Reported.OFF_GROUND,
+        Reported.ON_GROUND,
+        Reported.MOTORS_DISARMED,
+    )
+    found = events(FLOWN, *codes)
+    assert [fact.code for fact in found] == list(codes)
+    times = [5.0, 6.0, HOVER.landed, HOVER.landed + 1.0]
+    assert [fact.time for fact in found] == pytest.approx(times, abs=1.1)
+    assert found[1].figures["basis"] == ("SERVO_OUTPUT_RAW",)
+    landed = columns(np.array([0.0, 5.0, 6.2, 70.0, 75.0]), landed_state=np.array([1, 1, 2, 2, 1]))
+    time = np.arange(0.0, 70.0, 0.5)
+    position = columns(time, z=-time, vz=-np.ones(len(time)))
+    telemetry = changed(
+        changed(FLOWN, "EXTENDED_SYS_STATE", **landed), "LOCAL_POSITION_NED", **position
+    )
+    up, _ = events(telemetry, Reported.OFF_GROUND, Reported.ON_GROUND)
+    assert (up.time, up.figures["basis"]) == (6.2, ("EXTENDED_SYS_STATE",))
+    armed, disarmed = events(telemetry, Reported.MOTORS_ARMED, Reported.MOTORS_DISARMED)
+    assert not armed.figures["is_begun"] and disarmed.figures["height"] > 50
+
+
+def test_a_mode_has_its_cause():
+    modes = columns(
+        np.array([5.0, 20.0, 30.0]), custom_mode=np.array([5.0, 6.0, 9.0]), Rsn=np.array([1, 3, 17])
+    )
+    found = events(changed(FLOWN, "CURRENT_MODE", **modes), Reported.MODE_CHANGED)
+    assert [(fact.subject, fact.figures["cause"], fact.level) for fact in found] == [
+        ("Loiter", "pilot", Level.GOOD),
+        ("RTL", "radio failsafe", Level.WATCH),
+        ("Land", "termination", Level.BAD),
+    ]
+
+
+TIMES = np.arange(0.0, 76.0)
+LOST = (TIMES >= 20.0) & (TIMES <= 24.0)
+STATES = {
+    "GPS_RAW_INT": ("fix_type", 3, 1, Reported.GPS_LOST),
+    "input_rc": ("rc_lost", 0, 1, Reported.RADIO_LOST),
+    "POWER_STATUS": (
+        "Vcc",
+        LEAST_BOARD_VOLTAGE,
+        LEAST_BOARD_VOLTAGE - 1,
+        Reported.BOARD_VOLTAGE_LOW,
+    ),
+    "SYS_STATUS": ("charge_state", 1, 2, Reported.BATTERY_WARNED),
+    "BATTERY_STATUS": ("charge_state", 1, 4, Reported.BATTERY_ALARMED),
+}
+DETECTED = {
+    "fd_pitch": (Reported.ATTITUDE_FAILED, "pitch"),
+    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, ""),
+}
+
+
+@pytest.mark.parametrize("message", STATES)
+def test_what_is_lost_or_low_while_armed_has_its_span(message):
+    field, sound, bad, code = STATES[message]
+    telemetry = changed(FLOWN, message, **columns(TIMES, **{field: np.where(LOST, bad, sound)}))
+    (fact,) = events(telemetry, code)
+    assert (fact.time, fact.until, fact.level) == (20.0, 24.0, Level.WATCH)
+    on_ground = columns(TIMES, **{field: np.where(TIMES < 4.0, bad, sound)})
+    assert not events(changed(FLOWN, message, **on_ground), code)
+
+
+@pytest.mark.parametrize("field", DETECTED)
+def test_what_the_failure_detector_found_is_bad(field):
+    detected = columns(TIMES, **{field: LOST})
+    found = reported_events(Signals(changed(FLOWN, "failure_detector_status", **detected)))
+    (fact,) = (fact for fact in found if fact.level is Level.BAD)
+    assert (fact.code, fact.subject) == DETECTED[field]
+
+
+def test_a_failsafe_and_a_lane_are_states_too():
+    beats = FLOWN.messages["HEARTBEAT"]["time"]
+    critical = np.where((beats > 30) & (beats < 40), 5, 4)
+    telemetry = changed(FLOWN, "HEARTBEAT", system_status=critical)
+    (fact,) = events(telemetry, Reported.FAILSAFE)
+    assert (fact.time, fact.until) == (31.0, 39.0)
+    lanes = columns(TIMES, primary_instance=np.where(LOST, 1, 0))
+    found = events(
+        changed(FLOWN, "estimator_selector_status", **lanes), Reported.ESTIMATOR_SWITCHED
+    )
+    assert [(fact.time, fact.subject) for fact in found] == [(20.0, "lane 1"), (25.0, "lane 0")]
+
+
+# As pymavlink and pyulog read them.
+RECORDED = {
+    "crash_errors_without_time.BIN": (203.69, Reported.CRASH_DETECTED, ""),
+    "sitl_hexa_plus_motor6_lost.bin": (76.99, Reported.THRUST_LOST, "motor 6"),
+    "sitl_quad_x_motor1_lost.bin": (73.53, Reported.THRUST_LOST, "motor 1"),
+    "px4_crash_hovers_at_12_percent.ulg": (114.98, Reported.ATTITUDE_FAILED, "roll"),
+    "no_fault_while_yawing.BIN": None,
+}
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_recorded_flights_say_what_went_wrong(name):
+    found = reported_events(Signals(recorded(f"real/logs/{name}")))
+    bad = [fact for fact in found if fact.level is Level.BAD]
+    told = [(round(fact.time, 2), fact.code, fact.subject) for fact in bad]
+    assert told == [RECORDED[name]] * (RECORDED[name] is not None)
