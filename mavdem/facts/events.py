@@ -31,7 +31,7 @@ class Reported(Code):
     ESTIMATOR_DIVERGED = auto()
     ESTIMATOR_SWITCHED = auto()
     ESTIMATOR_RESET = auto()
-    GPS_GLITCHED = auto()
+    GPS_JUMPED = auto()
     GPS_LOST = auto()
     SENSOR_FAILED = auto()
     # links, battery and others

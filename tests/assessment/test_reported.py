@@ -43,7 +43,7 @@ TEXTS = {
     "EKF3 lane switch 1": (Reported.ESTIMATOR_SWITCHED, "watch", "lane 1"),
     "EKF variance": (Reported.ESTIMATOR_DIVERGED, "watch", ""),
     "EKF3 IMU0 emergency yaw reset": (Reported.ESTIMATOR_RESET, "watch", ""),
-    "GPS Glitch": (Reported.GPS_GLITCHED, "watch", ""),
+    "GPS Glitch": (Reported.GPS_JUMPED, "watch", ""),
     "GPS fix lost": (Reported.GPS_LOST, "watch", ""),
     "Accel #0 fail:  TIMEOUT!": (Reported.SENSOR_FAILED, "watch", "accel"),
     "Radio Failsafe": (Reported.RADIO_LOST, "watch", ""),
