@@ -7,7 +7,6 @@ from math import hypot, inf, radians
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.condition import Condition
 from mavdem.facts import Fact, Level
-from mavdem.facts.identifiability import Status
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Telemetry
 
@@ -21,7 +20,7 @@ def wind_light(evidence: Evidence) -> Fact:
     wind, _, refusal = evidence.air
     if wind is None:
         return Fact(WindLight.WIND_NOT_KNOWN, because=refusal)
-    if wind.status["speed"] is Status.NOT_IDENTIFIABLE:
+    if not wind.sized:
         return Fact(WindLight.WIND_NOT_KNOWN, because=wind.reasons["speed"])
     low, high = wind.speed_interval
     share = _share_of_lean(evidence.condition, evidence.signals.telemetry)

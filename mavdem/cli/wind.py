@@ -52,7 +52,11 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
         cells = [
             [f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows
         ]
-        blocks += [Table([header, "Wind (m/s)", "From (°)"], cells)] if len(rows) > 1 else []
+        blocks += (
+            [Table([header, "Wind (m/s)", "From (°)"], cells)]
+            if wind.sized and len(rows) > 1
+            else []
+        )
     settings = drag.parameters(signals.telemetry.autopilot)
     numbers = settings | {
         "linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))

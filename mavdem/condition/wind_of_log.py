@@ -36,6 +36,11 @@ POSITION_JUMP = 1.0
 # m above the lowest height, without motors; s between velocities, and around a reset that are left out
 LOWEST_FLIGHT = 1.5
 LONGEST_STEP = 1.5
+STUCK_LEAN = np.radians(25.0)
+STUCK_METRES = 0.1
+STUCK_SECONDS = 5.0
+"""So far a free vehicle leans against a storm or to move off; simulated in steady wind, where position is held best, it
+stays within 0.1 m of where it was a second ago for 1.3 s at most. One that is caught or holds on to something stays."""
 # the wind, the autopilot's own estimate, and why there is no wind
 Air = tuple[WindVelocity | None, Signal | None, Fact | None]
 
@@ -107,6 +112,9 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
     if len(best) < 10:
         raise NotLearnable(Fact(NoWind.NO_FLIGHT_WITH_VELOCITY))
+    stuck = _longest_stuck(signals.position, best_boot, best)
+    if stuck >= STUCK_SECONDS:
+        raise NotLearnable(Fact(NoWind.STUCK, duration=stuck, lean=STUCK_LEAN))
     if np.ptp(best[:, 0]) > LONGEST_SECONDS:
         raise NotLearnable(Fact(NoWind.CLOCK_JUMPS))
     if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
@@ -115,6 +123,20 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     return replace(
         estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot
     )
+
+
+def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
+    """For how long, s, the vehicle leant by ``STUCK_LEAN`` or more of ``flown`` (N, 8) and stayed where it was."""
+    if position is None or not np.any(here := position.boot == boot):
+        return 0.0
+    time, roll, pitch = flown[:, :3].T
+    place = [
+        np.interp([time - 1.0, time], position.time[here], axis) for axis in position.values[here].T
+    ]
+    moved = np.linalg.norm(np.diff(place, axis=1)[:, 0], axis=0)
+    stuck = (np.arccos(np.cos(roll) * np.cos(pitch)) >= STUCK_LEAN) & (moved < STUCK_METRES)
+    ends = np.clip(phases.where(time, stuck), time[0], time[-1])
+    return float(max((end - start for start, end in ends), default=0.0))
 
 
 def air_of(signals: Signals) -> Air:

@@ -44,6 +44,7 @@ CHANGED = 1.0
 # relative sd of the drag that is reported; share of the prior's that is biased
 DRAG_ERROR = 0.18
 DRAG_LEFT = 0.8
+COURSES = ("time", "velocity", "band", "minutes", "profile")
 POINTS = (
     "N",
     "NNE",
@@ -70,7 +71,7 @@ class WindVelocity:
 
     Attributes:
         speed: of the mean wind vector, m/s.
-        speed_interval: ends of its 90 % interval.
+        speed_interval: ends of its 90 % interval, the lower one 0 where still air is likely, too.
         direction: where it comes from, degrees from the north of the yaw, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
         gust: the strongest mean of ``gust_seconds``, m/s: of 3 s, or of a step where steps are longer.
@@ -105,6 +106,11 @@ class WindVelocity:
     boot: int = 0
 
     @property
+    def sized(self) -> bool:
+        """Whether the speed is identifiable."""
+        return self.status["speed"] != Status.NOT_IDENTIFIABLE
+
+    @property
     def directed(self) -> bool:
         """Whether the direction means something: it is identifiable, and the air is not still."""
         return not self.calm and self.status["direction"] != Status.NOT_IDENTIFIABLE
@@ -112,14 +118,28 @@ class WindVelocity:
     @property
     def calm(self) -> bool:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
-        return self.speed_interval[0] < min(CALM, self.speed_interval[1] / 3)
+        return not self.speed_interval[0]
 
     def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
+        """Returns plain JSON values; no speeds where the flight does not identify the wind's."""
         names = [name for name in self.__dataclass_fields__ if name != "along"]
         values = {name: getattr(self, name) for name in names} | {"calm": self.calm}
         values |= {name: values[name].round(4).tolist() for name in ("time", "velocity", "band")}
+        if not self.sized:
+            values |= dict.fromkeys(("speed", "gust")) | dict.fromkeys(COURSES, [])
         return values | {"drag": self.drag.as_dict()}
+
+
+def least_speed(low: float, high: float) -> float:
+    """Returns the lower end of an interval of speed, m/s: 0 where still air is likely, too."""
+    return 0.0 if low < min(CALM, high / 3) else low
+
+
+def speed_status(speed: float, low: float, high: float) -> Status:
+    """Returns whether a ``speed`` with this interval, m/s, is reported."""
+    if (high - low) / 2 <= max(SPEED_ERROR, SPEED_SHARE * speed):
+        return Status.REPORTED
+    return Status.BIASED if high <= SPEED_FACTOR * max(low, 0.3) else Status.NOT_IDENTIFIABLE
 
 
 def coming_from(north: float, east: float) -> float:
@@ -213,7 +233,7 @@ def estimate_wind(
     doubts = list(_doubts(speed, low, high, turned, sd, known, steered, prior.source))
     return WindVelocity(
         speed=speed,
-        speed_interval=(low, high),
+        speed_interval=(least_speed(low, high), high),
         direction=coming_from(*mean),
         direction_interval=turned,
         gust=float(np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid").max()),
@@ -297,12 +317,16 @@ def _doubts(
                 steered=steered,
             ),
         )
-    if (high - low) / 2 > max(SPEED_ERROR, SPEED_SHARE * speed):
-        roughly = high <= SPEED_FACTOR * max(low, 0.3)
+    if (status := speed_status(speed, low, high)) is not Status.REPORTED:
         doubt = Fact(
-            WindDoubt.SPEED_UNSURE, Level.WATCH, low=low, high=high, by_drag=sd > DRAG_ERROR
+            WindDoubt.SPEED_UNSURE,
+            Level.WATCH,
+            status=status,
+            low=least_speed(low, high),
+            high=high,
+            by_drag=sd > DRAG_ERROR,
         )
-        yield "speed", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt
+        yield "speed", status, doubt
     if turned > DIRECTION_ERROR:
         roughly = turned <= DIRECTION_LIMIT
         doubt = Fact(

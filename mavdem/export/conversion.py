@@ -90,7 +90,7 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
     NaN outside the flight whose wind it is; empty where a log has no wind in this boot.
     """
     wind, _, _ = air_of(signals)
-    if wind is None or wind.boot != boot:
+    if wind is None or not wind.sized or wind.boot != boot:
         return {}
     names = ("wind north", "wind east", "wind north band", "wind east band")
     parts = zip(map(column_name, names, 4 * ["m/s"]), (*wind.velocity.T, *wind.band.T), strict=True)

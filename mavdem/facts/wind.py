@@ -12,6 +12,7 @@ class NoWind(Code):
     NO_FLIGHT_WITH_VELOCITY = auto()
     CLOCK_JUMPS = auto()
     NOT_MEASURED = auto()
+    STUCK = auto()
 
 
 class WindDoubt(Code):

@@ -22,7 +22,7 @@ from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Prior, Reading
-from mavdem.fleet.row import DEMAND, NOT_IDENTIFIABLE, FlightRow
+from mavdem.fleet.row import DEMAND, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows, fault
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
@@ -127,7 +127,7 @@ def _rows_of_vehicle(
 def _wind(wind: WindVelocity) -> dict[str, Any]:
     drag = wind.drag
     columns = dict[str, Any]()
-    if wind.status["speed"] != NOT_IDENTIFIABLE:
+    if wind.sized:
         columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}
     if wind.directed:
         columns |= {

@@ -21,7 +21,14 @@ from mavdem.condition.wind_of_log import (
     VELOCITY_FLAGS,
     is_reset,
 )
-from mavdem.condition.wind_velocity import CALM, DIRECTION_LIMIT, HEADING_SD, by_compass, from_point
+from mavdem.condition.wind_velocity import (
+    DIRECTION_LIMIT,
+    HEADING_SD,
+    by_compass,
+    from_point,
+    least_speed,
+    speed_status,
+)
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
 from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
@@ -64,14 +71,16 @@ class WindRow(NamedTuple):
     def facts(self) -> tuple[Fact, ...]:
         """The speed, which is None where it may be calm, and where the wind comes from as far as that is known."""
         speed, low, high, origin, turned = self.by_compass
-        calm = low < min(CALM, high / 3)
+        status = speed_status(speed, low, high)
+        low = least_speed(low, high)
         strength = Fact(
             Session.WIND_SPEED,
             Level.GOOD,
-            speed=None if calm else speed,
+            speed=speed if low else None,
             speed_interval=(low, high),
+            status=status,
         )
-        if calm or turned > DIRECTION_LIMIT:
+        if not low or turned > DIRECTION_LIMIT:
             return (strength,)
         course = Fact(
             Session.WIND_FROM,

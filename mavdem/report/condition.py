@@ -10,7 +10,6 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import WindVelocity, coming_from, from_point
-from mavdem.facts.identifiability import Status
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.words import advised, says, section
@@ -106,12 +105,11 @@ def sender(component: dict[str, Any]) -> str:
 def wind_words(wind: WindVelocity) -> tuple[str, str, str]:
     """Returns the speed with its interval, where it comes from, and its gusts; empty where that is not known."""
     (low, high) = wind.speed_interval
-    known = wind.status["speed"] != Status.NOT_IDENTIFIABLE
-    speed = (
-        f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})"
-        if known
-        else f"{low:.1f} to {high:.1f} m/s"
-    )
+    speed = f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})"
+    if not wind.sized:
+        speed = "speed not identifiable"
+    elif wind.calm:
+        speed = f"below {high:.1f} m/s"
     origin = (
         f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°"
         if wind.directed
@@ -119,10 +117,10 @@ def wind_words(wind: WindVelocity) -> tuple[str, str, str]:
     )
     gusts = (
         f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s"
-        if known and not wind.calm
+        if wind.sized and not wind.calm
         else ""
     )
-    return f"below {high:.1f} m/s" if wind.calm else speed, origin, gusts
+    return speed, origin, gusts
 
 
 def wind_blocks(air: Air) -> list[Block]:
@@ -138,9 +136,8 @@ def wind_blocks(air: Air) -> list[Block]:
             mean = own.values[rows].mean(axis=0)
             estimate = {"size": float(np.hypot(*mean)), "origin": coming_from(*mean)}
     known = {"wind": wind, "own": estimate, "words": wind_words(wind), "from_point": from_point}
-    is_known = wind.status["speed"] != Status.NOT_IDENTIFIABLE
     reasons = (Sentence(str(why), f"{what.capitalize()}:") for what, why in wind.reasons.items())
-    return [*section("wind", **known, is_known=is_known), *reasons]
+    return [*section("wind", **known, is_known=wind.sized), *reasons]
 
 
 def explained_blocks(assessment: Assessment) -> list[Sentence]:

@@ -281,7 +281,7 @@ def _wind(
     pictures = list[Picture]()
     wind = (air or (None,))[0]
     blocks = [*([] if air is None else wind_blocks(air)), *said]
-    if wind is not None and wind.directed and whole:
+    if wind is not None and wind.directed and wind.sized and whole:
         told = "How often the wind came from where, by its estimated speed."
         pictures.append(Picture("Wind rose", told, partial(_rose, wind)))
     if timeline is not None and timeline.position is not None:

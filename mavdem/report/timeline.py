@@ -274,7 +274,7 @@ def _wind(air: Air | None, boot: int) -> Iterator[Row]:
     mean = wind.direction if wind.directed else 0.0
     speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
     courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
-    for part, (title, unit, line, width) in enumerate(courses[: 1 + wind.directed]):
+    for part, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
         lines: tuple[Line, ...] = (Line("wind", palette.DISTURBANCE, wind.time, line, width),)
         if own is not None:
             theirs = Signal(own.time, own.boot, by_compass(own.values, 0 * own.values, mean)[part])

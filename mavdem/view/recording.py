@@ -222,7 +222,7 @@ def _air(
     speed, origin, half, turned = by_compass(moved, band, wind.direction)
     plots = []
     courses = [("speed", "Wind, m/s", speed, half), ("from", "Wind from, °", origin, turned)]
-    for name, heading, line, width in courses[: 1 + wind.directed]:
+    for name, heading, line, width in courses[not wind.sized : 1 + wind.directed]:
         usual = float(np.median(width))
         plots.append(plot := Plot(f"air/{name}", heading, range_of(line - usual, line + usual)))
         plot.area(
@@ -233,7 +233,9 @@ def _air(
             line + width,
         )
         plot.line(name, palette.DISTURBANCE, time, line)
-    path = None if position is None else path_with_wind(recording, position, wind)
+    path = None
+    if position is not None and wind.sized:
+        path = path_with_wind(recording, position, wind)
     return rrb.Horizontal(
         *filter(None, [path]), rrb.Vertical(*_drawn(recording, series, plots)), name="Wind"
     )

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hover import changed
 from recorded_flights import recorded, shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, wind_of
+from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, air_of, wind_of
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow.model import Drag, Filtered, motion
 from mavdem.errors import NotLearnable
@@ -113,9 +114,10 @@ def test_hover_takes_the_drag_of_another_flight():
     )
     assert "over 3 s" in wind_blocks((alone, None, None))[0].text
     alone.status["speed"] = Status.NOT_IDENTIFIABLE
-    assert wind_blocks((alone, None, None))[0].text.endswith(
-        ", ± 11°. Intervals hold the mean with 90 %."
-    )
+    said = wind_blocks((alone, None, None))[0].text
+    assert said.endswith(", ± 11°. Intervals hold the mean with 90 %.") and "m/s" not in said
+    document = alone.as_dict()
+    assert document["speed"] is None and not document["velocity"] and not document["minutes"]
     assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
     assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))
     assert np.abs(drag.linear / LINEAR - 1).max() < 0.2
@@ -126,7 +128,7 @@ def test_hover_takes_the_drag_of_another_flight():
 
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
-    assert wind.calm and wind.speed < 0.7
+    assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
     own = Signal(
         wind.time, np.zeros(len(wind.time), np.int64), np.ones((len(wind.time), 2)), len(wind.time)
     )
@@ -272,6 +274,23 @@ def test_recorded_simulators(log, speed):
     assert wind.speed_interval[0] < speed < wind.speed_interval[1]
     assert wind.status["speed"] != Status.REPORTED or abs(wind.speed - speed) < 0.7
     assert abs(wind.direction - 87) < max(10, 1.3 * wind.direction_interval)
+
+
+@pytest.mark.parametrize(
+    ("lean", "seconds", "refused"), [(27, 8, True), (27, 4, False), (23, 8, False)]
+)
+def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
+    telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
+    attitude = telemetry.messages["ATTITUDE"]
+    place = telemetry.messages["LOCAL_POSITION_NED"]
+    held = [(one["time"] > 80) & (one["time"] < 80 + seconds) for one in (attitude, place)]
+    leaning = np.where(held[0], np.radians(lean), attitude["roll"])
+    fixed = {axis: np.where(held[1], place[axis][held[1]][0], place[axis]) for axis in "xyz"}
+    signals = Signals(
+        changed(changed(telemetry, "ATTITUDE", roll=leaning), "LOCAL_POSITION_NED", **fixed)
+    )
+    reason = air_of(signals)[2]
+    assert (reason is not None and reason.code is NoWind.STUCK) == refused
 
 
 def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refused():

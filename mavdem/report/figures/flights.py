@@ -167,7 +167,7 @@ def flown_path(timeline: Timeline, wind: WindVelocity | None = None) -> Figure:
         _arrow(axes, (0.95, 0.98), (0.0, 1.0), "N", palette.INK_ON_LIGHT)
         if wind is not None and wind.directed and wind.boot == place.boot[0]:
             way = np.radians(wind.direction + 180)
-            said = f"{wind.speed:.1f} m/s" if wind.status["speed"] != NOT_IDENTIFIABLE else "wind"
+            said = f"{wind.speed:.1f} m/s" if wind.sized else "wind"
             _arrow(axes, (0.15, 0.85), (np.sin(way), np.cos(way)), said, palette.DISTURBANCE)
     return figure
 
