@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
 from mavdem.baselines.identified import (
     CONVERGED_NATS,
@@ -21,7 +19,7 @@ from mavdem.baselines.identified import (
 from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import WORST_MODES, recursion
+from mavdem.dem.engine.model import recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord, required_number
 from mavdem.errors import NotLearnable
@@ -73,28 +71,6 @@ class FreeParameters(NamedTuple):
                 for values, part in zip(np.split(vector, cuts), self, strict=True)
             )
         )
-
-    def identifiable(self) -> Array:
-        """(parameters, ·): an orthonormal basis of the changes that do more than choose other states.
-
-        Its complement is what x → (1 + T) x + c does to the parameters, for any T and for those c which C does not see
-        (McKelvey, Helmersson and Ribarits, Data driven local coordinates, Automatica 40(9), 2004).
-        """
-        A, B, C, K, offset, starts = self
-        n = len(A)
-        unseen = null_space(C)
-        units = np.eye(n * n).reshape(-1, n, n)
-        turned = [
-            FreeParameters(T @ A - A @ T, T @ B, -C @ T, T @ K, T @ offset, starts @ T.T)
-            for T in units
-        ]
-        nothing = FreeParameters(*(np.zeros_like(part) for part in self))
-        moved = [
-            nothing._replace(offset=c - A @ c, starts=np.tile(c, (len(starts), 1)))
-            for c in unseen.T
-        ]
-        complement = np.stack([change.vector() for change in turned + moved], axis=1)
-        return np.linalg.qr(complement, mode="complete").Q[:, complement.shape[1] :]
 
 
 def prediction_errors(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
@@ -152,31 +128,17 @@ def _of_segment(
 
 def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
     """What C x does when one signal (T, s) pushes one state of x⁺ = F x: (T, m, n, s); and of x₀ alone: (T, m, n)."""
-    samples = len(signals)
-    n = len(F)
-    eigenvalues, modes = np.linalg.eig(F)
-    if np.linalg.cond(modes) > WORST_MODES:
-        still = np.zeros((samples, n))
-        units = np.eye(n)
-        pushed = [
-            [recursion(F, np.outer(signal, unit), still[0]) for signal in signals.T]
-            for unit in units
-        ]
-        shown = np.pad(pushed, ((0, 0), (0, 0), (1, 0), (0, 0)))[:, :, :-1] @ C.T
-        decays = [np.vstack([unit, recursion(F, still[1:], unit)]) @ C.T for unit in units]
-        return shown.transpose(2, 3, 0, 1), np.stack(decays, axis=2)
-    driven = np.stack(
+    still = np.zeros((len(signals) - 1, len(F)))
+    units = np.eye(len(F))
+    decays = np.array([np.vstack([unit, recursion(F, still, unit)]) for unit in units])
+    pushed = [
         [
-            lfilter([0.0, 1.0], [1.0, -value], signals.astype(complex), axis=0)
-            for value in eigenvalues
+            np.vstack([0 * unit, recursion(F, np.outer(one, unit), 0 * unit)])
+            for one in signals[:-1].T
         ]
-    )
-    through = (C @ modes)[:, None, :] * np.linalg.inv(modes).T[None]
-    m = len(C)
-    responses = (through.reshape(m * n, n) @ driven.reshape(n, -1)).real.reshape(m, n, samples, -1)
-    powers = eigenvalues[:, None] ** np.arange(samples)
-    decay = (through.reshape(m * n, n) @ powers).real.reshape(m, n, samples)
-    return responses.transpose(2, 0, 1, 3), decay.transpose(2, 0, 1)
+        for unit in units
+    ]
+    return (np.array(pushed) @ C.T).transpose(2, 3, 0, 1), (decays @ C.T).transpose(1, 2, 0)
 
 
 def _determinant(errors: Array) -> float:
@@ -212,31 +174,25 @@ def _downhill(
 ) -> FreeParameters:
     """The parameters that minimise the weighted sum of squared errors."""
     nowhere = 1e3 * (prediction_errors(start, model, segments) @ weight).ravel()
-    origin = start.vector()
-    directions = start.identifiable()
 
-    def there(steps: Array) -> FreeParameters:
-        return start.of(origin + directions @ steps)
-
-    def weighted(steps: Array) -> Array:
-        parameters = there(steps)
-        if not np.isfinite(steps).all():
+    def weighted(vector: Array) -> Array:
+        parameters = start.of(vector)
+        if not np.isfinite(vector).all():
             return nowhere
         if np.abs(np.linalg.eigvals(parameters.A - parameters.K @ parameters.C)).max() >= 1:
             return nowhere
         return (prediction_errors(parameters, model, segments) @ weight).ravel()
 
-    def slopes(steps: Array) -> Array:
-        return (weight.T @ sensitivities(there(steps), model, segments) @ directions).reshape(
-            -1, len(steps)
-        )
+    def slopes(vector: Array) -> Array:
+        changes = sensitivities(start.of(vector), model, segments)
+        return (weight.T @ changes).reshape(-1, len(vector))
 
     # With this weight half the sum of squares, about half their number, is in nats.
     converged = 2 * CONVERGED_NATS / len(nowhere)
-    still = np.zeros(directions.shape[1])
-    return there(
-        least_squares(weighted, still, slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS).x
+    found = least_squares(
+        weighted, start.vector(), slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS
     )
+    return start.of(found.x)
 
 
 MAX_ITERATIONS = 300
