@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import lzma
-import mmap
 import os
 import stat
 from pathlib import Path
 from typing import BinaryIO
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 
 LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
-MIN_MAPPED_BYTES = 64 << 20
-"""A file of this size or larger is mapped, not read: it takes no memory of its own, but must not change."""
 # Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
 BEGINNING_BYTES = 1 << 16
 # Of a file that is read into memory, and of an archive's content: hours of the densest logs
@@ -36,17 +30,12 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
     Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
     is damaged. Neither may have more than ``MAX_BYTES``; zeros behind the data do not count.
     """
-    return bytes(_content(path))
+    return _content(path)
 
 
 def file_beginning(path: str | os.PathLike[str], count: int = 4096) -> bytes:
     """The first ``count`` bytes, ``BEGINNING_BYTES`` at most; raises as ``file_bytes``, as far as these show it."""
-    return bytes(_content(path, limit=BEGINNING_BYTES)[:count])
-
-
-def mapped_bytes(path: str | os.PathLike[str]) -> bytes | mmap.mmap:
-    """As ``file_bytes``, but a large file that is no archive is mapped: parts are loaded when they are used."""
-    return _content(path, mapped=True)
+    return _content(path, limit=BEGINNING_BYTES)[:count]
 
 
 def is_dataflash_text(content: bytes) -> bool:
@@ -54,16 +43,7 @@ def is_dataflash_text(content: bytes) -> bool:
     return b"\nFMT," in b"\n" + content[:4096]
 
 
-def require_whole(data: NDArray[np.uint8], source: str) -> None:
-    """Raises Unreadable where ``source`` was cut since ``data`` was mapped: reading beyond its end ends the process."""
-    content = data.base.obj if isinstance(data.base, memoryview) else data.base
-    if isinstance(content, mmap.mmap) and content.size() < len(content):
-        raise Unreadable(Fact(Source.FILE_CUT_IN_USE, path=source))
-
-
-def _content(
-    path: str | os.PathLike[str], limit: int | None = None, mapped: bool = False
-) -> bytes | mmap.mmap:
+def _content(path: str | os.PathLike[str], limit: int | None = None) -> bytes:
     """The contents of a file or an archive; the first ``limit`` bytes of either, if given."""
     path = Path(path)
     try:
@@ -77,13 +57,9 @@ def _content(
             size = (
                 _end_of_data(file, status.st_size) if limit is None else min(status.st_size, limit)
             )
-            content: bytes | mmap.mmap
-            if mapped and size >= MIN_MAPPED_BYTES:
-                content = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
-            elif size > MAX_BYTES:
+            if size > MAX_BYTES:
                 raise Unreadable(_too_large(path, MAX_BYTES))
-            else:
-                content = file.read(size)
+            content = file.read(size)
         if content[:6] == b"\xfd7zXZ\x00":
             content = _unpacked(content, path, limit)
     except FileNotFoundError:
@@ -131,7 +107,7 @@ def _folder(path: Path) -> Fact:
     )
 
 
-def _unpacked(content: bytes | mmap.mmap, path: Path, limit: int | None) -> bytes:
+def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     """The first stream of an xz archive, or its first ``limit`` bytes; ``xz`` writes no second stream."""
     # Unpacking itself may take 128 MiB; the strongest setting of xz takes half.
     decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, 1 << 27)

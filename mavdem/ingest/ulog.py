@@ -50,9 +50,6 @@ MAX_STAMP_OFFSET = 10.0
 MEDIAN_WINDOW = 101
 """Data messages whose median stamp is the time. When logging starts, each topic's last message, long past, is logged
 once; the topics that are read are fewer than half of the window."""
-MAX_VALUES = 1 << 14
-"""Values in one message of each subscription to a wanted topic together; PX4's logs have a few hundred."""
-
 # Bounded, so that a long stretch of letters is not read again from each of them.
 # Name and fields of a format
 FORMAT = re.compile(rb"([\w/-]{1,255}):((?:\w{1,255}(?:\[\d{1,4}\])? \w{1,255};)+)")
@@ -95,37 +92,26 @@ _APPENDED = 1
 class UlogFormat(NamedTuple):
     """The layout of a format (F) in a message: ``size`` in bytes, also ``unpadded``, without the padding at the end.
 
-    ``values`` counts single values, those of nested formats included; ``stamp`` is the place of the time stamp, -1
-    without one.
+    ``stamp`` is the place of the time stamp, -1 without one.
     """
 
     size: int
     unpadded: int
-    values: int
     stamp: int = -1
 
 
-_BASIC = {kind.encode(): UlogFormat(size, size, 1) for kind, size in SIZES.items()}
+_BASIC = {kind.encode(): UlogFormat(size, size) for kind, size in SIZES.items()}
 
 
 def _appended(content: bytes, source: str) -> list[int]:
     """Where data begin that were appended after a crash; the message before each is cut off there."""
     flags = content[FIRST_MESSAGE + 3 : FIRST_MESSAGE + 3 + 40]
-    if (
-        len(flags) < 40
-        or content[FIRST_MESSAGE + 2] != ord("B")
-        or _ID.unpack_from(content, FIRST_MESSAGE)[0] < 40
-    ):
+    if len(flags) < 40 or content[FIRST_MESSAGE + 2] != ord("B"):
         return []
-    incompatible = flags[8:16]
-    if incompatible[0] & ~_APPENDED or any(incompatible[1:]):
+    if flags[8] & ~_APPENDED or any(flags[9:16]):
         raise Unreadable(Fact(Source.ULOG_OF_LATER_FORMAT, path=source))
-    appended = struct.unpack_from("<3Q", flags, 16) if incompatible[0] & _APPENDED else ()
-    offsets = [offset for offset in appended if offset]
-    sound = all(
-        a < b for a, b in zip([FIRST_MESSAGE + 43, *offsets], [*offsets, len(content)], strict=True)
-    )
-    return offsets if sound else []
+    offsets = struct.unpack_from("<3Q", flags, 16) if flags[8] else ()
+    return sorted({offset for offset in offsets if FIRST_MESSAGE < offset < len(content)})
 
 
 def _wrong_stamp(stamps: NDArray[np.float64], topic: NDArray[np.uint16]) -> NDArray[np.bool_]:
@@ -149,7 +135,6 @@ class WholeMessages:
         messages: how many whole messages the file has, also those that are not wanted.
         bytes_skipped, damaged: bytes that belong to no message, and the number of places with such between messages.
         cut: messages that are cut off by the end of the file, or by appended data.
-        crowded: subscriptions to wanted topics left out because of ``MAX_VALUES``.
 
     Raises Unreadable: the file's flags require a later format.
     """
@@ -161,14 +146,13 @@ class WholeMessages:
         source: str,
         progress: Progress = no_progress,
     ) -> None:
-        self.messages = self.bytes_skipped = self.damaged = self.cut = self.crowded = 0
+        self.messages = self.bytes_skipped = self.damaged = self.cut = 0
         self._definitions, self._data = bytearray(), bytearray()
         self._stamps, self._numbers, self._dropouts = array("Q"), array("H"), array("H")
         self._content = content
         self._wanted = wanted
         self._progress = progress
         self._formats = Formats()
-        self._values = 0
         # By number: the least and the greatest size of a message, and the place of its stamp; -1 where not wanted.
         self._topics: dict[int, tuple[int, int, int]] = {}
         self._low_bytes: set[int] = set()
@@ -316,12 +300,8 @@ class WholeMessages:
             return
         stamp = -1
         if (self._wanted is None or name in self._wanted) and found.stamp >= 0:
-            self._values += found.values
-            if self._values <= MAX_VALUES:
-                stamp = 5 + found.stamp
-                self._data += message
-            else:
-                self.crowded += 1
+            stamp = 5 + found.stamp
+            self._data += message
         if number & 0xFF not in self._low_bytes:
             self._low_bytes.add(number & 0xFF)
             self._begun = _begun(self._low_bytes)
@@ -356,19 +336,17 @@ class Formats:
         return self._layouts.get(name)
 
     def _laid_out(self, fields: list[tuple[bytes, bytes, bytes]], inside: int) -> UlogFormat | None:
-        size = values = unpadded = 0
+        size = unpadded = 0
         stamp = -1
         for kind, length, name in fields:
             if (part := self.layout(kind, inside + 1)) is None:
                 return None
             if (kind, length, name) == (b"uint64_t", b"", b"timestamp"):
                 stamp = size
-            number = max(int(length or 0), 1)
-            size += part.size * number
-            values += part.values * number
+            size += part.size * max(int(length or 0), 1)
             if not name.startswith(b"_padding"):
                 unpadded = size
-        return UlogFormat(size, unpadded, values, stamp) if size <= _LARGEST else None
+        return UlogFormat(size, unpadded, stamp) if size <= _LARGEST else None
 
 
 def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
@@ -410,7 +388,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
                 Source.ULOG_WITHOUT_FLIGHT,
                 path=source,
                 names=sorted({topic.name for topic in held if len(topic.data["timestamp"])}),
-                damaged=bool(found.damaged or found.crowded),
+                damaged=bool(found.damaged),
                 cut=bool(found.cut),
             )
         )
@@ -490,6 +468,5 @@ def _damage(found: WholeMessages) -> tuple[Fact, ...]:
         *repair(Repair.ULOG_DAMAGED, count=found.damaged, skipped=found.bytes_skipped),
         *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=found.cut, flaw=Flaw.CUT_OFF),
         *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=wrong, flaw=Flaw.FAR_STAMP),
-        *repair(Repair.SUBSCRIPTIONS_LEFT_OUT, count=found.crowded),
         *repair(Repair.LOGGER_DROPPED_OUT, count=len(lasted), **dropouts),
     )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
+from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.telemetry import Array
 
@@ -119,12 +120,8 @@ def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
 
 def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     """Returns unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
-    (a, b), (c, d), (e, f) = (
-        (np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw)
-    )
-    return np.column_stack(
-        [a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e]
-    )
+    turned = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+    return np.asarray(turned.as_quat(scalar_first=True))
 
 
 def attitude_target(q: Array | None = None, rates: Array | None = None) -> dict[str, NDArray[Any]]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mavdem.facts.sources import Repair
-from mavdem.ingest.mavlink.clocks import Sent, boot_clock, far_off
+from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 
 WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3
@@ -204,15 +204,3 @@ def test_equal_receive_stamps_say_nothing(stamp, recwarn):
     made = clock_of(times, np.full(200, stamp))
     assert made.boot.tolist() == [0] * 100 + [1] * 100
     assert not recwarn.list
-
-
-@given(
-    st.lists(st.one_of(st.floats(0, 1e6), st.floats(99, 101)), min_size=2, max_size=80),
-    st.sampled_from([5, 9]),
-    st.floats(0.01, 1e5),
-)
-def test_what_is_far_off_is_so_by_the_median_of_those_around(times, window, limit):
-    values = np.array(times)
-    around = np.pad(values, window // 2, mode="reflect")
-    medians = np.array([np.median(around[row : row + window]) for row in range(len(values))])
-    assert far_off(values, window, limit).tolist() == (np.abs(values - medians) > limit).tolist()

@@ -1,8 +1,6 @@
 """DataFlash logs: every value against DFReader's, the same flight's telemetry log, and damage that costs its own."""
 
-import contextlib
 import random
-import struct
 from collections import defaultdict
 from pathlib import Path
 
@@ -13,14 +11,10 @@ from pymavlink import DFReader
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.condition.inventory import inventory
-from mavdem.errors import Unreadable
 from mavdem.facts import Code
 from mavdem.facts.sources import Repair
 from mavdem.ingest import Log
 from mavdem.ingest.dataflash.binary import (
-    FIELD_TYPES,
-    MAX_DEFINITIONS,
     DataflashRecording,
     read_binary,
 )
@@ -441,46 +435,6 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()
 
 
-def defined_otherwise(name: str, characters: str, fields: str, kind: int | None = None) -> bytes:
-    """FMT of one of ``MESSAGES`` with other fields, and 50 messages of them, from one to the next all bytes go up."""
-    kind = made.MESSAGES[name][0] if kind is None else kind
-    size = sum(np.dtype(FIELD_TYPES[character]).itemsize for character in characters)
-    told = struct.pack(
-        "<BB4s16s64s", kind, 3 + size, name.encode(), characters.encode(), fields.encode()
-    )
-    rows = [made.HEADER + bytes([kind]) + bytes([65 + row]) * size for row in range(50)]
-    return made.HEADER + b"\x80" + told + b"".join(rows)
-
-
-@pytest.mark.parametrize(
-    ("name", "characters", "fields"),
-    [
-        ("PARM", "QNZ", "TimeUS,Name,Value"),
-        ("ATT", "Zfff", "TimeUS,Roll,Pitch,Yaw"),
-        ("RATE", "Qaaa", "TimeUS,R,P,Y"),
-        ("IMU", "Qafff", "TimeUS,I,GyrX,GyrY,GyrZ"),
-        ("RCOU", "QZa", "TimeUS,C1,C2"),
-        ("ARM", "QZ", "TimeUS,ArmState"),
-        ("XKF4", "QI", "TimeUS,PI"),
-        ("XKF1", "QaIIIfff", "TimeUS,C,PN,PE,PD,VN,VE,VD"),
-    ],
-)
-def test_a_field_of_another_kind_than_meant_costs_its_message(name, characters, fields, tmp_path):
-    """Damage to a FMT makes a text, an array or a large number of what should be a small one."""
-    usual = made.MESSAGES.get(name, (200,))[0]
-    others = b"".join(made.fmt(other) for other in made.MESSAGES if other != name)
-    flown = [row for row in made.flight(TIMES) if name not in ("ATT", "RATE", "RCOU")]
-    (tmp_path / "flight.bin").write_bytes(
-        others + defined_otherwise(name, characters, fields, usual) + b"".join(flown)
-    )
-    with contextlib.suppress(Unreadable):
-        log = read_dataflash(tmp_path / "flight.bin")
-        inventory(log)
-        assert all(
-            np.isfinite(columns["time"]).all() for columns in log.vehicles[0].messages.values()
-        )
-
-
 @pytest.mark.parametrize("stamp", ["inf", "nan", "1e400", "1e17", "-5", "0"])
 def test_a_stamp_in_words_that_cannot_be_costs_its_line(stamp, tmp_path):
     lines = [
@@ -497,29 +451,3 @@ def test_a_stamp_in_words_that_cannot_be_costs_its_line(stamp, tmp_path):
     assert repairs.pop(Repair.LINES_LEFT_OUT) == 1 and repairs.pop(Repair.BYTES_SKIPPED) > 5000
     assert list(repairs.values()) == [1] * (stamp != "0")
     assert set(repairs) <= {Repair.LOGGED_MESSAGES_LEFT_OUT, Repair.STAMPS_IGNORED}
-
-
-def test_a_message_defined_anew_each_time_is_given_up(tmp_path):
-    """Each definition takes its own steps to decode, and a file can be made of definitions."""
-    binary = made.fmt("RATE")
-    text = "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y\n"
-    for number in range(MAX_DEFINITIONS + 50):
-        stamp = 20_000_000 + 10_000 * number
-        names = f"TimeUS,Roll,Pitch,Yaw,x{number}"
-        binary += (
-            made.HEADER
-            + b"\x80"
-            + struct.pack("<BB4s16s64s", 129, 15, b"ATT", b"QBBBB", names.encode())
-        )
-        binary += (
-            made.HEADER
-            + b"\x81"
-            + struct.pack("<Q4B", stamp, 1, 2, 3, 4)
-            + made.rate(stamp / 1e6, 1.0)
-        )
-        text += (
-            f"FMT, 129, 15, ATT, QBBBB, {names}\nATT, {stamp}, 1, 2, 3, 4\nRATE, {stamp}, 1, 2, 3\n"
-        )
-    for content in (binary, text.encode()):
-        vehicle = vehicle_of(content, tmp_path)
-        assert len(vehicle.messages["ATTITUDE"]["time"]) == MAX_DEFINITIONS and vehicle.repairs

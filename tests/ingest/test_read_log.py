@@ -15,21 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import SAMPLES, flight, frame, heartbeat, message, refused, tlog
 from mcap_files import converted
-from pymavlink.dialects.v20 import all as dialect
 from ros2_files import Ros2Recorder, px4_flight
 
 from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.files import atomic_write
 from mavdem.ingest import Log, read_log
-from mavdem.ingest import contents as files
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mcap.records import write_mcap
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.tlog import tlog_stream
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 
@@ -388,45 +383,9 @@ def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
     ]
 
 
-OTHERS = [
-    kind
-    for kind in dialect.mavlink_map.values()
-    if kind.msgname in ("VFR_HUD", "SIMSTATE", "SYS_STATUS", "AHRS", "WIND")
-]
-
-
-@pytest.fixture
-def _mapped(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(files, "MIN_MAPPED_BYTES", 1)
-
-
 def written(path: Path, content: bytes) -> Path:
     path.write_bytes(content)
     return path
-
-
-@pytest.mark.usefixtures("_mapped")
-def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behind(tmp_path):
-    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
-    stream = tlog_stream(path)
-    os.truncate(path, 100)
-    with (
-        refused(Source.FILE_CUT_IN_USE),
-        atomic_write(tmp_path / "flight.mcap") as file,
-    ):
-        write_mcap(file, stream)
-    assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
-
-
-@pytest.mark.usefixtures("_mapped")
-def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(tmp_path):
-    """Recording again under the same name does that to a log still open in a notebook."""
-    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES * 20)]))
-    (vehicle,) = read_log(path).vehicles
-    os.truncate(path, 100)
-    with refused(Source.FILE_CUT_IN_USE):
-        vehicle.messages["ATTITUDE"]["roll"]
-    assert len(vehicle.messages["ATTITUDE"]["time"]) == 20 * len(TIMES)
 
 
 @pytest.mark.parametrize("name", ["flight.bin", "flight.tlog", "flight.ulg"])
@@ -453,30 +412,3 @@ def test_zeros_behind_the_data_take_neither_memory_nor_time(name: str, tmp_path:
         assert tracemalloc.get_traced_memory()[1] < 50_000_000
     finally:
         tracemalloc.stop()
-
-
-@pytest.mark.slow
-def test_a_small_archive_may_not_hold_any_number_of_bytes(tmp_path: Path) -> None:
-    path = written(tmp_path / "flight.tlog.xz", lzma.compress(bytes(100_000_000), preset=0))
-    with refused(Source.FILE_TOO_LARGE):
-        read_log(path)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("_mapped")
-def test_reading_takes_less_memory_than_the_file(tmp_path):
-    """Counts, clocks and the columns of attitude among other messages: no copy of the file, nor of its frames."""
-    others = [frame(kind.id, bytes(range(1, kind.unpacker.size + 1))) for kind in OTHERS]
-    flown = flight(TIMES)
-    frames = [each for row in range(0, len(flown), 2) for each in (*flown[row : row + 2], *others)]
-    path = written(tmp_path / "long.tlog", tlog([heartbeat(), *frames]) * 80)
-    # what is made once for all: definitions, checksum tables
-    read_log(written(tmp_path / "short.tlog", tlog(frames)))
-    tracemalloc.start()
-    try:
-        (vehicle,) = read_log(path).vehicles
-        assert len(vehicle.messages["ATTITUDE"]["roll"]) == 80 * len(TIMES)
-        _, most = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert most < path.stat().st_size, f"{most / path.stat().st_size:.2f} of the file"

@@ -3,7 +3,6 @@
 import lzma
 import random
 import struct
-from time import thread_time
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from pyulog import ULog
 from recorded_flights import shared
 from ulog_files import (
-    FORMATS,
     HEADER,
     OFF,
     REAL,
@@ -393,12 +391,6 @@ def test_what_was_appended_after_a_crash_is_read(tmp_path):
     assert dict(repair.figures) == {"count": 1, "flaw": Flaw.CUT_OFF}
 
 
-@pytest.mark.parametrize("offsets", [(5, 0, 0), (2**60, 0, 0), (400, 300, 0)])
-def test_offsets_that_cannot_be_are_ignored(tmp_path, offsets):
-    flags = message("B", bytes(8) + b"\x01" + bytes(7) + struct.pack("<3Q", *offsets))
-    assert stamps_of(vehicle_of(log(*flight(TIMES), first=flags), tmp_path)) == INTACT
-
-
 def test_stamps_that_cannot_be_are_left_out(tmp_path):
     pieces = flight(TIMES)
     for row, wrong in ((500, 1e12), (900, 3.0), (len(pieces) - 1, 5000.0)):
@@ -420,43 +412,6 @@ def test_what_held_when_logging_started_has_that_time(tmp_path):
     assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 20.0
     (part,) = recorded_parts(Signals(vehicle))
     assert part.start == 20.0
-
-
-def nested(deep: int, wide: int) -> bytes:
-    """Formats that hold the next one many times over: ``wide`` to the power of ``deep`` values in the first."""
-    parts = [f"t{n}:" + "".join(f"t{n + 1} x{m};" for m in range(wide)) for n in range(deep)]
-    return b"".join(message("F", text.encode()) for text in [*parts, f"t{deep}:int8_t x;"])
-
-
-@pytest.mark.parametrize(
-    ("formats", "topic"),
-    [
-        (nested(7, 4), "t0"),
-        (nested(7, 4) + message("F", b"t:t0 a;missing b;"), "t"),
-        (message("F", b"t:t a;t b;t c;"), "t"),
-        (message("F", b"t:u a;u b;") + message("F", b"u:t a;t b;"), "t"),
-    ],
-    ids=["nested", "nested and missing", "holds itself", "hold each other"],
-)
-def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(tmp_path, formats, topic):
-    first = formats + subscription(topic, number=5000) * 20_000
-    began = thread_time()
-    vehicle = vehicle_of(log(*flight(TIMES), first=first), tmp_path)
-    assert "ATTITUDE_QUATERNION" in vehicle.messages
-    assert thread_time() - began < 10
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fields", ["uint8_t[9999] x0;uint8_t[9999] x1;uint8_t[9999] x2;", ""])
-def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path, fields):
-    """A few kilobytes could ask for gigabytes: each value of each subscription is a column."""
-    formats = message("F", f"actuator_outputs:{FORMATS['cpuload']}{fields}".encode())
-    many = b"".join(subscription("actuator_outputs", number=1000 + n) for n in range(9000))
-    began = thread_time()
-    vehicle = vehicle_of(log(many, *flight(TIMES), first=formats), tmp_path)
-    assert "ATTITUDE_QUATERNION" in vehicle.messages
-    assert [fact.code for fact in vehicle.repairs] == [Repair.SUBSCRIPTIONS_LEFT_OUT]
-    assert thread_time() - began < 10
 
 
 def test_a_dropout_before_the_first_topic_is_reported(tmp_path):

@@ -4,14 +4,12 @@ import tempfile
 from typing import Any
 
 from mavdem.errors import Unreadable
-from mavdem.ingest import Log, read_log, tlog
-from mavdem.ingest.mavlink import clocks, definitions, framing
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.mavlink import definitions, framing
 
 SMALL = (
     (framing, "BLOCK", 61),
-    (clocks, "BATCH", 5),
     (definitions, "BATCH", 3),
-    (tlog, "BATCH", 4),
 )
 
 

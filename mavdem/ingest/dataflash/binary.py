@@ -112,8 +112,6 @@ class DataflashRecording(NamedTuple):
 
 
 EMPTY = MessageTable(np.zeros(0, dtype=np.int64), {})
-# Definitions of one message that are used: each appended log may have one, no log has this many
-MAX_DEFINITIONS = 256
 
 
 def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, FormatDefinition] | None:
@@ -276,14 +274,9 @@ class _Scan:
         if found is None or found[0] == FORMAT_ID:
             return
         kind, definition = found
-        if (
-            definition.length == definition.wire_length
-            and definition != self.definitions[kind][-1][1]
-        ):
-            if len(self.definitions[kind]) < MAX_DEFINITIONS:
-                self._set(kind, definition, place)
-            else:
-                self.lengths[kind] = 0  # its messages cannot be decoded from here on
+        known = self.definitions[kind][-1][1]
+        if definition.length == definition.wire_length and definition != known:
+            self._set(kind, definition, place)
 
     def _defined_at(self, place: int) -> tuple[int, FormatDefinition] | None:
         if place + FORMAT.length > len(self.content):

@@ -72,12 +72,8 @@ def read_text(content: bytes, progress: Progress = no_progress) -> DataflashReco
         text = name.decode("latin-1").strip()
         if text == binary.FORMAT.name and (definition := _definition(values)) is not None:
             groups.setdefault(text, {}).setdefault(binary.FORMAT, []).append((number, values))
-            group = groups.setdefault(definition.name, {})
-            if definition in group or len(group) < binary.MAX_DEFINITIONS:
-                group.setdefault(definition, [])
-                holding[definition.name] = definition
-            else:
-                holding.pop(definition.name, None)
+            groups.setdefault(definition.name, {}).setdefault(definition, [])
+            holding[definition.name] = definition
         elif (
             text in holding
             and text != binary.FORMAT.name

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,8 +12,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.contents import require_whole
-from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock
+from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock, far_off
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
     columns,
@@ -25,95 +22,15 @@ from mavdem.ingest.mavlink.definitions import (
 )
 from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
 from mavdem.ingest.motors import MOTOR_MESSAGES
-from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair
+from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair, rows_by
 from mavdem.ingest.vocabulary import (
     RADIO,
     RADIO_MESSAGES,
     UNNAMED,
 )
 
-Starts = NDArray[np.unsignedinteger]
-"""Places of frames in the stream, in its order, in the smallest type that holds them."""
-SOURCES = 1 << 16  # Pairs of system and component; a source is ``system << 8 | component``
-
-
-class FrameIndex:
-    """The frames of a stream by component and message, added table by table: whole ``frames``, and ``good`` ones.
-
-    ``lost`` (SOURCES,): messages missing by the gaps in each source's sequence numbers; negative where many came twice.
-    """
-
-    def __init__(self, size: int) -> None:
-        """Starts with the size of the stream, bytes."""
-        self.frames = self.good = 0
-        self.lost = np.zeros(SOURCES, dtype=np.int64)
-        self._last_sequence = np.full(SOURCES, -1, dtype=np.int16)
-        # A kind is a message of a source, ``source << 24 | message id``; kinds are numbered as they occur.
-        self._kinds: dict[int, int] = {}
-        # Of every good frame its place and its kind. ``array`` grows without a copy, and without fragments.
-        self._starts, self._kind = array("I" if size < 1 << 32 else "Q"), array("I")
-        self._unread: dict[int, Counter[int]] = {}
-
-    def add(self, frames: Frames) -> None:
-        """Adds the next frames of the stream."""
-        self.frames += len(frames)
-        source = frames.system.astype(np.int64) << 8 | frames.component
-        order = np.argsort(source.astype(np.uint16), kind="stable")
-        self._count_lost(source[order], frames.sequence[order].astype(np.int16))
-        good = frames.verdict == GOOD
-        for row in np.flatnonzero(~good).tolist():
-            key = int(frames.message_id[row]) << 16 | int(source[row])
-            self._unread.setdefault(int(frames.verdict[row]), Counter())[key] += 1
-        self.good += int(np.count_nonzero(good))
-        found, row_of = np.unique(source[good] << 24 | frames.message_id[good], return_inverse=True)
-        numbers = np.array(
-            [self._kinds.setdefault(kind, len(self._kinds)) for kind in found.tolist()],
-            dtype=np.uint32,
-        )
-        self._starts.frombytes(frames.start[good].astype(self._starts.typecode).tobytes())
-        self._kind.frombytes(numbers[row_of].tobytes())
-
-    def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.int16]) -> None:
-        first = np.ones(len(source), dtype=np.bool_)
-        last = np.ones(len(source), dtype=np.bool_)
-        first[1:] = last[:-1] = source[1:] != source[:-1]
-        before = np.roll(sequence, 1)
-        before[first] = self._last_sequence[source[first]]
-        self._last_sequence[source[last]] = sequence[last]
-        missing = missing_between(before, sequence)
-        missing[before < 0] = 0
-        gaps = np.flatnonzero(missing)
-        np.add.at(self.lost, source[gaps], missing[gaps])
-
-    def sent(self) -> dict[int, dict[int, Starts]]:
-        """Where the good frames of each message begin, by source and message id, both ascending; call it once, last."""
-        starts = np.frombuffer(self._starts, self._starts.typecode)
-        # small numbers are sorted fastest
-        smallest = np.min_scalar_type(len(self._kinds))
-        kinds = np.frombuffer(self._kind, np.uint32).astype(smallest)
-        del self._starts, self._kind
-        ends = np.cumsum(np.bincount(kinds, minlength=len(self._kinds)))
-        ordered = starts[np.argsort(kinds, kind="stable")]
-        found: dict[int, dict[int, Starts]] = {}
-        parts = np.split(ordered, ends[:-1])
-        for pair, row in sorted(self._kinds.items()):
-            found.setdefault(pair >> 24, {})[pair & 0xFFFFFF] = parts[row]
-        return found
-
-    def unread(self, sent: Mapping[int, Mapping[int, Starts]]) -> tuple[Unread, ...]:
-        """The frames that could not be read, of a stream in which the good ones are ``sent``."""
-        unknown = self._unread.get(UNKNOWN, Counter[int]())
-        bad: Counter[int] = sum(self._unread.values(), Counter())
-        found = []
-        for key, count in sorted(bad.items()):
-            message_id = key >> 16
-            source = key & 0xFFFF
-            total = count + len(sent.get(source, {}).get(message_id, ()))
-            # Of another dialect all frames of a message fail, and more than two, which may be damage.
-            strange = source in sent if key in unknown else count == total >= 3
-            cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
-            found.append(Unread(message_id, source >> 8, source & 0xFF, count, total, cause))
-        return tuple(found)
+Starts = NDArray[np.integer]
+"""Places of frames in the stream, in its order."""
 
 
 def missing_between(before: Any, after: Any) -> Any:
@@ -162,39 +79,43 @@ CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units in a second."""
 
 
-def assemble(
-    data: Bytes,
-    index: FrameIndex,
-    received: Callable[[Places], Times],
-    receive_time: tuple[float, float],
-    bytes_skipped: int,
-    source: str,
-    repairs: tuple[Fact, ...],
-) -> Log:
-    """Returns the log of a stream; raises ``Unreadable`` where the file was cut short meanwhile.
+MAX_STAMP_JUMP = 3600.0  # Seconds from its neighbours beyond which a receive stamp is wrong
+STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
 
-    ``received`` returns the UNIX s (n,) at which the frames that begin at (n,) were received, NaN where that is not
-    known; ``receive_time`` is the first and the last such.
-    """
-    sent = index.sent()
-    unread = index.unread(sent)
+
+def assemble(stream: FrameStream) -> Log:
+    """Returns the log of a stream."""
+    data = stream.data
+    frames = stream.frames
+    ids_of = frames.system.astype(np.int64) << 8 | frames.component
+    sent = _starts(frames, ids_of)
+    lost = {
+        ids: int(missing_between(sequence[:-1], sequence[1:]).sum())
+        for ids, rows in rows_by(ids_of).items()
+        for sequence in (frames.sequence[rows].astype(np.int16),)
+    }
+    received = _received(stream.stamps)
+
+    def at(start: Places) -> Times:
+        return received[np.searchsorted(frames.start, start, side="right") - 1]
+
+    unread = _unread(frames, ids_of, sent)
+    repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
-        frames = sum(kind.frames for kind in unread if kind.cause is cause)
-        repairs += repair(Repair.FRAMES_LEFT_OUT, count=frames, flaw=cause)
-    repairs += repair(Repair.BYTES_SKIPPED, count=bytes_skipped, part="frame")
+        count = sum(kind.frames for kind in unread if kind.cause is cause)
+        repairs += repair(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
+    repairs += repair(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
     heard: list[tuple[Component, dict[str, _Columns], tuple[Fact, ...]]] = []
     for ids, starts in sent.items():
-        messages, of_clock = _messages(data, starts, received, source)
+        messages, of_clock = _messages(data, starts, at)
         kind, autopilot = (
             identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
         )
         counts = {name: columns.count for name, columns in messages.items()}
         if counts and RADIO_MESSAGES.issuperset(counts):
             kind = RADIO
-        lost = max(int(index.lost[ids]), 0)
-        heard.append(
-            (Component(ids >> 8, ids & 0xFF, kind, autopilot, counts, lost), messages, of_clock)
-        )
+        who = ids >> 8, ids & 0xFF, kind, autopilot
+        heard.append((Component(*who, counts, max(lost[ids], 0)), messages, of_clock))
     stores: dict[int, Mapping[str, Columns]] = {
         one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE
     }
@@ -209,11 +130,56 @@ def assemble(
                     parameters |= parameter_values(own["PARAM_VALUE"], one.autopilot)
             who = (one.system, one.component, one.kind, one.autopilot)
             found = repairs + of_clock
-            vehicles.append(Telemetry(*who, messages, parameters, source, found))
+            vehicles.append(Telemetry(*who, messages, parameters, stream.source, found))
+    known = received[~np.isnan(received)]
+    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
     components = tuple(one for one, *_ in heard)
     return Log(
-        source, tuple(vehicles), components, unread, index.frames, bytes_skipped, receive_time
+        stream.source,
+        tuple(vehicles),
+        components,
+        unread,
+        len(frames),
+        stream.bytes_skipped,
+        span,
     )
+
+
+def _starts(frames: Frames, ids_of: Places) -> dict[int, dict[int, Starts]]:
+    """Where the good frames of each message begin, by ``system << 8 | component`` and message id, both ascending."""
+    good = frames.verdict == GOOD
+    starts = frames.start[good]
+    sent: dict[int, dict[int, Starts]] = {}
+    for kind, rows in rows_by((ids_of << 24 | frames.message_id)[good]).items():
+        sent.setdefault(kind >> 24, {})[kind & 0xFFFFFF] = starts[rows]
+    return sent
+
+
+def _unread(
+    frames: Frames, ids_of: Places, sent: Mapping[int, Mapping[int, Starts]]
+) -> tuple[Unread, ...]:
+    """The frames that could not be read, of a stream in which the good ones are ``sent``."""
+    bad = frames.verdict != GOOD
+    verdicts = frames.verdict[bad]
+    found = []
+    for key, rows in rows_by((frames.message_id << 16 | ids_of)[bad]).items():
+        message_id = key >> 16
+        ids = key & 0xFFFF
+        total = len(rows) + len(sent.get(ids, {}).get(message_id, ()))
+        # Of another dialect all frames of a message fail, and more than two, which may be damage.
+        strange = ids in sent if verdicts[rows[0]] == UNKNOWN else len(rows) == total >= 3
+        cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
+        found.append(Unread(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause))
+    return tuple(found)
+
+
+def _received(stamps: NDArray[np.uint64]) -> Times:
+    """Seconds; NaN without a stamp, or where it is far from its neighbours'."""
+    received = np.where(stamps > 0, stamps / 1e6, np.nan)
+    rows = np.flatnonzero(stamps)
+    if (np.abs(np.diff(received[rows])) > MAX_STAMP_JUMP).any():
+        received[rows[far_off(received[rows], STAMP_WINDOW, MAX_STAMP_JUMP)]] = np.nan
+    return received
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
@@ -226,16 +192,12 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
 
 
 def _messages(
-    data: Bytes, sent: Mapping[int, Starts], received: Callable[[Places], Times], source: str
+    data: Bytes, sent: Mapping[int, Starts], received: Callable[[Places], Times]
 ) -> tuple[dict[str, _Columns], tuple[Fact, ...]]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
-    placed, repairs = boot_clock(
-        [_sent(data, definition, starts, source) for definition, starts in kinds], received
-    )
-    named = (
-        (one.name, _Columns(data, starts, one, placed[one.name], source)) for one, starts in kinds
-    )
+    placed, repairs = boot_clock([_sent(data, *kind) for kind in kinds], received)
+    named = ((one.name, _Columns(data, starts, one, placed[one.name])) for one, starts in kinds)
     return dict(named), repairs
 
 
@@ -243,18 +205,12 @@ class _Columns(Mapping[str, NDArray[Any]]):
     """One message's columns, with ``time`` and ``boot``; its fields are decoded when one is first used."""
 
     def __init__(
-        self,
-        data: Bytes,
-        starts: Starts,
-        definition: MessageDefinition,
-        placed: PlacedStamps,
-        source: str,
+        self, data: Bytes, starts: Starts, definition: MessageDefinition, placed: PlacedStamps
     ) -> None:
         self._data = data
         self._starts = starts
         self._definition = definition
         self._placed = placed
-        self._source = source
         self._fields: dict[str, NDArray[Any]] | None = None
         self._names = (
             *(name for name in definition.fields if name not in ("time", "boot")),
@@ -271,7 +227,6 @@ class _Columns(Mapping[str, NDArray[Any]]):
         if name not in self._definition.fields:
             raise KeyError(name)
         if self._fields is None:
-            require_whole(self._data, self._source)
             self._fields = columns(self._data, self._starts, self._definition)
         return self._fields[name]
 
@@ -282,14 +237,13 @@ class _Columns(Mapping[str, NDArray[Any]]):
         return len(self._names)
 
 
-def _sent(data: Bytes, definition: MessageDefinition, starts: Starts, source: str) -> Sent:
+def _sent(data: Bytes, definition: MessageDefinition, starts: Starts) -> Sent:
     for name, units in CLOCK_UNITS.items():
         if name in definition.fields:
             kind = definition.wire[name]
             period = np.inf if kind.itemsize == 8 else 2.0 ** (8 * kind.itemsize) / units
 
             def stamps(name: str = name, units: float = units) -> Times:
-                require_whole(data, source)
                 return np.asarray(columns(data, starts, definition, [name])[name] / units)
 
             return Sent(definition.name, starts, stamps, period)

@@ -36,7 +36,7 @@ from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.mavlink.clocks import Places, Times, far_off
+from mavdem.ingest.mavlink.clocks import Places
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     MessageDefinition,
@@ -53,11 +53,10 @@ from mavdem.ingest.mavlink.framing import (
     find_in_pieces,
     no_progress,
 )
-from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
+from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.records import BATCH, Channel, McapMessage, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, repair
-from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
 JSON = frozenset({"json", "json5"})
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
@@ -76,18 +75,7 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress = no_progress) ->
             raise Unreadable(_nothing_in(path, recording, seen))
         require("ros2", os.fspath(path))
         return read_ros2(recording, os.fspath(path), _within(progress, 0.5, 1.0))
-    index = FrameIndex(len(stream.data))
-    index.add(stream.frames)
-    received = _received(stream.stamps)
-    known = received[~np.isnan(received)]
-    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
-
-    def at(start: Places) -> Times:
-        return received[np.searchsorted(stream.frames.start, start, side="right") - 1]
-
-    return assemble(
-        stream.data, index, at, span, stream.bytes_skipped, stream.source, stream.repairs
-    )
+    return assemble(stream)
 
 
 def mcap_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
@@ -213,15 +201,6 @@ def _within(progress: Progress, first: float, last: float) -> Progress:
     return lambda fraction: progress(first + (last - first) * fraction)
 
 
-def _received(stamps: NDArray[np.uint64]) -> Times:
-    """Seconds; NaN without a stamp, or where it is far from its neighbours'."""
-    received = np.where(stamps > 0, stamps / 1e6, np.nan)
-    rows = np.flatnonzero(stamps)
-    if (np.abs(np.diff(received[rows])) > MAX_STAMP_JUMP).any():
-        received[rows[far_off(received[rows], STAMP_WINDOW, MAX_STAMP_JUMP)]] = np.nan
-    return received
-
-
 def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> Fact:
     source = os.fspath(path)
     if messages:
@@ -316,27 +295,14 @@ def _enum_values() -> Mapping[str, int]:
 def _numbers(
     values: list[Any], kind: np.dtype[Any], absent: float
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    types = set(map(type, values))
-    if kind.kind == "f" and types <= {float, int}:
-        try:
-            return _as_floats(np.array(values, dtype=np.float64), kind)
-        except OverflowError:
-            pass
-    limits = np.iinfo(kind) if kind.kind in "iu" else None
-    if (
-        limits is not None
-        and types == {int}
-        and limits.min <= min(values)
-        and max(values) <= limits.max
-    ):
-        return np.array(values, dtype=kind), np.ones(len(values), dtype=np.bool_)
     numbers = [absent if value is NOT_SENT else _number(value) for value in values]
-    if limits is None:
+    if kind.kind == "f":
         fits = np.array([number is not None for number in numbers], dtype=np.bool_)
         floats, finite = _as_floats(
             np.array([number or 0.0 for number in numbers], dtype=np.float64), kind
         )
         return floats, fits & finite
+    limits = np.iinfo(kind)
     whole = [
         number is not None and number == number // 1 and limits.min <= number <= limits.max
         for number in numbers

@@ -30,7 +30,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
-from mavdem.ingest.contents import MAX_RATIO, require_whole
+from mavdem.ingest.contents import MAX_RATIO
 from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions
 from mavdem.ingest.mavlink.framing import GOOD, Bytes, Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
@@ -320,7 +320,6 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     last = 0
     for begin in range(0, len(rows), BATCH):
         batch = rows[begin : begin + BATCH]
-        require_whole(stream.data, stream.source)
         for row, (topic, body) in zip(batch.tolist(), _bodies(stream, batch), strict=True):
             stamp, frame = next(frames)
             last = stamp if stamp <= MAX_STAMP else last

@@ -15,6 +15,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -41,8 +42,6 @@ class TopicColumns(NamedTuple):
 
 
 MAX_CHARACTERS = 1 << 16  # Of a definition; PX4's longest, vehicle_status, has 7000
-MAX_VALUES = 1000
-"""Values in one message, those of a fixed array counted one by one; PX4's and MAVROS's messages hold up to 100."""
 PRIMITIVES = frozenset(
     {
         "bool",
@@ -61,7 +60,6 @@ PRIMITIVES = frozenset(
         "string",
     }
 )
-MAX_DEPTH = 8  # Depth of nested messages; PX4's and MAVROS's have 3
 _LOWER = "[a-z](?:_?[a-z0-9])*"  # Names of packages and fields
 _BETWEEN = re.compile(r"={3,}")
 _OF = re.compile(rf"MSG:\s+({_LOWER})/(?:msg/)?([A-Z][A-Za-z0-9]*)", re.ASCII)
@@ -76,27 +74,30 @@ _CONSTANT = re.compile(r"[a-z0-9]+(?:<=\d+)?\s+[A-Z][A-Z0-9_]*\s*=.*", re.ASCII)
 class _RosField(NamedTuple):
     of: str  # a primitive or a message's "package/Name"
     array: str  # as the text writes it: "[4]" or "[<=4]"
-    size: int  # of a fixed array; 0 for others and for single values
+    size: int  # of a fixed array; 1 for others and for single values
     name: str
-
-
-BUILT_IN = dict.fromkeys(PRIMITIVES, 1) | {
-    "builtin_interfaces/Time": 2,
-    "builtin_interfaces/Duration": 2,
-}
-"""Numbers of values in what definitions use without defining it."""
 
 
 def rewritten(name: str, text: str) -> str | None:
     """The definition for the decoder of "package/msg/Name": fields only, without comments, defaults and constants.
 
-    None where a line is invalid, a type is not defined, an array of messages has no fixed size, the text is longer than
-    ``MAX_CHARACTERS``, or a message is nested deeper than ``MAX_DEPTH`` or larger than ``MAX_VALUES``.
+    None where a line is invalid, a type is not defined, the text is longer than ``MAX_CHARACTERS``, a message contains
+    itself or nothing, or is larger than ``MAX_VALUES``.
     """
     package, _, short = name.partition("/msg/")
     own = f"{package}/{short}"
     messages = _messages(own, text) if len(text) <= MAX_CHARACTERS else None
-    if messages is None or not 0 < _values(own, messages, {}, 0) <= MAX_VALUES:
+    if messages is None or not all(messages.values()):
+        return None
+    inside = {of: {field.of for field in fields} for of, fields in messages.items()}
+    values = dict(BUILT_IN)
+    try:
+        for of in TopologicalSorter(inside).static_order():
+            if of in messages:
+                values[of] = sum(field.size * values[field.of] for field in messages[of])
+    except (CycleError, KeyError):
+        return None
+    if values[own] > MAX_VALUES:
         return None
     written = {
         of: "\n".join(f"{field.of}{field.array} {field.name}" for field in messages[of])
@@ -104,6 +105,15 @@ def rewritten(name: str, text: str) -> str | None:
     }
     first = written.pop(own)
     return "\n===\n".join([first, *(f"MSG: {of}\n{fields}" for of, fields in written.items())])
+
+
+MAX_VALUES = 1000
+"""Values in one message, those of a fixed array counted one by one; PX4's and MAVROS's messages hold up to 100."""
+BUILT_IN = dict.fromkeys(PRIMITIVES, 1) | {
+    "builtin_interfaces/Time": 2,
+    "builtin_interfaces/Duration": 2,
+}
+"""Numbers of values in what definitions use without defining it."""
 
 
 def _messages(own: str, text: str) -> dict[str, list[_RosField]] | None:
@@ -126,34 +136,9 @@ def _messages(own: str, text: str) -> dict[str, list[_RosField]] | None:
         local = found["of"] not in PRIMITIVES and "/" not in found["of"]
         kind = f"{current.partition('/')[0]}/{found['of']}" if local else found["of"]
         messages[current].append(
-            _RosField(kind, found["array"] or "", int(found["size"] or 0), found["name"])
+            _RosField(kind, found["array"] or "", int(found["size"] or 1), found["name"])
         )
     return messages
-
-
-def _values(
-    name: str, messages: dict[str, list[_RosField]], known: dict[tuple[str, int], int], depth: int
-) -> int:
-    """The number of values in a message that ``depth`` others contain, a text or an array of any length as one.
-
-    0 where it has no bound. ``known`` has what was counted before, and is added to.
-    """
-    if name in BUILT_IN or name not in messages:
-        return BUILT_IN.get(name, 0)
-    if (name, depth) not in known:
-        counts = []
-        for field in messages[name]:
-            bounded = field.of in PRIMITIVES or (
-                depth < MAX_DEPTH and (field.size or not field.array)
-            )
-            counts.append(
-                max(field.size, 1) * _values(field.of, messages, known, depth + 1) if bounded else 0
-            )
-            if not counts[-1]:
-                break
-        # a message without fields is one byte
-        known[name, depth] = sum(counts) * all(counts) or not counts
-    return known[name, depth]
 
 
 def decoder(schema: Schema) -> Decoder | None:
