@@ -76,6 +76,7 @@ SLOW_MOTION_RATE = 8.0
 """Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
 nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
 TARGET_MESSAGE = "ATTITUDE_TARGET"
+TUNING_MESSAGE = "PID_TUNING"
 IGNORED = {"roll": 1, "pitch": 2, "yaw": 4, "attitude": 128}
 """Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
 # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
@@ -387,6 +388,37 @@ class Signals(VehicleSignals):
         """What was asked of the axis; empty where that was not recorded."""
         return setpoints(self.telemetry, self.axis)
 
+    @cached_property
+    def asked(self) -> Signal | None:
+        """The angle that was asked for, rad, from ATTITUDE_TARGET, or of ArduPilot from NAV_CONTROLLER_OUTPUT."""
+        for setpoint in self.setpoints:
+            if setpoint.unit == "rad":
+                return setpoint.signal
+        columns = self.telemetry.messages.get("NAV_CONTROLLER_OUTPUT")
+        is_own = self.telemetry.autopilot == "ARDUPILOTMEGA" and self.axis in TILT_AXES
+        if columns is None or not is_own:
+            return None
+        return series(columns, np.radians(floats(columns, f"nav_{self.axis}")))
+
+    @cached_property
+    def rates(self) -> tuple[Signal, Signal] | None:
+        """The body rate and what was asked of it, in one unit, from where they come fastest; None without setpoints.
+
+        That is PID_TUNING, of which firmware sends deg/s or rad/s, or else attitude and rate setpoint, rad/s.
+        """
+        columns = self.telemetry.messages.get(TUNING_MESSAGE)
+        if columns is not None:
+            pair = np.column_stack([floats(columns, "achieved"), floats(columns, "desired")])
+            own = series(columns, pair, columns["axis"] == 1 + AXES.index(self.axis))
+            if self.attitude is None or len(own.time) > len(self.attitude.time):
+                rate, asked = own.values.T
+                return replace(own, values=rate), replace(own, values=asked)
+        asked_rates = [one.signal for one in self.setpoints if one.unit == "rad/s"]
+        if self.attitude is None or not asked_rates:
+            return None
+        measured = Signal(self.attitude.time, self.attitude.boot, self.attitude.rate)
+        return measured, asked_rates[0]
+
 
 def fixes(columns: Columns) -> tuple[Array, NDArray[np.bool_]]:
     """Returns latitude and longitude (N, 2), degrees, of messages with a position, and which of them (N,) are fixes."""
@@ -402,7 +434,7 @@ def motors_or_demand(motors: Any, demand: Any, motor_rate: float, demand_rate: f
     return demand if motors is None or demand_rate >= MINIMUM_RATE else motors
 
 
-def usual_rate(stream: Attitude | Motors) -> float:
+def usual_rate(stream: Attitude | Motors | Signal) -> float:
     """Returns messages a second between outages, steps of over three usual ones, and boots."""
     return rate_without_gaps(np.diff(stream.time)[np.diff(stream.boot) == 0])
 

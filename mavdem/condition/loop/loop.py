@@ -99,6 +99,10 @@ class Loop(Margins):
             return True
         return None if reason.code is Responses.RESPONSE_UNEXPLAINED else False
 
+    def sure_of(self, target: Target) -> float:
+        """Returns the share of the draws in which both loops have the margins of ``target``."""
+        return float(np.mean(_scores(target, self.rate, self.attitude) >= 1))
+
     @cached_property
     def advice(self) -> Advice:
         """Gains to set, with what to expect, or why there are none."""
@@ -191,7 +195,7 @@ def advise(loop: Loop, tune: str = "default", doubts: Sequence[Fact] = ()) -> Ad
         before=loop,
         after=after,
         gains={name: Gain(loop.controller.parameters[name], new) for name, new in gains.items()},
-        sure=float(np.mean(_scores(target, after.rate, after.attitude) >= 1)),
+        sure=after.sure_of(target),
         noise=_noise(loop, after.controller),
     )
 

@@ -310,6 +310,7 @@ def translated(
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
         "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
         "ATTITUDE_TARGET": (asked, targets),
+        "PID_TUNING": ("RATE", _tuning(tables, attitude)),
         "SYS_STATUS": (measured, volts),
         "POWER_STATUS": ("POWR", _supply(tables)),
         "VIBRATION": ("VIBE", vibration(tables)),
@@ -445,6 +446,19 @@ def _targets(
         return None, "RATE"
     together = joined(parts)
     return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
+
+
+def _tuning(tables: Mapping[str, Columns], attitude: Columns | None) -> Columns | None:
+    """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in the unit of the log."""
+    logged = having(tables, "RATE", (*DESIRED_RATES, *RATES))
+    if logged is None or count(attitude) >= SLOWER_SHARE * count(logged):
+        return None
+    none = np.zeros(count(logged), np.uint8)
+    parts = []
+    for axis, (desired, achieved) in enumerate(zip(DESIRED_RATES, RATES, strict=True), 1):
+        fields = {"desired": logged[desired], "achieved": logged[achieved]}
+        parts.append(stamped(logged, {"axis": none + np.uint8(axis), **fields}))
+    return joined(parts)
 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[Fact, ...]]:

@@ -1,0 +1,158 @@
+"""Tracking: the light on how roll and pitch follow what was asked of them, at any rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.alignment.align import Segment, within
+from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
+from mavdem.assessment.evidence import Evidence
+from mavdem.condition.condition import settled_parts
+from mavdem.condition.resonance import spectra
+from mavdem.facts import Fact, Level
+from mavdem.facts.margins import TrackingLight
+from mavdem.ingest.telemetry import Array
+
+FEWEST = 20  # setpoints, below which an error is chance
+DELAYS = np.arange(0.0, 0.62, 0.02)
+"""s, that are tried: a multirotor is behind by 0.1 to 0.4, and what was sent less often comes later."""
+MOST = 5000  # setpoints that are compared, evenly taken
+WATCHED_ERROR = np.radians(3.0)
+BAD_ERROR = np.radians(10.0)
+"""rad, RMS without the delay: sound vehicles have up to 2.5° in hard steps, and ArduPilot's crash check begins at 30°.
+An error counts only where it is over half of what was asked, and is bad where it is larger than all of that: then no
+answer at all would be better. So a stick that is moved on the ground is none."""
+STEP_WINDOW = 4.0  # s, of the spectra by which the response to a step is known
+STEERED = np.radians(2.0)  # rad, standard deviation of a setpoint that shows it
+FAITHFUL = 0.8  # coherence of setpoint and angle, with which a frequency counts
+WATCHED_OVERSHOOT = 0.3
+"""Of a step: that of a damping ratio of 0.36, for which the phase margin is about 36°."""
+
+
+@dataclass(frozen=True)
+class AxisTracking:
+    """How one axis follows its setpoint in settled flight; None where the log does not show it."""
+
+    axis: str
+    asked: float
+    """Standard deviation of the angle that was asked for, rad."""
+    error: float
+    """RMS of the angle less its setpoint, rad."""
+    left: float
+    """The same, of the setpoint ``delay`` s before."""
+    offset: float
+    """Mean of the angle less its setpoint, rad."""
+    delay: float
+    """s, with which the error is least."""
+    overshoot: float | None
+    """Of the response to a step, as a share of it."""
+    rate_error: float | None
+    """RMS of the body rate less its setpoint, rad/s."""
+
+    @property
+    def fact(self) -> Fact:
+        """What is said of it."""
+        level = Level.GOOD
+        code = TrackingLight.FOLLOWS_SETPOINT
+        if self.left > max(WATCHED_ERROR, self.asked / 2):
+            level = Level.BAD if self.left > max(BAD_ERROR, self.asked) else Level.WATCH
+            code = TrackingLight.MISSES_SETPOINT
+        elif self.overshoot is not None and self.overshoot > WATCHED_OVERSHOOT:
+            level = Level.WATCH
+            code = TrackingLight.OVERSHOOTS_SETPOINT
+        return Fact(
+            code,
+            level,
+            axis=self.axis,
+            angle_error=self.left,
+            offset_angle=self.offset,
+            delay=self.delay,
+            overshoot=self.overshoot,
+        )
+
+
+def tracking_light(evidence: Evidence) -> Fact:
+    """Returns the light on tracking: the worse of roll and pitch, or what to log."""
+    signals = evidence.signals
+    found = [one.fact for one in tracking_of(evidence)]
+    if not found:
+        return Fact(
+            TrackingLight.TRACKING_UNKNOWN,
+            asked=signals.about(TILT_AXES[0]).asked is not None,
+            recorder=signals.telemetry.translated_from,
+        )
+    order = [Level.GOOD, Level.WATCH, Level.BAD]
+    return max(found, key=lambda fact: (order.index(fact.level), fact.figures["angle_error"]))
+
+
+def tracking_of(evidence: Evidence) -> tuple[AxisTracking, ...]:
+    """Returns how roll and pitch follow their setpoints; those whose setpoints were recorded."""
+    parts = settled_parts(evidence.signals)
+    found = (_tracking(evidence.signals.about(axis), parts) for axis in TILT_AXES)
+    return tuple(one for one in found if one is not None)
+
+
+def _tracking(signals: Signals, parts: Sequence[Segment]) -> AxisTracking | None:
+    attitude = signals.attitude
+    asked = signals.asked
+    if attitude is None or asked is None:
+        return None
+    angle = Signal(attitude.time, attitude.boot, attitude.angle)
+    pieces = [piece for part in parts if (piece := _compared(asked, angle, part)) is not None]
+    if sum(len(setpoint) for _, setpoint, _, _ in pieces) < FEWEST:
+        return None
+    setpoint = np.concatenate([setpoint for _, setpoint, _, _ in pieces])
+    errors = [
+        np.concatenate([np.interp(at + delay, time, seen) for at, _, time, seen in pieces])
+        - setpoint
+        for delay in DELAYS
+    ]
+    sizes = np.sqrt(np.mean(np.square(errors), axis=1))
+    best = int(np.argmin(sizes))
+    return AxisTracking(
+        axis=signals.axis,
+        asked=float(setpoint.std()),
+        error=float(sizes[0]),
+        left=float(sizes[best]),
+        offset=float(np.mean(errors[best])),
+        delay=float(DELAYS[best]),
+        overshoot=_overshoot(asked, angle, parts) if setpoint.std() > STEERED else None,
+        rate_error=_rate_error(signals, parts),
+    )
+
+
+def _compared(
+    asked: Signal, angle: Signal, part: Segment
+) -> tuple[Array, Array, Array, Array] | None:
+    """Times and values of setpoints, thinned, and of the angle, in one part; None without both."""
+    rows = np.flatnonzero(within(asked, part, slack=0))
+    there = within(angle, part)
+    if not len(rows) or np.count_nonzero(there) < 2:
+        return None
+    rows = rows[:: -(-len(rows) // MOST)]
+    return asked.time[rows], asked.values[rows], angle.time[there], angle.values[there]
+
+
+def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
+    attitude: Attitude | None = signals.attitude
+    setpoints = [one.signal for one in signals.setpoints if one.unit == "rad/s"]
+    if attitude is None or not setpoints:
+        return None
+    rate = Signal(attitude.time, attitude.boot, attitude.rate)
+    pieces = [_compared(setpoints[0], rate, part) for part in parts]
+    errors = [np.interp(at, time, seen) - one for at, one, time, seen in filter(None, pieces)]
+    return float(np.sqrt(np.mean(np.square(np.concatenate(errors))))) if errors else None
+
+
+def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float | None:
+    """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
+    found = spectra(asked, angle, parts, STEP_WINDOW, SLOW_MOTION_RATE)
+    if found is None or not (known := found.coherence >= FAITHFUL).any():
+        return None
+    peak = np.max(np.abs(found.across[known]) / found.driver[known])
+    damping = np.sqrt((1 - np.sqrt(1 - min(1 / peak, 1.0) ** 2)) / 2)
+    return float(np.exp(-np.pi * damping / np.sqrt(1 - damping**2))) if peak > 1 else 0.0

@@ -1,0 +1,244 @@
+"""Resonance: the measured response of a body rate to its setpoint, and peaks of the rate that the motors share.
+
+The response is T = S_rp / S_rr, of setpoint r and rate p, by Welch. Where the wind and not the pilot moves the vehicle,
+the setpoint only answers the rate by the attitude's controller, r = −K p / s, and T would be −s / K however coherent
+both are: such frequencies, where r + K p / s is less than half of r, are left out. With the controller C that the
+parameters give, from the setpoint and back from the rate, L / (1 + L) = T C_back / C_forward is without its filters,
+and so is the sensitivity 1 / (1 + L) = 1 − L / (1 + L).
+
+Reference: J. S. Bendat and A. G. Piersol, Random Data, 4th ed., sec. 9.2: the error of T by its coherence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment.align import Segment, mean_rate, within
+from mavdem.alignment.drive import Motors, Signal
+from mavdem.alignment.phases import both, unbroken
+from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
+from mavdem.condition.loop.controllers import controller_of
+from mavdem.condition.loop.margins import Complex, transfer
+from mavdem.confidence import quantile
+from mavdem.errors import NotLearnable
+from mavdem.ingest.telemetry import Array
+
+WINDOW_SECONDS = 2.0
+FEWEST_WINDOWS = 10
+"""Of the spectra, by Welch, half over each other: so the error of T where the coherence is a half is a fifth."""
+LEAST_COHERENCE = 0.5
+# times the lowest frequency, up to which T is known without a gap between
+LEAST_BAND = 2.0
+# times the amplitude of the frequencies about it: what Ms of 2, the most that is advised, makes of even noise
+PROMINENT = 2.0
+FOLLOWED = (
+    0.9  # coherence of the rate with the motors, from which it is motion and no noise of the sensor
+)
+USUAL_ANGLE_GAIN = 4.5
+"""1/s, ArduCopter's default, where the log has none; PX4's is 6.5."""
+HALF_POWER = 2**-0.5
+LOWEST = 1.0  # Hz, of T: below, the vehicle is moved to another place
+SLOWEST_PEAK = 4.0  # Hz, of the rate's own spectrum: below, it is steered, and moved by the wind
+# of the highest frequency: above, interpolation between messages has lost a fifth of the power
+HIGHEST = 0.8
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """A peak of the rate of one axis."""
+
+    axis: str
+    by_setpoint: bool
+    """Whether of the response to the setpoint, or of the rate's own spectrum."""
+    peak: float
+    """The largest |T|; or how many times the amplitude of the spectrum on both sides of it."""
+    frequency: float
+    """Hz, of the peak."""
+    coherence: float
+    """There, of the rate with its setpoint, or with the motors."""
+    highest: float
+    """Hz up to which it was looked for."""
+    ms_interval: tuple[float, float] | None = None
+    """The 90 % interval of the largest sensitivity; None without setpoint."""
+    whole: bool = False
+    """Whether the response was seen to fall below −3 dB, so that no peak comes after it."""
+
+
+class Spectra(NamedTuple):
+    """Of a driver r and what follows it, p, summed over windows."""
+
+    frequency: Array
+    """(F,) Hz, from 0 to half of the rate of the slower."""
+    windows: int
+    driver: Array
+    """(F,) |r|²; likewise |p|², and r* p."""
+    rate: Array
+    across: Complex
+
+    @property
+    def coherence(self) -> Array:
+        """(F,) of both."""
+        both_powers = np.maximum(self.driver * self.rate, np.finfo(np.float64).tiny)
+        return np.asarray(np.abs(self.across) ** 2 / both_powers)
+
+
+def resonance_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
+    """Returns the largest response of the rate to its setpoint, or else a peak of its spectrum, in ``parts`` of flight.
+
+    None where the messages are slower than ``MINIMUM_RATE``, or show neither.
+    """
+    found = None
+    if signals.rates is not None:
+        rate, asked = signals.rates
+        found = _response(signals, spectra(asked, rate, parts))
+    attitude = signals.attitude
+    drive = signals.drive
+    if found is None and attitude is not None and drive is not None:
+        rate = Signal(attitude.time, attitude.boot, attitude.rate)
+        found = _peak(signals.axis, spectra(_command(drive, signals.axis), rate, parts))
+    return found
+
+
+def _command(drive: Motors, axis: str) -> Signal:
+    """What turns the axis: the demand, or the motors' combination."""
+    weights = drive.layout.effect(axis)
+    one = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
+    return Signal(drive.time, drive.boot, one)
+
+
+def spectra(
+    driver: Signal,
+    follower: Signal,
+    parts: Sequence[Segment],
+    seconds: float = WINDOW_SECONDS,
+    least_rate: float = MINIMUM_RATE,
+) -> Spectra | None:
+    """Returns those of all windows of so many ``seconds`` without gaps in ``parts`` of a flight.
+
+    None where either signal comes slower than ``least_rate``, Hz, or there are fewer than ``FEWEST_WINDOWS``.
+    """
+    signals = driver, follower
+    if min(map(usual_rate, signals)) < least_rate:
+        return None
+    pieces = list[list[tuple[Array, Array]]]()
+    for part in parts:
+        spans = [(part.start, part.end)]
+        inside = [within(one, part) for one in signals]
+        own = [
+            (one.time[rows], one.values[rows]) for one, rows in zip(signals, inside, strict=True)
+        ]
+        for time, _ in own:
+            spans = both(spans, unbroken(time, np.diff(time) > 4 / least_rate))
+        for start, end in spans:
+            inside = [(time >= start) & (time <= end) for time, _ in own]
+            if min(map(np.count_nonzero, inside)) > least_rate * max(seconds, end - start):
+                pairs = zip(own, inside, strict=True)
+                pieces.append([(time[rows], values[rows]) for (time, values), rows in pairs])
+    if not pieces:
+        return None
+    sampled = min(mean_rate(time) for piece in pieces for time, _ in piece)
+    size = round(seconds * sampled)
+    sums = np.zeros((3, size // 2 + 1), np.complex128)
+    windows = 0
+    for piece in pieces:
+        first = max(time[0] for time, _ in piece)
+        grid = np.arange(first, min(time[-1] for time, _ in piece), 1 / sampled)
+        if len(grid) >= size:
+            r, p = (_windows(np.interp(grid, *one), size) for one in piece)
+            windows += len(r)
+            sums += [(one.conj() * other).sum(axis=0) for one, other in ((r, r), (p, p), (r, p))]
+    if windows < FEWEST_WINDOWS:
+        return None
+    driven, followed, across = sums
+    frequency = np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64)
+    return Spectra(frequency, windows, driven.real, followed.real, across)
+
+
+def _windows(values: Array, size: int) -> Complex:
+    windows = np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 2]
+    centred = windows - windows.mean(axis=1, keepdims=True)
+    return np.asarray(np.fft.rfft(centred * np.hanning(size), axis=1))
+
+
+def _response(signals: Signals, spectra: Spectra | None) -> Resonance | None:
+    if spectra is None or not spectra.driver.any():
+        return None
+    hertz = np.maximum(spectra.frequency, spectra.frequency[1])
+    power = np.maximum(spectra.driver, np.finfo(np.float64).tiny)
+    response = spectra.across / power
+    gain = USUAL_ANGLE_GAIN
+    without_filters = response
+    try:
+        controller = controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
+        gain = controller.angle
+        forward, back = transfer(controller, hertz)
+        without_filters = response * back / forward
+    except NotLearnable:
+        pass
+    coherence = spectra.coherence
+    back_by_angle = gain / (2j * np.pi * hertz)
+    own = np.abs(1 + back_by_angle * response) ** 2
+    own += np.abs(back_by_angle) ** 2 * (spectra.rate / power - np.abs(response) ** 2)
+    known = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
+    known &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
+    rows = _longest(known, hertz)
+    size = np.abs(response[rows])
+    # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
+    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > PROMINENT:
+        return None
+    at = rows[np.argmax(size)]
+    error = np.sqrt((1 - coherence[rows]) / (2 * coherence[rows] * spectra.windows))
+    complementary = np.abs(without_filters[rows])
+    sensitivity = np.abs(1 - without_filters[rows])
+    half = quantile() * error * complementary
+    return Resonance(
+        axis=signals.axis,
+        by_setpoint=True,
+        peak=float(np.abs(response[at])),
+        frequency=float(hertz[at]),
+        coherence=float(coherence[at]),
+        highest=float(hertz[rows[-1]]),
+        ms_interval=(float((sensitivity - half).max()), float((sensitivity + half).max())),
+        whole=bool(complementary.max() > HALF_POWER > complementary[-1]),
+    )
+
+
+def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:
+    """The rows of the run of ``known`` frequencies (F,) that reaches over most octaves."""
+    runs = np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1)
+    return max(
+        (run for run in runs if known[run[0]]),
+        key=lambda run: hertz[run[-1]] / hertz[run[0]],
+        default=np.zeros(0, np.intp),
+    )
+
+
+def _peak(axis: str, spectra: Spectra | None) -> Resonance | None:
+    """The peak of the rate that stands out most from the lowest points on both sides, if the motors share it."""
+    if spectra is None:
+        return None
+    top = HIGHEST * spectra.frequency[-1]
+    rows = np.flatnonzero((spectra.frequency >= SLOWEST_PEAK) & (spectra.frequency <= top))
+    if len(rows) < 3:
+        return None
+    size = np.sqrt(spectra.rate[rows])
+    before = np.minimum.accumulate(size)
+    after = np.minimum.accumulate(size[::-1])[::-1]
+    stands_out = size / np.maximum(before, after)
+    best = int(np.argmax(stands_out))
+    coherence = float(spectra.coherence[rows[best]])
+    if not (stands_out[best] >= PROMINENT and coherence >= FOLLOWED):
+        return None
+    return Resonance(
+        axis=axis,
+        by_setpoint=False,
+        peak=float(stands_out[best]),
+        frequency=float(spectra.frequency[rows[best]]),
+        coherence=coherence,
+        highest=float(top),
+    )
