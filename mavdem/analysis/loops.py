@@ -8,9 +8,9 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import flown_after
-from mavdem.condition.loop.from_flight import loop, loop_of
+from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
-from mavdem.dem import Learned, NotIdentifiable, physical
+from mavdem.dem import NotIdentifiable, physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -34,16 +34,12 @@ def loops_of_axes(
     signals: Signals,
     axes: Sequence[str] = AXES,
     start: float = 0.0,
-    learned: Learned | None = None,
 ) -> dict[str, Loop | Fact]:
-    """Returns the loops of each of the ``axes``, or why there are none; those of what was ``learned`` by its plant."""
+    """Returns the loops of each of the ``axes``, or why there are none."""
     found = dict[str, Loop | Fact]()
     for axis in axes:
         try:
-            if learned is not None and f"{axis} rate" in learned.record.output_names:
-                found[axis] = loop(learned)
-            else:
-                found[axis] = loops_of_log(signals.about(axis, signals.inputs), log, start)
+            found[axis] = loops_of_log(signals.about(axis, signals.inputs), log, start)
         except NotLearnable as error:
             found[axis] = error.fact
     return found

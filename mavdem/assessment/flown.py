@@ -8,8 +8,10 @@ from math import inf
 import numpy as np
 
 from mavdem.alignment import phases
+from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import Signal
 from mavdem.assessment.evidence import Evidence
+from mavdem.condition.condition import settled_parts
 from mavdem.facts import Fact, Level
 from mavdem.ingest.telemetry import Array
 
@@ -36,6 +38,20 @@ def flown(evidence: Evidence, signal: Signal | None) -> Iterator[Signal]:
             rows = here & phases.during(signal.time, [flight])
             if rows.any():
                 yield Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
+
+
+def settled(evidence: Evidence) -> tuple[Segment, ...]:
+    """Returns settled flight, until the vehicle was lost."""
+    ending = evidence.ending
+    parts = settled_parts(evidence.signals)
+    if ending is None or ending.time is None:
+        return parts
+    boot = ending.figures.get("boot", parts[-1].boot if parts else 0)
+    return tuple(
+        Segment(part.boot, part.start, min(part.end, ending.time)) if part.boot == boot else part
+        for part in parts
+        if part.boot != boot or part.start < ending.time
+    )
 
 
 def averaged(evidence: Evidence, signal: Signal | None) -> Array:

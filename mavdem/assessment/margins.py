@@ -9,7 +9,7 @@ from math import radians
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.signals import MINIMUM_RATE, usual_rate
 from mavdem.assessment.evidence import Evidence
-from mavdem.condition.condition import settled_parts
+from mavdem.assessment.flown import settled, worst
 from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating
 from mavdem.condition.resonance import Resonance, resonance_of
 from mavdem.confidence import LEVEL
@@ -45,7 +45,7 @@ class AxisMargins:
 def margins_of(evidence: Evidence) -> tuple[AxisMargins, ...]:
     """Returns what is known of the margins of roll, pitch and yaw."""
     signals = evidence.signals
-    parts = settled_parts(signals)
+    parts = settled(evidence)
     return tuple(
         AxisMargins(axis, evidence.loops.get(axis), resonance_of(signals.about(axis), parts))
         for axis in AXES
@@ -64,9 +64,8 @@ def margins_light(evidence: Evidence) -> Fact:
             turn_rate=radians(oscillation.rate),
         )
     found = [fact for axis in margins_of(evidence) for fact in axis.facts]
-    for level in (Level.BAD, Level.WATCH):
-        if worst := [fact for fact in found if fact.level is level]:
-            return worst[0]
+    if found and (light := worst(found)).level in (Level.BAD, Level.WATCH):
+        return light
     enough = [fact for fact in found if fact.level is Level.GOOD]
     names = dict.fromkeys(fact.figures["axis"] for fact in enough)
     if names.keys() & set(TILT_AXES):

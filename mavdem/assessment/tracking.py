@@ -11,7 +11,7 @@ from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.assessment.evidence import Evidence
-from mavdem.condition.condition import settled_parts
+from mavdem.assessment.flown import settled, worst
 from mavdem.condition.resonance import spectra
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import TrackingLight
@@ -85,13 +85,12 @@ def tracking_light(evidence: Evidence) -> Fact:
             asked=signals.about(TILT_AXES[0]).asked is not None,
             recorder=signals.telemetry.translated_from,
         )
-    order = [Level.GOOD, Level.WATCH, Level.BAD]
-    return max(found, key=lambda fact: (order.index(fact.level), fact.figures["angle_error"]))
+    return worst(sorted(found, key=lambda fact: -fact.figures["angle_error"]))
 
 
 def tracking_of(evidence: Evidence) -> tuple[AxisTracking, ...]:
     """Returns how roll and pitch follow their setpoints; those whose setpoints were recorded."""
-    parts = settled_parts(evidence.signals)
+    parts = settled(evidence)
     found = (_tracking(evidence.signals.about(axis), parts) for axis in TILT_AXES)
     return tuple(one for one in found if one is not None)
 

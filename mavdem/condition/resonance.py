@@ -220,12 +220,10 @@ def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:
 
 def _peak(axis: str, spectra: Spectra | None) -> Resonance | None:
     """The peak of the rate that stands out most from the lowest points on both sides, if the motors share it."""
-    if spectra is None:
+    if spectra is None or not spectra.rate.all():
         return None
     top = HIGHEST * spectra.frequency[-1]
     rows = np.flatnonzero((spectra.frequency >= SLOWEST_PEAK) & (spectra.frequency <= top))
-    if len(rows) < 3:
-        return None
     size = np.sqrt(spectra.rate[rows])
     before = np.minimum.accumulate(size)
     after = np.minimum.accumulate(size[::-1])[::-1]

@@ -1,0 +1,221 @@
+"""Lights of margins and tracking: resonances of known loops, errors and overshoot against known setpoints."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, log_of, with_pulses
+from recorded_flights import LOGS, recorded
+from scipy.signal import lfilter
+
+from mavdem.alignment.learnability import learnability_of
+from mavdem.alignment.signals import Signals
+from mavdem.analysis.loops import loops_of_axes
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.margins import margins_light, margins_of
+from mavdem.assessment.tracking import BAD_ERROR, WATCHED_ERROR, tracking_light, tracking_of
+from mavdem.condition.condition import condition_of, settled_parts
+from mavdem.condition.oscillation import Oscillation
+from mavdem.condition.resonance import resonance_of
+from mavdem.facts import Fact, Level
+from mavdem.facts.learnability import Reason, Remedy
+from mavdem.facts.margins import MarginsLight, TrackingLight
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Telemetry
+
+HOVER = Hover(hovering=40.0)
+TIME = HOVER.stamps(100.0)
+IGNORED = {"rates": 7, "attitude": 128}  # bits of ATTITUDE_TARGET
+
+
+def evidence(telemetry: Telemetry, **known) -> Evidence:
+    signals = Signals(telemetry)
+    judged = learnability_of(signals), condition_of(signals)
+    none = (None, None, None)
+    found = Evidence(log_of(telemetry), signals, *judged, (), none, (), None, {})
+    return replace(found, **known)
+
+
+def noise(seed: int = 1) -> np.ndarray:
+    """White below 30 Hz."""
+    values = np.random.default_rng(seed).standard_normal(len(TIME))
+    return lfilter([0.2, 0.4, 0.2], [1.0, -0.3, 0.1], values)
+
+
+def closed_loop(margin: float, hertz: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
+    """A rate and its setpoint, of ω² / (s² + 2 ζ ω s + ω²), which has about so many degrees of phase margin."""
+    omega = 2 * np.pi * hertz
+    damping = np.tan(np.radians(margin)) / 2
+    pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * omega * 0.01)
+    denominator = [1.0, -2 * pole.real, abs(pole) ** 2]
+    setpoint = noise()
+    return lfilter([0.0, sum(denominator)], denominator, setpoint) + 0.05 * noise(2), setpoint
+
+
+def asked(telemetry: Telemetry, rate=None, angle=None) -> Telemetry:
+    """With setpoints of roll at 100 Hz, (N,) rad/s or rad."""
+    none = 0 * TIME
+    half = none if angle is None else angle / 2
+    ignored = IGNORED["rates"] if rate is None else IGNORED["attitude"]
+    fields = {
+        "type_mask": np.full(len(TIME), ignored),
+        "q": np.column_stack([np.cos(half), np.sin(half), none, none]),
+        "body_roll_rate": none if rate is None else rate,
+        "body_pitch_rate": none,
+        "body_yaw_rate": none,
+    }
+    return changed(telemetry, "ATTITUDE_TARGET", **columns(TIME, **fields))
+
+
+def flight(rate, setpoint) -> Telemetry:
+    """A hover at 100 Hz with a roll rate and its setpoint, (N,) rad/s."""
+    return asked(changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate), rate=setpoint)
+
+
+@pytest.mark.parametrize(
+    ("margin", "code", "level"),
+    [
+        (12.0, MarginsLight.RESONATES, Level.BAD),
+        (60.0, MarginsLight.NO_RESONANCE, Level.GOOD),
+    ],
+)
+def test_a_resonance_is_seen_by_the_response_to_the_setpoint(margin, code, level):
+    found = evidence(flight(*closed_loop(margin)))
+    light = margins_light(found)
+    assert (light.code, light.level, light.figures["axis"]) == (code, level, "roll")
+    seen = margins_of(found)[0].resonance
+    assert seen is not None and seen.by_setpoint
+    if level is Level.BAD:
+        assert seen.frequency == pytest.approx(10.0, abs=1.0) and seen.coherence > 0.9
+        peak = 1 / (2 * np.sin(np.radians(margin / 2)))
+        assert seen.peak == pytest.approx(peak, rel=0.2)
+
+
+def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
+    """In wind the attitude's controller asks for −K times the angle: the ratio of both rises with the frequency."""
+    rate = noise()
+    angle = np.cumsum(rate) * 0.01
+    light = margins_light(
+        evidence(flight(rate, -4.5 * (angle - lfilter([0.01], [1, -0.99], angle))))
+    )
+    assert light.code is MarginsLight.MARGINS_UNKNOWN and light.level is Level.UNKNOWN
+
+
+def test_a_peak_that_the_motors_share_stands_out_without_a_setpoint():
+    rate = closed_loop(12.0)[0]
+    telemetry = changed(HOVER.telemetry(parameters=X_QUAD_PARAMETERS), "ATTITUDE", rollspeed=rate)
+    flying = (TIME > 6.0) & (HOVER.landed > TIME)
+    pulses = np.where(flying, (1500.0 + X_QUAD * 20 * rate[:, None]).T, 1000.0)
+    light = margins_light(evidence(with_pulses(telemetry, pulses)))
+    assert (light.code, light.level) == (MarginsLight.RATE_STANDS_OUT, Level.WATCH)
+    assert light.figures["frequency"] == pytest.approx(10.0, abs=1.0)
+
+
+def test_a_limit_cycle_goes_before_all():
+    found = evidence(flight(*closed_loop(60.0)))
+    swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
+    light = margins_light(replace(found, condition=replace(found.condition, oscillation=swinging)))
+    assert (light.code, light.level) == (MarginsLight.OSCILLATES, Level.BAD)
+
+
+def test_slow_messages_show_no_margins():
+    telemetry = HOVER.telemetry(10.0, 10.0)
+    refusal = Fact(Reason.STREAMS_TOO_SLOW, remedy=Fact(Remedy.RECORD_A_FLIGHT))
+    light = margins_light(evidence(telemetry, loops={"roll": refusal}))
+    assert (light.code, light.level) == (MarginsLight.MARGINS_UNKNOWN, Level.UNKNOWN)
+    assert light.figures["rate"] == pytest.approx(10.0) and light.figures["because"] is refusal
+
+
+def test_the_worst_loop_of_a_flight_is_rated():
+    log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
+    loops = loops_of_axes(log, Signals(log.vehicles[0]))
+    assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
+    light = margins_light(evidence(log.vehicles[0], loops=loops))
+    assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, Level.WATCH)
+    assert light.figures["axis"] == "roll"
+
+
+@pytest.mark.parametrize(
+    ("name", "peak", "ms"),
+    [("ap_raw_off", 2.5, 4.88), ("ap_autotune", 0.93, 1.95)],
+)
+def test_the_response_of_ardupilots_rate_loop_is_measured_at_its_own_rate(name, peak, ms):
+    """RATE comes at 200 Hz, ATT at 5; the sensitivity by its plant is 4.88."""
+    signals = Signals(recorded(f"sitl_raw/{name}.BIN.xz"))
+    seen = resonance_of(signals, settled_parts(signals))
+    assert seen is not None and seen.ms_interval is not None
+    assert seen.peak == pytest.approx(peak, rel=0.05)
+    assert np.mean(seen.ms_interval) == pytest.approx(ms, rel=0.05)
+
+
+def following(size: float, late: float = 0.2, error: float = 0.0) -> Evidence:
+    """Roll ``late`` s behind a setpoint of this standard deviation, rad, and that many rad off."""
+
+    def steered(time):
+        return size * (np.sin(1.3 * time) + np.sin(2.9 * time + 1.0))
+
+    off = error * (2 * part > TIME % 2)
+    telemetry = changed(HOVER.telemetry(), "ATTITUDE", roll=steered(TIME - late) + error)
+    return evidence(asked(telemetry, angle=steered(TIME)))
+
+
+def test_tracking_has_the_error_without_the_delay():
+    light = tracking_light(following(0.1))
+    assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
+    assert light.figures["delay"] == pytest.approx(0.2, abs=0.021)
+    assert light.figures["angle_error"] < 0.01
+    roll = tracking_of(following(0.1, late=0.0, error=0.02))[0]
+    assert roll.offset == pytest.approx(0.02, rel=0.05) and roll.error == pytest.approx(
+        0.02, rel=0.05
+    )
+
+
+@pytest.mark.parametrize(
+    ("size", "error", "level"),
+    [
+        (0.02, 0.9 * WATCHED_ERROR, Level.GOOD),
+        (0.02, 1.1 * WATCHED_ERROR, Level.WATCH),
+        (0.2, 1.1 * WATCHED_ERROR, Level.GOOD),
+        (0.02, 0.9 * BAD_ERROR, Level.WATCH),
+        (0.02, 1.1 * BAD_ERROR, Level.BAD),
+        (0.3, 1.1 * BAD_ERROR, Level.WATCH),
+    ],
+)
+def test_an_error_counts_beside_what_was_asked(size, error, level):
+    assert tracking_light(following(size, late=0.0, error=error)).level is level
+
+
+@pytest.mark.parametrize(("damping", "level"), [(0.3, Level.WATCH), (0.45, Level.GOOD)])
+def test_overshoot_is_that_of_a_step(damping, level):
+    omega = 5.0
+    pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * omega * 0.01)
+    denominator = [1.0, -2 * pole.real, abs(pole) ** 2]
+    steps = 0.1 * np.sign(np.sin(0.7 * TIME) + np.sin(1.9 * TIME))
+    answer = lfilter([0.0, sum(denominator)], denominator, steps)
+    found = evidence(asked(changed(HOVER.telemetry(), "ATTITUDE", roll=answer), angle=steps))
+    expected = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
+    roll = tracking_of(found)[0]
+    assert roll.overshoot == pytest.approx(expected, abs=0.05)
+    light = tracking_light(found)
+    assert light.level is level
+    assert level is Level.GOOD or light.code is TrackingLight.OVERSHOOTS_SETPOINT
+
+
+def test_what_is_not_in_the_log_is_unknown():
+    light = tracking_light(evidence(HOVER.telemetry()))
+    assert (light.code, light.level) == (TrackingLight.TRACKING_UNKNOWN, Level.UNKNOWN)
+
+
+def test_ardupilots_navigation_has_the_angle_that_was_asked():
+    telemetry = HOVER.telemetry(4.0, 4.0)
+    time = HOVER.stamps(2.0)
+    asked = np.degrees(HOVER.roll(time))
+    telemetry = changed(
+        telemetry, "NAV_CONTROLLER_OUTPUT", **columns(time, nav_roll=asked, nav_pitch=0 * time)
+    )
+    assert tracking_light(evidence(telemetry)).level is Level.GOOD
+
+
+def test_nothing_after_the_vehicle_was_lost_counts():
+    lost = replace(following(0.02, late=0.0, error=0.3), ending=Fact(Reason.NEVER_ARMED, time=11.5))
+    assert tracking_light(lost).level is Level.UNKNOWN
