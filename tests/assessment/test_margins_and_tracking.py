@@ -154,7 +154,6 @@ def following(size: float, late: float = 0.2, error: float = 0.0) -> Evidence:
     def steered(time):
         return size * (np.sin(1.3 * time) + np.sin(2.9 * time + 1.0))
 
-    off = error * (2 * part > TIME % 2)
     telemetry = changed(HOVER.telemetry(), "ATTITUDE", roll=steered(TIME - late) + error)
     return evidence(asked(telemetry, angle=steered(TIME)))
 
@@ -187,7 +186,7 @@ def test_an_error_counts_beside_what_was_asked(size, error, level):
 
 @pytest.mark.parametrize(("damping", "level"), [(0.3, Level.WATCH), (0.45, Level.GOOD)])
 def test_overshoot_is_that_of_a_step(damping, level):
-    omega = 5.0
+    omega = 9.0
     pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * omega * 0.01)
     denominator = [1.0, -2 * pole.real, abs(pole) ** 2]
     steps = 0.1 * np.sign(np.sin(0.7 * TIME) + np.sin(1.9 * TIME))
@@ -195,7 +194,7 @@ def test_overshoot_is_that_of_a_step(damping, level):
     found = evidence(asked(changed(HOVER.telemetry(), "ATTITUDE", roll=answer), angle=steps))
     expected = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
     roll = tracking_of(found)[0]
-    assert roll.overshoot == pytest.approx(expected, abs=0.05)
+    assert roll.overshoot == pytest.approx(expected, abs=0.06)
     light = tracking_light(found)
     assert light.level is level
     assert level is Level.GOOD or light.code is TrackingLight.OVERSHOOTS_SETPOINT
