@@ -464,36 +464,10 @@ class Scenario(Section):
     @model_validator(mode="after")
     def _fits_together(self) -> Scenario:
         """What no key can be wrong in by itself."""
-        lasting: list[tuple[str, float | None]] = []
-        for number, wind in enumerate(self.wind):
-            lasting += [
-                (f"wind.{number}.{key}", getattr(wind, key, None)) for key in ("s", "start")
-            ]
-        for number, moment in enumerate(self.moments):
-            lasting.append((f"moments.{number}.s", moment.s))
-        if self.excitation is not None:
-            key = "s" if isinstance(self.excitation, Sticks) else "period"
-            lasting.append((f"excitation.{key}", getattr(self.excitation, key, None)))
-        for key, given in lasting:
-            flight = "less than the duration of the flight"
-            _require(given is None or given < self.duration, key, given, flight, self.duration)
-        once = {
-            "faults.reboot": self.faults.reboot,
-            "faults.outage": self.faults.outage,
-            "faults.clock_jump": self.faults.clock_jump,
-            "vehicle.weak_from": self.vehicle.weak_from if self.vehicle.weak_motor else None,
-            "propeller.start": self.propeller.start,
-            "load.start": self.load.start,
-        }
-        which = "the flight" if self.flights == 1 else "all flights"
-        whole = self.flights * self.duration
-        for key, given in once.items():
-            duration = f"less than the duration of {which}"
-            _require(given is None or given < whole, key, given, duration, whole)
         match self.excitation:
             case Doublets(width=width, period=period):
                 half = "at most half of excitation.period"
-                _require(2 * width <= period, "excitation.width", width, half, period / 2)
+                _require(2 * width <= period, "excitation.width", width, half, period / 2, "s")
             case Chirp(lowest=lowest, highest=highest) | Multisine(lowest=lowest, highest=highest):
                 order = "at most excitation.highest"
                 _require(lowest <= highest, "excitation.lowest", lowest, order, highest, "Hz")
@@ -501,7 +475,16 @@ class Scenario(Section):
                 below = "below half of stream.rate"
                 _require(highest < nyquist, "excitation.highest", highest, below, nyquist, "Hz")
         if isinstance(self.excitation, Multisine):
-            self._fits_its_period(self.excitation)
+            turn = 1 / self.excitation.period
+            lowest = self.excitation.lowest
+            highest = self.excitation.highest
+            one = "at least one turn in excitation.period"
+            _require(lowest >= turn, "excitation.lowest", lowest, one, turn, "Hz")
+            # A sine for each axis, at least, after what lies between the harmonics is rounded to the nearest.
+            apart = lowest + 3 * turn
+            enough = "three turns in excitation.period above excitation.lowest"
+            fits = self.excitation.axis != "all" or highest >= apart
+            _require(fits, "excitation.highest", highest, enough, apart, "Hz")
         if isinstance(self.excitation, Course):
             moves = [(move.north, move.east, move.up) for move in self.excitation.moves]
             at = np.cumsum(moves, axis=0)
@@ -513,22 +496,7 @@ class Scenario(Section):
             _require(height >= 0.5, key, height, "clear of the ground", 0.5, "m")
         return self
 
-    def _fits_its_period(self, multisine: Multisine) -> None:
-        lowest = multisine.lowest
-        least = 1 / multisine.period
-        turn = "at least one turn in excitation.period"
-        is_turn = lowest * multisine.period >= 1
-        _require(is_turn, "excitation.lowest", lowest, turn, least, "Hz")
-        # A sine for each axis, at least, after what lies between the harmonics is rounded to the nearest.
-        enough = "three turns in excitation.period above excitation.lowest"
-        apart = lowest + 3 * least
-        highest = multisine.highest
-        fits = multisine.axis != "all" or highest >= apart
-        _require(fits, "excitation.highest", highest, enough, apart, "Hz")
 
-
-def _require(
-    fits: bool, key: str, given: float | None, relation: str, limit: float, unit: str = "s"
-) -> None:
+def _require(fits: bool, key: str, given: float, relation: str, limit: float, unit: str) -> None:
     if not fits:
         raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")

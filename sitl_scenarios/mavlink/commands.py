@@ -37,10 +37,8 @@ class Received(NamedTuple):
     component: int
 
 
-def addressed_messages(
-    datagram: bytes, system: int, component: int, most: int | None = None
-) -> list[Received]:
-    """The messages in a datagram, ``most`` at most, that are understood and meant for this component, or for all."""
+def addressed_messages(datagram: bytes, system: int, component: int) -> list[Received]:
+    """The messages in a datagram that are understood and meant for this component, or for all."""
     data = np.frombuffer(datagram, dtype=np.uint8)
     understood = []
     for frames in find_frames(data, seeds()):
@@ -55,8 +53,6 @@ def addressed_messages(
             if to_system in (system, BROADCAST_ID) and to_component in (component, BROADCAST_ID):
                 sender = int(frames.system[row]), int(frames.component[row])
                 understood.append(Received(definition.name, fields, *sender))
-            if len(understood) == most:
-                return understood
     return understood
 
 
@@ -71,7 +67,6 @@ class Command(IntEnum):
 
 # What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
 FORCE = 21196
-MAX_REPORTED = 20  # Changes of rates that are reported: some ground stations ask again and again
 
 
 class CommandHandler:
@@ -86,7 +81,6 @@ class CommandHandler:
         self._transmitter = transmitter
         self._simulation = simulation
         self._report = report
-        self._reported = 0
         self.accepted = 0
 
     def answer(self, received: Received) -> None:
@@ -185,10 +179,8 @@ class CommandHandler:
             after = schedule.interval(name)
             if after != before:
                 changed.append(f"{name} {_in_hertz(after)} instead of {_in_hertz(before)}")
-        if changed and self._reported < MAX_REPORTED:
-            self._reported += 1
-            more = "; further changes are not reported" if self._reported == MAX_REPORTED else ""
-            self._report(f"A ground station asked for {', '.join(changed)}{more}.")
+        if changed:
+            self._report(f"A ground station asked for {', '.join(changed)}.")
 
     def _request(self, name: str, argument: float) -> int:
         """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL reports."""

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Any
 
-from sitl_scenarios.mavlink.commands import CommandHandler, Received, addressed_messages
+from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import COMPONENT, LossyLink, Transmitter
 from sitl_scenarios.motion import Holding
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 
-MAX_ANSWERED_PER_TICK = 4
-MAX_WAITING = 64
-"""Messages of a ground station that are answered in a tick, a thousand a second, and that may wait for a later one. The
-rest is dropped: a flood must not slow the flight down."""
-MAX_READ_PER_TICK = 16  # Datagrams that are looked at in a tick
+MAX_READ_PER_TICK = (
+    16  # Datagrams that are answered in a tick; a flood must not slow the flight down
+)
 
 
 @dataclass
@@ -32,7 +30,7 @@ class LiveOutcome:
     holding: Holding  # how well the vehicle held its place
     sent: int = 0  # frames that were put on the network; ``commands`` that were accepted
     commands: int = 0
-    # datagrams that were dropped, in whole or in part, because too many came at once
+    # datagrams that were dropped because too many came at once
     unheard: int = 0
     flown: float = 0.0  # s of the flight, ``took``: s of wall time
     took: float = 0.0
@@ -109,7 +107,6 @@ def fly_live(
     transmitter = Transmitter(scenario, simulation.cycle)
     commands = CommandHandler(transmitter, simulation, report)
     outcome = LiveOutcome(Holding(scenario))
-    waiting = deque[Received]()
     link = LossyLink(scenario.faults, scenario.seed)
     began = monotonic()
     try:
@@ -117,32 +114,17 @@ def fly_live(
             outcome.flown = now
             progress(now)
             outcome.sent += sum(map(ground.send, due))
-            outcome.unheard += _listen(
-                ground.received(began + now / speed), transmitter.system, waiting
-            )
-            if link.out(now):
-                waiting.clear()
-            for _ in range(min(MAX_ANSWERED_PER_TICK, len(waiting))):
-                commands.answer(waiting.popleft())
+            is_out = link.out(now)
+            for number, datagram in enumerate(ground.received(began + now / speed)):
+                outcome.unheard += number >= MAX_READ_PER_TICK
+                if number < MAX_READ_PER_TICK and not is_out:
+                    for message in addressed_messages(datagram, transmitter.system, COMPONENT):
+                        commands.answer(message)
     except KeyboardInterrupt:
         outcome.stopped = True
     outcome.took = monotonic() - began
     outcome.commands = commands.accepted
     return outcome
-
-
-def _listen(datagrams: Iterator[bytes], system: int, waiting: deque[Received]) -> int:
-    """Queues the messages of a tick; returns how many datagrams were dropped, in whole or in part."""
-    dropped = 0
-    for number, datagram in enumerate(datagrams):
-        room = MAX_WAITING - len(waiting)
-        if number >= MAX_READ_PER_TICK or not room:
-            dropped += 1
-            continue
-        received = addressed_messages(datagram, system, COMPONENT, room + 1)
-        dropped += len(received) > room
-        waiting.extend(received[:room])
-    return dropped
 
 
 def _ticks(
