@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
+from scipy.spatial.transform import Rotation, Slerp
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
@@ -156,53 +157,25 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]]:
     angular = _first(topics, "vehicle_angular_velocity")
     xyz = _array(angular, "xyz", 3)
     time = angular["time"]
-    measured, moments = _moments(attitude, angular)
-    finite = np.isfinite(q).all(axis=1) & q.any(axis=1)
-    measured = measured[finite]
-    q = q[finite]
-    stamps = attitude["time"][finite]
+    finite = np.flatnonzero(np.isfinite(q).all(axis=1) & q.any(axis=1))
+    stamps, first = np.unique(attitude["time"][finite], return_index=True)
+    q = q[finite[first]]
     if len(q) < 2:
         return {}
-    steps = np.diff(measured)
+    steps = np.diff(stamps)
     if np.median(steps) > MAX_ATTITUDE_STEP:
-        xyz = np.column_stack([np.interp(measured, moments, rate) for rate in xyz.T])
+        xyz = np.column_stack([np.interp(stamps, time, rate) for rate in xyz.T])
         time = stamps
     else:
-        after = np.clip(np.searchsorted(measured, moments), 1, len(measured) - 1)
+        after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
         inside = (
-            (moments >= measured[0])
-            & (moments <= measured[-1])
-            & (steps[after - 1] <= MAX_ATTITUDE_STEP)
+            (time >= stamps[0]) & (time <= stamps[-1]) & (steps[after - 1] <= MAX_ATTITUDE_STEP)
         )
-        q = _between(measured, q, after[inside], moments[inside])
         xyz = xyz[inside]
         time = time[inside]
+        turned = Slerp(stamps, Rotation.from_quat(q, scalar_first=True))
+        q = turned(time).as_quat(scalar_first=True)
     return {"time": time, **dict(zip(names, [*q.T, *xyz.T], strict=True))}
-
-
-def _moments(*topics: Px4Topic) -> list[Array]:
-    """When each was measured, s, where all topics have that in order; else when all were published, a little later."""
-    stamped = all("timestamp_sample" in topic for topic in topics)
-    sampled = [topic["timestamp_sample"] for topic in topics] if stamped else []
-    if stamped and all(stamps[0] > 0 and (stamps[1:] >= stamps[:-1]).all() for stamps in sampled):
-        return [stamps / 1e6 for stamps in sampled]
-    return [topic["time"] for topic in topics]
-
-
-def _between(time: Array, q: Array, after: NDArray[np.intp], moments: Array) -> Array:
-    """Unit quaternions (M, 4) on the chord between those of ``q`` (N, 4) before and ``after`` (M,) the moments (M,)."""
-    before = q[after - 1]
-    following = q[after]
-    # q and −q are the same attitude: the chord must not lead from one to the other.
-    following = np.where((before * following).sum(axis=1, keepdims=True) < 0, -following, following)
-    step = time[after] - time[after - 1]
-    share = np.divide(moments - time[after - 1], step, out=np.ones_like(step), where=step > 0)[
-        :, None
-    ]
-    chord = before + share * (following - before)
-    # At a sample the sample itself, not its rounding.
-    unit = chord / np.linalg.norm(chord, axis=1, keepdims=True)
-    return np.where(share == 1, following, np.where(share == 0, before, unit))
 
 
 def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]]:

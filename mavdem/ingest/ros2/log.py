@@ -232,9 +232,7 @@ def _body_rates(fields: Fields, name: str) -> tuple[NDArray[np.float64], ...]:
     return p, -q, -r
 
 
-PX4_STAMP = "timestamp"
-PX4_SAMPLE = "timestamp_sample"
-"""µs on one clock: when a message was published and, in some messages, when its data were measured."""
+PX4_STAMP = "timestamp"  # µs: when a message was published
 SECOND = 1_000_000_000  # Nanoseconds
 
 
@@ -337,10 +335,6 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
 def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
     stamps = {name: _nanoseconds(table.columns[PX4_STAMP], 1000) for name, table in tables.items()}
     topics, repairs = _on_one_clock(tables, stamps)
-    for name, columns in topics.items():
-        if PX4_SAMPLE in columns:  # both stamps are moved alike, also those of another clock
-            moved = np.rint(columns["time"] * 1e6 - columns[PX4_STAMP])
-            topics[name] = {**columns, PX4_SAMPLE: columns[PX4_SAMPLE] + moved}
     instances = {name: {0: topic} for name, topic in topics.items()}
     kind = px4_topics.mav_type(instances, {})
     name_of_kind = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
