@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -12,10 +13,11 @@ from mavdem.cli.output import print_result, progress
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
-from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.difference import changed_parameters, vehicle_difference
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
 from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
+from mavdem.ingest import read_log
 from mavdem.report.difference import difference_blocks
 
 
@@ -65,9 +67,23 @@ def diff_command(
             raise NotLearnable(Fact(several, shared=len(both), names=sorted(names | others)))
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
-    print_result({"a": before, "b": after, **found.as_dict()}, difference_blocks(found), as_json)
+    parameters = changed_parameters(_parameters(before, first[0]), _parameters(after, second[0]))
+    document = {"a": before, "b": after, "parameters": parameters, **found.as_dict()}
+    print_result(document, difference_blocks(found, parameters), as_json)
     if not found.changes:
         context.exit(UNSUPPORTED)
+
+
+def _parameters(source: str, row: FlightRow) -> Mapping[str, float]:
+    """Those of the vehicle of a ``row`` in a log; none of other sources."""
+    path = Path(source)
+    if not path.is_file() or is_learned(path):
+        return {}
+    return next(
+        one.parameters
+        for one in read_log(path).vehicles
+        if (one.system, one.component) == (row.system, row.component)
+    )
 
 
 def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:

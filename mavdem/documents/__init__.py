@@ -34,7 +34,7 @@ DOCUMENTS = {
     "tune": Published(Tune, 2, "`--json` of tune"),
     "compare": Published(CompareReport, 2, "comparison.json, and `--json` of compare"),
     "order": Published(Order, 2, "`--json` of order"),
-    "diff": Published(Diff, 2, "`--json` of diff"),
+    "diff": Published(Diff, 3, "`--json` of diff"),
     "track": Published(Track, 2, "`--json` of track"),
     "live": Published(Live, 2, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),

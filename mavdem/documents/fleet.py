@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from mavdem.documents.document import Document, OneFact, Said, fact_in
-from mavdem.units import AngularAcceleration, Number, PerSecondOrSeconds, Radians, UtcText, Volts
+from mavdem.units import (
+    AngularAcceleration,
+    Number,
+    OfParameter,
+    PerSecondOrSeconds,
+    Radians,
+    UtcText,
+    Volts,
+)
 
 
 class Quantity(Document):
@@ -89,8 +97,22 @@ class Difference(Document):
     """conditions of A and of B"""
 
 
+class ParameterChange(Document):
+    """Parameters that somebody set to other values in B."""
+
+    name: str
+    """name of the parameter"""
+    before: OfParameter
+    """value in A"""
+    after: OfParameter
+    """value in B"""
+
+
 class Diff(Difference):
     """`--json` of diff."""
+
+    parameters: list[ParameterChange]
+    """parameters that somebody set to other values in B, those of control first; of two logs"""
 
     a: str
     """A as on the command line"""

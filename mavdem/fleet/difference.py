@@ -14,7 +14,7 @@ estimates, as closed loop does, leaves each alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from math import exp, hypot, isfinite, log, nan, sqrt
+from math import exp, hypot, isclose, isfinite, log, nan, sqrt
 from statistics import fmean, median
 from typing import Any, NamedTuple
 
@@ -36,6 +36,7 @@ from mavdem.fleet.row import (
     vehicles_of,
 )
 from mavdem.health.balance import SCATTER
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 FAMILY_ERROR = 0.05  # probability that anything is called changed when nothing did
 SHARE = "share"
@@ -124,6 +125,14 @@ class Missing(NamedTuple):
     reason: Fact
 
 
+class ParameterChange(NamedTuple):
+    """A parameter that was set anew."""
+
+    name: str
+    before: float
+    after: float
+
+
 class VehicleDifference(NamedTuple):
     """What differs between two states of a vehicle."""
 
@@ -201,6 +210,20 @@ def vehicle_difference(
         tuple(_incomparable(sides, estimates, other_kinds, other_inputs)),
         conditions,
     )
+
+
+def changed_parameters(
+    before: Mapping[str, float], after: Mapping[str, float]
+) -> list[ParameterChange]:
+    """Returns the parameters that somebody set to other values ``after``: those of control first, then by name."""
+    both = sorted(
+        before.keys() & after.keys(), key=lambda name: (not CONTROL_PARAMETERS.match(name), name)
+    )
+    return [
+        ParameterChange(name, before[name], after[name])
+        for name in both
+        if not OWN_PARAMETERS.search(name) and not isclose(before[name], after[name], rel_tol=1e-6)
+    ]
 
 
 def since_baseline(

@@ -52,6 +52,11 @@ CONTROL_PARAMETERS = re.compile(
     r"IMU_GYRO_(CUTOFF|RATEMAX)$|IMU_DGYRO_CUTOFF$|CA_(AIRFRAME|ROTOR_COUNT)$|CA_ROTOR[0-3]_"
 )
 """Names of ArduPilot's and PX4's parameters that rate and attitude control depend on."""
+OWN_PARAMETERS = re.compile(
+    r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
+    r"_(PRESS|TEMP|CALTEMP|DEC)$|(OFFS?|SCAL|DIA|ODI|MOT)_[XYZ]$"
+)
+"""Names of parameters that autopilots set by themselves, in flight, at their start, and when sensors are calibrated."""
 
 VERSION_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE: the least last byte of a version number, and the kind of version; none of a release."""

@@ -13,6 +13,7 @@ from mavdem.fleet.difference import (
     BETWEEN,
     FAMILY_ERROR,
     Conditions,
+    ParameterChange,
     QuantityChange,
     VehicleDifference,
 )
@@ -30,8 +31,14 @@ QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that
 }
 
 
-def difference_blocks(found: VehicleDifference) -> list[Block]:
-    """Returns what changed, the same, uncertain, not comparable, conditions, and how sure that is, in sentences."""
+def difference_blocks(
+    found: VehicleDifference, parameters: Sequence[ParameterChange] = ()
+) -> list[Block]:
+    """Returns in sentences what changed of two vehicles or one, and how sure that is.
+
+    Which vehicles come first, then ``parameters`` that were set anew, what changed, is the same, uncertain or not
+    comparable, and the conditions.
+    """
     reasons: dict[Fact, list[Fact]] = {}
     for name, reason in found.incomparable:
         reasons.setdefault(reason, []).append(name)
@@ -48,7 +55,8 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
         share=BETWEEN[difference.SHARE],
         effect=BETWEEN[difference.EFFECT],
     )
-    return [*_changes(found), *missing, conditions, *_vehicles(found), *sure]
+    anew = section("difference_parameters", parameters=parameters, vehicles=found.vehicles)
+    return [*_vehicles(found), *anew, *_changes(found), *missing, conditions, *sure]
 
 
 def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:

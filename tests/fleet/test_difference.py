@@ -19,9 +19,11 @@ from mavdem.fleet.difference import (
     RESOLUTION,
     SHARE,
     Quantity,
+    changed_parameters,
     vehicle_difference,
 )
 from mavdem.fleet.row import FlightRow
+from mavdem.report.difference import difference_blocks
 
 Z90 = 1.645
 SHARES = np.array([1.0, 0.98, 1.03, 0.99])
@@ -185,7 +187,7 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     why = {fact.figures.get("name", fact.code): reason for fact, reason in found.incomparable}
     inner = why[quantity].figures.get("reasons", (why[quantity],))
     assert [fact.code for fact in inner] == [reason]
-    document = whole("diff", {"a": "A", "b": "B", **found.as_dict()})
+    document = whole("diff", {"a": "A", "b": "B", "parameters": [], **found.as_dict()})
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
@@ -206,3 +208,20 @@ def test_the_same_is_said_only_where_the_whole_interval_is_small(harder, outcome
     assert change.outcome == outcome and (
         change.half_width < RESOLUTION[SHARE] or outcome == "changed"
     )
+
+
+def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
+    before = {
+        "ANGLE_MAX": 3000.0,
+        "ATC_RAT_RLL_P": 0.135,
+        "STAT_BOOTCNT": 1.0,
+        "INS_GYROFFS_X": 0.1,
+    }
+    after = {"ANGLE_MAX": 4500.0, "ATC_RAT_RLL_P": 0.2, "STAT_BOOTCNT": 2.0, "INS_GYROFFS_X": 0.2}
+    changes = changed_parameters(before, after | {"ANGLE_NEW": 1.0})
+    assert changes == [("ATC_RAT_RLL_P", 0.135, 0.2), ("ANGLE_MAX", 3000.0, 4500.0)]
+    one, other = (
+        [flight_row(name, 0, axis) for axis in ("roll", "pitch")] for name in ("alpha", "beta")
+    )
+    said = [block.text for block in difference_blocks(vehicle_difference(one, other), changes)]
+    assert "alpha and beta" in said[0] and said[1].startswith("ATC_RAT_RLL_P 0.135 → 0.2, ANGLE")
