@@ -38,7 +38,6 @@ class Folder(Code):
     NO_FLEET = auto()
     FLEET_DAMAGED = auto()
     FLEET_OF_OTHERS = auto()
-    FLEET_ON_NETWORK = auto()
     FLEET_NOT_WRITTEN = auto()
     BASELINE_UNKNOWN = auto()
     BASELINE_WITHOUT_FLIGHT = auto()

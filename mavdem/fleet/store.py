@@ -36,21 +36,6 @@ UNFINISHED = ".unfinished"
 # rows that a reader skips at once, by the least and the greatest vehicle's name among them
 ROW_GROUP = 10_000
 BUSY_SECONDS = 600.0  # while another run may write, as the table of a large fleet
-NETWORK_DISKS = {
-    "nfs",
-    "nfs4",
-    "cifs",
-    "smb3",
-    "smbfs",
-    "afs",
-    "ceph",
-    "lustre",
-    "beegfs",
-    "gpfs",
-    "fuse.sshfs",
-}
-"""Kinds of disks, as Linux names them, on which SQLite's write-ahead log does not keep other machines out."""
-
 COLUMNS = {column.name for column in fields(FlightRow)}
 TABLES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 ENDED_FOR_GOOD = """
@@ -127,8 +112,6 @@ def opened(folder: Path) -> Iterator[Store]:
         raise Unreadable(Fact(Folder.FLEET_OF_OTHERS, path=str(flights)))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if (disk := _disk(folder)) in NETWORK_DISKS:
-            raise Unreadable(Fact(Folder.FLEET_ON_NETWORK, path=str(folder), disk=disk))
         store = Store(folder)
         with closing(store._db):
             yield store
@@ -332,16 +315,3 @@ def _values(source: Source, limits: Limits) -> dict[str, Any]:
 def _row(text: str, file: str | None = None) -> FlightRow:
     values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
     return FlightRow(**(values if file is None else values | {"file": file}))
-
-
-def _disk(folder: Path) -> str:
-    """The kind of disk that a folder is on, as Linux names it; empty elsewhere."""
-    try:
-        mounts = [line.split()[1:3] for line in Path("/proc/self/mounts").read_text().splitlines()]
-    except OSError:
-        return ""
-    path = f"{os.path.realpath(folder)}/"
-    return max(
-        ((len(at), kind) for at, kind in mounts if path.startswith(f"{at.rstrip('/')}/")),
-        default=(0, ""),
-    )[1]

@@ -1,7 +1,6 @@
 """The senders on a link, which of them are vehicles, and which one is followed: once chosen, it stays.
 
-What a sender is, most of its first HEARTBEATs decide, as in a recorded stream. All that is kept is bounded: beyond
-that, the sender with the fewest frames is dropped.
+What a sender is, most of its first HEARTBEATs decide, as in a recorded stream. What is kept of each is bounded.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED
 from mavdem.live.messages import Frame, Message
 
-MAX_SENDERS = 64
 MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
 VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones change nothing
 # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
@@ -157,9 +155,6 @@ class Senders:
         """The sender of a frame."""
         ids = frame.system, frame.component
         if ids not in self.by_ids:
-            if len(self.by_ids) >= MAX_SENDERS:
-                others = [key for key, other in self.by_ids.items() if other is not self.followed]
-                del self.by_ids[min(others, key=lambda key: self.by_ids[key].frames)]
             self.by_ids[ids] = Sender(*ids)
         return self.by_ids[ids]
 
@@ -206,7 +201,6 @@ class Senders:
             or not (sender.known and sender.flies)
         ):
             return
-        if len(self._rivals) < MAX_SENDERS:
-            self._rivals.add(sender.name)
-            subject = sender.identity
-            self._report(Fact(VehicleFact.OTHER_VEHICLE, subject=subject, name=self.followed.name))
+        self._rivals.add(sender.name)
+        subject = sender.identity
+        self._report(Fact(VehicleFact.OTHER_VEHICLE, subject=subject, name=self.followed.name))

@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracle import load, needs_oracle
 from peculiar_flights import (
     FLIGHT,
     NOTHING_NEW,
@@ -20,7 +19,7 @@ from peculiar_flights import (
 from refusals import refused
 from scipy.stats import chi2
 
-from mavdem import Flight, Forecaster, baselines, evaluate
+from mavdem import Flight, Forecaster, baselines
 from mavdem.baselines import StateSpace, maximum_likelihood, subspace_identification
 from mavdem.baselines.identified import Units
 from mavdem.baselines.maximum_likelihood import (
@@ -74,40 +73,6 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps():
     # A segment too short for a window is predicted like the others.
     assert np.abs(subspace.one_step() - together).max() < 1e-5 * together.std()
     assert errors_of(subspace.forecast(flight.inputs[800:]), flight[800:]) < 1e-5
-
-
-HORIZON = 6
-
-
-def of_nfoursid(flight: Flight, system: StateSpace) -> StateSpace:
-    """N4SID, which weights nothing; told the trims, of which it knows nothing."""
-    nfoursid = pytest.importorskip("nfoursid.nfoursid")
-    import pandas
-
-    inputs, outputs = ["u0", "u1"], ["y0", "y1"]
-    table = np.hstack([flight.inputs - system.input_trim, flight.outputs - system.output_trim])
-    frame = pandas.DataFrame(table, columns=[*inputs, *outputs])
-    identification = nfoursid.NFourSID(frame, outputs, inputs, num_block_rows=HORIZON)
-    identification.subspace_identification()
-    found, _ = identification.system_identification(rank=len(system.A))
-    return system._replace(A=found.a, B=found.b, C=found.c, D=found.d)
-
-
-def input_answers(model: StateSpace) -> np.ndarray:
-    return np.array(
-        [model.C @ np.linalg.matrix_power(model.A, k) @ model.B for k in range(2 * HORIZON)]
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 4])
-def test_without_noise_nfoursid_finds_the_same_system(order, monkeypatch):
-    monkeypatch.setattr(subspace_identification, "_horizon", lambda segments, order: HORIZON)
-    system = random_system(order, order)
-    flight, _ = flown(system, 1, 600, noise=0.0)
-    theirs = input_answers(of_nfoursid(flight, system))
-    ours = input_answers(baselines.subspace(flight, order).model)
-    np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
 
 
 def determinant(identified):
@@ -222,25 +187,6 @@ def test_the_likelihood_rises_and_covariances_stay_positive(train):
     assert np.diff(likelihoods).min() > -1e-8 * np.abs(likelihoods).max()
     for covariance in (fitted.model.Q, fitted.model.R):
         assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
-
-
-@needs_oracle
-def test_the_authors_em_is_matched_within_its_spread_over_starts():
-    """Simulated System 2 of the paper: errors of the 150 samples after training, from the last estimate and from 0."""
-    data = load("case_c2_data_p2")
-    theirs = load("case_c2_em")
-    step = data["dt"].item()
-    flight = Flight(step * np.arange(850), data["u_full"].T, data["y_full"])
-    train = flight[:700]
-    test = flight[700:]
-    em = baselines.em(train, 2)
-    for from_zero, name in ((False, "mspe_x0last_aligned"), (True, "mspe_x0zero")):
-        ours = evaluate.mspe(test.outputs, em.forecast(test.inputs, from_zero)).total
-        assert theirs[name].min() < ours < theirs[name].max()
-    # From the estimate at the end of training it is better than most of theirs.
-    assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(
-        theirs["mspe_x0last_aligned"]
-    )
 
 
 def test_a_breakdown_is_an_error(monkeypatch):

@@ -94,13 +94,11 @@ def refusal(use: Callable[[], object]) -> Code:
     return refused.value.fact.code
 
 
-def test_a_folder_of_somebody_else_and_a_disk_of_another_machine_are_refused(tmp_path, monkeypatch):
+def test_a_folder_of_somebody_else_is_refused(tmp_path):
     (tmp_path / "flights").mkdir()
     (tmp_path / "flights" / "monday.bin").touch()
     assert refusal(opened(tmp_path).__enter__) is Folder.FLEET_OF_OTHERS
     assert [path.name for path in tmp_path.iterdir()] == ["flights"]
-    monkeypatch.setattr(store, "_disk", lambda folder: "nfs4")
-    assert refusal(opened(tmp_path / "fleet").__enter__) is Folder.FLEET_ON_NETWORK
 
 
 def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
-from whole_logs import everything, in_small_blocks, read
+from whole_logs import read
 
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import columns, definitions
@@ -310,27 +310,6 @@ def test_a_stamp_with_bytes_missing_costs_us_no_message(row, missing):
         "SERVO_OUTPUT_RAW": len(TIMES),
     }
     assert log.receive_time == pytest.approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
-
-
-UNREADABLE = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
-"""Of another dialect, and damaged."""
-
-
-@pytest.mark.slow
-@given(
-    st.lists(
-        st.tuples(
-            st.one_of(st.just(b""), GARBAGE), STAMPS, st.one_of(OF_TWO, st.sampled_from(UNREADABLE))
-        ),
-        min_size=1,
-        max_size=12,
-    )
-)
-@settings(max_examples=40)
-def test_blocks_of_a_few_bytes_read_as_one_block(sent):
-    content = tlog([heartbeat(), *flight(TIMES[:4])]) + b"".join(b"".join(each) for each in sent)
-    for stream in (content, content.replace(b"\n", b"\r\n")):
-        assert everything(in_small_blocks(stream)) == everything(read(stream))
 
 
 @pytest.mark.parametrize("left", range(12))

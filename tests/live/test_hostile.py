@@ -14,7 +14,6 @@ from mavdem.ingest.mavlink.definitions import definitions
 from mavdem.live import LiveStream
 from mavdem.live.messages import FIELDS
 from mavdem.live.rows import MAX_SAMPLES, Samples
-from mavdem.live.senders import MAX_SENDERS
 from mavdem.live.stream import MAX_EVENTS
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
@@ -111,32 +110,6 @@ def test_two_heartbeats_in_a_row_that_say_disarmed_are_believed():
     made = replay(among(frames, disarmed))
     assert made.rows[-1].time == pytest.approx(17.0, abs=0.02)
     assert not made.stream.status().flying
-
-
-@pytest.mark.slow
-def test_thousands_of_senders_take_no_memory_and_not_the_place_of_the_vehicle():
-    chance = random.Random(1)
-    stream = replay(FLIGHT.frames(end=13.0)).stream
-    rest = FLIGHT.frames(start=13.0, end=18.0)
-    forged = []
-    for number in range(2000):
-        kind = chance.choice(
-            ("ATTITUDE", "HEARTBEAT", "PARAM_VALUE", "SERVO_OUTPUT_RAW", "VFR_HUD")
-        )
-        content = message(kind, *divmod(2 * 256 + number * 25 % 60_000, 256))
-        forged += [(chance.uniform(13.0, 18.0), content)] * 10
-    forged += [
-        (time, message("HEARTBEAT", 9, 1, type=2, autopilot=3))
-        for time in np.arange(13.0, 18.0, 0.5)
-    ]
-    forged += [
-        (time, message("ATTITUDE", 9, 1, sequence=int(time * 50) % 256))
-        for time in np.arange(13, 18, 0.02)
-    ]
-    again = replay(among(rest, forged), stream)
-    assert stream.status().vehicle == "1:1" and len(list(stream._senders)) <= MAX_SENDERS
-    usual = replay(rest, replay(FLIGHT.frames(end=13.0)).stream)
-    np.testing.assert_array_equal(again.table(), usual.table())
 
 
 @pytest.mark.slow

@@ -102,19 +102,6 @@ def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
     assert made.segments().keys() == {0} and made.rows[-1].time == pytest.approx(17.99, abs=0.02)
 
 
-@pytest.mark.slow
-def test_a_rate_that_comes_back_has_the_step_it_had():
-    chance = random.Random(0)
-    slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(start=18.0, end=23.0)
-    back = [each for each in FLIGHT.frames(start=23.0, end=28.0) if chance.random() > 0.03]
-    # after a reboot
-    again = [each for each in shifted(FLIGHT.frames(end=18.0), 40.0) if chance.random() > 0.03]
-    made = replay(FLIGHT.frames(end=18.0) + slow + back + again)
-    assert {setup.boot for setup in made.setups.values()} == {0, 1}
-    steps = [setup.dt for setup in made.setups.values()]
-    assert steps[0] == steps[-1] == 0.01 and 0.02 in steps
-
-
 def test_another_rate_in_flight_decides_the_step_anew():
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(end=18.0)
     made = replay(slow + FLIGHT.frames(start=18.0, end=26.0))

@@ -211,19 +211,6 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
     assert vehicle.rates == {30: 4.0, 36: 0.0, 245: 0.0, 32: 0.0, 74: 0.0}
 
 
-def test_what_is_not_sent_for_a_while_after_a_reboot_is_set_back_by_nobody():
-    vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0)
-    vehicle.run(20.0)
-    vehicle.rates = {}
-    vehicle.late = 32
-    vehicle.request.restart()
-    assert vehicle.request.events[-1].code is RateFact.RATES_ASKED_AGAIN
-    vehicle.run(40.0)
-    vehicle.late = 0
-    vehicle.run(20.0)
-    assert RateFact.RATES_CONTESTED not in [fact.code for fact in vehicle.request.events]
-
-
 def test_what_distinguishes_flight_from_landing_is_asked_for_where_it_does_not_come_already():
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), knows=(30, 36, 74), _30=4.0, _36=2.0, _74=10.0)
     vehicle.run(30.0)

@@ -1,7 +1,6 @@
 """A link, what learns from it and who is shown it, put together: with recorded flights and whatever may go wrong."""
 
 import html
-import lzma
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import groupby
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 from live_faults import error_ratios, run_session, undisturbed
 from pymavlink.dialects.v20 import all as dialect
-from recorded_flights import shared
 
 import mavdem
 from mavdem.dem import Estimate, Settings
@@ -278,27 +276,6 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     ).replace("\u00a0", " ")
     assert plus_minus(*np.degrees([known.effect[0], known.interval().effect[0]])) in page
     assert all(str(purpose.reason) in page for purpose in one.findings.purposes)
-
-
-@pytest.mark.slow
-def test_after_a_landing_and_a_reboot_nothing_false_is_said(now, tmp_path):
-    """LOCAL_POSITION_NED comes 40 s after the reboot at 105 s, take-off is at 161 s, and samples from 166 s on."""
-    (path := tmp_path / "d.tlog").write_bytes(
-        lzma.decompress(shared("sitl_live/d.tlog.xz").read_bytes())
-    )
-    script = recorded(path, 0.05, start=95.0)
-    one, _, said = session_of([], rate=100.0)
-    for one.link.script in ([batch] for batch in script if batch[0][0] < script[0][0][0] + 72.0):
-        now[0] = one.link.script[0][-1][0]
-        one.step(0.0)
-    (reboot,) = (fact for fact in said if fact.code is VehicleFact.VEHICLE_REBOOTED)
-    assert reboot.figures["clock"] == pytest.approx(104.2, abs=0.05)
-    codes = [fact.code for fact in said]
-    assert VehicleFact.CLOCK_SET_BACK not in codes
-    states = Session.NOT_FLYING, Session.NOT_SETTLED, Session.BEING_LEARNED
-    assert [code for code in codes if code in states][-2:] == [*states[:2]], (
-        "nothing is said to be learned on the ground"
-    )
 
 
 @pytest.mark.slow

@@ -2,10 +2,8 @@
 
 import struct
 
-import numpy as np
 import pytest
 from made_up_motion import made_up_motion
-from mavlink_streams import frame
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
@@ -155,24 +153,3 @@ def test_what_is_meant_for_others_is_not_heard():
     ):
         message = dialect.MAVLink_command_long_message(*target, 400, *[0] * 8)
         assert len(addressed_messages(bytes(message.pack(GROUND)) * 3, 1, 1)) == heard
-
-
-@pytest.mark.slow
-def test_nothing_that_arrives_does_harm():
-    random = np.random.default_rng(5)
-    vehicle = Vehicle()
-    datagrams = [random.bytes(int(length)) for length in random.integers(0, 2048, 60)]
-    datagrams += [bytes([marker]) * 2048 for marker in (0xFD, 0xFE)]
-    for number in (20, 21, 23, 43, 66, 75, 76):
-        size = dialect.mavlink_map[number].unpacker.size
-        for payload in [b"\x01" * size, b"", *(random.bytes(size) for _ in range(20))]:
-            datagrams.append(frame(number, payload, 255, 190))
-            datagrams.append(frame(number, (payload + bytes(size))[:size], 255, 190, version=1))
-    for datagram in datagrams:
-        for system, component in (
-            (1, 1),
-            *((one, two) for one in datagram[10:13] for two in datagram[10:13]),
-        ):
-            for said in addressed_messages(datagram, system, component):
-                vehicle.commands.answer(said)
-    assert vehicle.flown(0.5)["ATTITUDE"]

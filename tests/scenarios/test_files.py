@@ -1,10 +1,9 @@
 """Scenario files: those that come with the package load; what is wrong in another is said in one sentence."""
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
-from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
 
 GUST = '[[wind]]\nkind = "gust"\nstart = 5\nspeed = 3\n'
@@ -107,31 +106,3 @@ PLACES = [
     ("moments", 0, "sd"),
     ("sensors", "delay"),
 ]
-
-
-@pytest.mark.slow
-@given(
-    st.lists(
-        st.tuples(st.sampled_from(PLACES), st.one_of(VALUES, st.lists(VALUES, max_size=2))),
-        max_size=4,
-    )
-)
-def test_whatever_stands_in_a_scenario_it_is_one_or_is_refused_in_one_line(changes):
-    table = load("lossy_link").model_dump(mode="json")
-    table["wind"] = [{"kind": "gaussian", "sd": 1.0, "s": 0.2}]
-    table["moments"] = [{"sd": 0.1, "s": 0.2}]
-    for place, value in changes:
-        inside = table
-        for key in place[:-1]:
-            inside = (
-                inside[key]
-                if isinstance(inside, dict) and key in inside or isinstance(inside, list) and inside
-                else {}
-            )
-        if isinstance(inside, dict) or (isinstance(inside, list) and inside and place[-1] == 0):
-            inside[place[-1]] = value
-    try:
-        assert isinstance(scenario_of(table), Scenario)
-    except ValueError as error:
-        assert type(error) is ValueError and str(error)
-        assert not any(theirs in str(error) for theirs in ("Input should", "Value error"))
