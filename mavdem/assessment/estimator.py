@@ -9,9 +9,11 @@ import numpy as np
 
 from mavdem.alignment.drive import Signal, floats, series
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import flown, longest, worst
+from mavdem.assessment.flown import flown, longest, reported, worst
+from mavdem.assessment.reported import FIX_3D
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
+from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry
 
 MEASURED = ("velocity", "position", "height", "compass")
@@ -33,13 +35,20 @@ DOUBT_SECONDS = 1.0  # as long it lasts there until the failsafe
 POOR_DILUTION = 2.5
 FEW_SATELLITES = 6
 """HDOP above, satellites below which PX4's filter does not start with GPS: EKF2_REQ_HDOP, EKF2_REQ_NSATS."""
-FIXED = 3  # GPS_FIX_TYPE_3D_FIX and better
+OF_ESTIMATOR = {
+    Reported.ESTIMATOR_DIVERGED,
+    Reported.ESTIMATOR_SWITCHED,
+    Reported.ESTIMATOR_RESET,
+    Reported.GPS_JUMPED,
+    Reported.GPS_LOST,
+    Reported.SENSOR_FAILED,
+}
 
 
 def estimator_light(evidence: Evidence) -> Fact:
     """Returns the worst of filter and GPS in flight; unknown where the log has neither."""
     innovations = sorted(_filter(evidence), key=lambda fact: -fact.figures["duration"])
-    found = [*innovations, *_fixes(evidence)]
+    found = [*innovations, *_fixes(evidence), *reported(evidence, OF_ESTIMATOR)]
     return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED)
 
 
@@ -100,16 +109,12 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
     table = np.column_stack([floats(report, field) for field in fields])
     for part in flown(evidence, series(report, table)):
         fix, satellites, dilution = part.values.T
-        fixed = fix >= FIXED
+        fixed = fix >= FIX_3D
         if not fixed.any():
             continue
-        lost = longest(part, ~fixed)
         figures: dict[str, Any] = {
             "satellites": int(np.median(satellites[fixed])),
             "dilution": float(np.median(dilution[fixed])) / 100,
         }
-        if lost >= DOUBT_SECONDS:
-            begins = part.time[(~fixed).argmax()]
-            yield Fact(EstimatorLight.FIX_LOST, Level.WATCH, time=begins, duration=lost)
-        elif figures["satellites"] < FEW_SATELLITES or figures["dilution"] > POOR_DILUTION:
+        if figures["satellites"] < FEW_SATELLITES or figures["dilution"] > POOR_DILUTION:
             yield Fact(EstimatorLight.FIX_POOR, Level.WATCH, **figures)

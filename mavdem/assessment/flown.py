@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from math import inf
 
 import numpy as np
@@ -12,7 +12,7 @@ from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import Signal
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.condition import settled_parts
-from mavdem.facts import Fact, Level
+from mavdem.facts import Code, Fact, Level
 from mavdem.ingest.telemetry import Array
 
 SEVERITY = (Level.UNKNOWN, Level.GOOD, Level.WATCH, Level.BAD)
@@ -52,6 +52,15 @@ def settled(evidence: Evidence) -> tuple[Segment, ...]:
         for part in parts
         if part.boot != boot or part.start < ending.time
     )
+
+
+def reported(evidence: Evidence, codes: Container[Code]) -> Iterator[Fact]:
+    """Yields what the autopilot warned of in flight, of these kinds."""
+    for event in evidence.events:
+        if event.code in codes and event.level in (Level.WATCH, Level.BAD):
+            time = np.array([event.time])
+            if phases.during(time, flights(evidence, event.figures["boot"])).any():
+                yield event
 
 
 def averaged(evidence: Evidence, signal: Signal | None) -> Array:

@@ -11,8 +11,9 @@ from mavdem.alignment import phases
 from mavdem.alignment.drive import Signal, floats, series
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import averaged, flown, worst
+from mavdem.assessment.flown import averaged, flown, reported, worst
 from mavdem.facts import Fact, Level
+from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
 
 CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 14])
@@ -33,10 +34,12 @@ LOW_LEVELS = ("BATT_LOW_VOLT", "FS_BATT_VOLTAGE")
 CRITICAL_LEVELS = ("BATT_CRT_VOLT",)
 """ArduPilot's parameters of voltages, V, at which it acts; 0 for none."""
 
+OF_POWER = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BOARD_VOLTAGE_LOW}
+
 
 def power_light(evidence: Evidence) -> Fact:
     """Returns the worse of battery and supply in flight; unknown where neither was measured."""
-    found = [*_battery(evidence), *_supply(evidence)]
+    found = [*_battery(evidence), *_supply(evidence), *reported(evidence, OF_POWER)]
     return worst(found) if found else Fact(PowerLight.POWER_UNMEASURED)
 
 

@@ -10,7 +10,6 @@ class EstimatorLight(Code):
 
     FILTER_AGREED = auto()
     FILTER_DOUBTED = auto()
-    FIX_LOST = auto()
     FIX_POOR = auto()
     GPS_GLITCHED = auto()
     ESTIMATOR_UNMEASURED = auto()

@@ -27,6 +27,7 @@ from mavdem.condition.condition import Steady, condition_of
 from mavdem.condition.wind_of_log import air_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
+from mavdem.facts.events import Reported
 from mavdem.facts.log import LogLight, Simulation
 from mavdem.facts.power import PowerLight
 from mavdem.facts.wind import NoWind, WindLight
@@ -167,19 +168,26 @@ def test_levels_of_the_filter(telemetry, code, level):
 
 
 @pytest.mark.parametrize(
-    ("fix", "satellites", "dilution", "code"),
+    ("satellites", "dilution", "code"),
     [
-        (3, 12, 0.8, EstimatorLight.FILTER_AGREED),
-        (1, 12, 0.8, EstimatorLight.FIX_LOST),
-        (3, 5, 0.8, EstimatorLight.FIX_POOR),
-        (3, 12, 2.6, EstimatorLight.FIX_POOR),
+        (12, 0.8, EstimatorLight.FILTER_AGREED),
+        (5, 0.8, EstimatorLight.FIX_POOR),
+        (12, 2.6, EstimatorLight.FIX_POOR),
     ],
 )
-def test_gps(fix, satellites, dilution, code):
-    fixes = np.where((TIME > 30.0) & (TIME < 33.0), fix, 3)
+def test_gps(satellites, dilution, code):
     figures = {"satellites_visible": satellites + 0 * TIME, "eph": 100 * dilution + 0 * TIME}
-    report = columns(TIME, fix_type=fixes, **figures)
+    report = columns(TIME, fix_type=3 + 0 * TIME, **figures)
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
+
+
+@pytest.mark.parametrize(("time", "level"), [(30.0, Level.WATCH), (2.0, Level.GOOD)])
+def test_what_the_autopilot_warns_of_in_flight(time, level):
+    warned = Fact(Reported.ESTIMATOR_SWITCHED, Level.WATCH, time=time, boot=0)
+    flagged = Fact(Reported.BATTERY_WARNED, Level.WATCH, time=time, boot=0)
+    known = evidence(changed(filtered(), "SYS_STATUS", **battery(held(3.8)).messages["SYS_STATUS"]))
+    known = replace(known, events=(warned, flagged))
+    assert estimator_light(known).level is level and power_light(known).level is level
 
 
 def test_the_wind_is_reported_where_the_flight_identifies_its_speed():
