@@ -133,7 +133,7 @@ def analyse(
     changes = found.changes
     if changes and learned.physical is not None and learned.wind_torque is not None:
         learned = learned.with_wind_torque(wind(learned.physical, learned.record, changes))
-    learned = disown_torque(learned, found.condition)
+    learned = disown_torque(learned, found.condition.oscillation is not None)
     compared = None
     if options.truth is not None:
         compared = compare_with_truth(learned, flights, truth_of(flights, options.truth))

@@ -39,7 +39,6 @@ from mavdem.evaluate.held_out import (
 from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.facts import Fact
-from mavdem.facts.assessment import NoModel
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
@@ -123,23 +122,11 @@ class LogAnalysis:
 
     @cached_property
     def findings(self) -> Findings:
-        """What the flight says of its vehicle, and what the model is good for: made once, shown everywhere."""
-        known = self.condition, self.alarms, self.reason, self.flights, self.watched
+        """What makes the flight doubtful, and what the model is good for: made once, shown everywhere."""
+        known = self.condition, self.alarms, self.flights
         # Rates that are sent slowly say nothing of the angle.
         consistency = self.verdict.figures.consistency if self.model == "full" else None
         return findings_of(self.learned, self.held_out, *known, consistency, self.trim)
-
-    @property
-    def refusal(self) -> NotLearnable:
-        """Why there is no model, after what overrides that, and what to do."""
-        return NotLearnable(
-            Fact(
-                NoModel.REFUSED,
-                overrides=self.findings.overrides,
-                because=self.reason,
-                next_step=self.findings.next_step,
-            )
-        )
 
     def as_dict(self) -> dict[str, Any]:
         """Returns all figures as plain JSON values: what ``report.json`` has.

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.analysis.overrides import overrides_of
-from mavdem.analysis.residuals import correlation, residuals
+from mavdem.analysis.residuals import residuals
 from mavdem.condition.condition import Condition
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
@@ -26,7 +26,6 @@ from mavdem.facts.assessment import (
     BoundTest,
     Caveat,
     Grade,
-    Headline,
     InShort,
     NextStep,
     Override,
@@ -57,12 +56,6 @@ class PredictionLimits(NamedTuple):
 
 
 PREDICTION_LIMITS = PredictionLimits()
-# autocorrelation of the rate after a swing: below, as of a damping ratio of 0.3; above
-RINGING = 0.15
-SWINGING = 0.4
-LITTLE_HEADROOM = 0.1  # of the motors' range
-# below, as a share of the motors' full torque
-WIND_WORDS = {"light": 0.005, "moderate": 0.02, "strong": float("inf")}
 
 
 class Finding(NamedTuple):
@@ -74,13 +67,11 @@ class Finding(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """What a flight says, as every screen, page and document shows it."""
+    """What a model is good for, as every screen, page and document shows it."""
 
-    headline: Fact | None  # None of a model alone
     overrides: tuple[Fact, ...]  # what makes the flight itself doubtful, the worst first
     purposes: tuple[Finding, ...]  # graded; none without a model
     warnings: tuple[Fact, ...]  # what must be known before the model is used
-    next_step: Fact
 
     def grade(self, purpose: Purpose) -> Grade | None:
         """Returns how well the model serves a ``purpose``; None where that was not judged."""
@@ -89,11 +80,10 @@ class Findings(NamedTuple):
     def as_dict(self) -> dict[str, Any]:
         """The keys of documents, which make sentences of facts; ``findings`` are the graded purposes."""
         return {
-            "headline": self.headline,
             "overrides": [
                 {
                     "kind": override.code,
-                    "headline": Fact(Headline.OVERRIDDEN, because=override),
+                    "headline": Fact(InShort.OVERRIDDEN, because=override),
                     "sentence": override,
                     "remedy": override.remedy,
                 }
@@ -101,7 +91,6 @@ class Findings(NamedTuple):
             ],
             "findings": [finding._asdict() for finding in self.purposes],
             "warnings": self.warnings,
-            "next_step": self.next_step,
         }
 
 
@@ -110,9 +99,7 @@ def findings_of(
     held_out: HeldOut | None = None,
     condition: Condition | None = None,
     alarms: Sequence[MotorAlarm] = (),
-    refusal: Fact | None = None,
     flights: Sequence[Flight] = (),
-    watched: bool = False,
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Findings:
@@ -122,46 +109,26 @@ def findings_of(
         learned, held_out: the model, and forecasts of windows that no model saw.
         condition: of the vehicle.
         alarms: lasting changes of the motors' balance.
-        refusal: why there is no full model.
         flights: what the model was trained on.
-        watched: whether a motor that weakens would have been seen.
         consistency: share of the angle's changes that the rates explain.
         trim: how even the motors work.
     """
     overrides = overrides_of(condition, alarms, None if learned is None else consistency, trim)
+    if learned is None:
+        return Findings(overrides, (), ())
     step = _step_of_torque(learned, flights)
-    purposes = () if learned is None else tuple(_purposes(learned, held_out))
+    purposes = tuple(_purposes(learned, held_out))
     if step is not None:
         purposes = tuple(_with_step(finding, step) for finding in purposes)
-    warnings = () if learned is None else tuple(warnings_of(learned, held_out))
-    headline: Fact | None = None
     if overrides:
-        worst = overrides[0]
-        purposes = tuple(_doubted(finding, worst) for finding in purposes)
-        headline = Fact(Headline.OVERRIDDEN, worst.level, because=worst)
-        following = Fact(NextStep.DO_AS_ADVISED, worst.level, because=worst)
-    elif refusal is not None:
-        headline = Fact(Headline.NO_FULL_MODEL, because=refusal, is_slow=learned is not None)
-        following = Fact(NextStep.DO_AS_ADVISED, because=refusal)
-    else:
-        torque = None
-        if (Purpose.WIND_TORQUE, Grade.GOOD) in [finding[:2] for finding in purposes]:
-            torque = learned
-        if parts := [
-            *_of_vehicle(condition, flights, watched, step),
-            *_of_wind(torque, flights),
-        ]:
-            headline = Fact(Headline.IN_SHORT, parts[0].level, parts=parts)
-        following = Fact(NextStep.LEARN_MODEL if learned is None else NextStep.CHECK_VEHICLE)
-        if learned is not None and step is None:
-            following = next_step(purposes)
-    return Findings(headline, overrides, purposes, warnings, following)
+        purposes = tuple(_doubted(finding, overrides[0]) for finding in purposes)
+    return Findings(overrides, purposes, tuple(warnings_of(learned, held_out)))
 
 
-def disown_torque(learned: Learned, condition: Condition) -> Learned:
+def disown_torque(learned: Learned, oscillates: bool) -> Learned:
     """Returns ``learned``, whose wind torque, where the vehicle oscillates, has the reason why it is not the wind's."""
     torque = learned.wind_torque
-    if condition.oscillation is None or torque is None:
+    if not oscillates or torque is None:
         return learned
     return learned.with_wind_torque(replace(torque, reason=Fact(Because.OWN_TORQUE)))
 
@@ -188,46 +155,9 @@ def _with_step(finding: Finding, step: Fact) -> Finding:
     return finding._replace(grade=Grade.LIMITED, reason=reason)
 
 
-def _of_vehicle(
-    condition: Condition | None, flights: Sequence[Flight], watched: bool, step: Fact | None
-) -> Iterator[Fact]:
-    """What is clearly so of the motors and the damping of a flight that nothing overrides."""
-    swings = nan
-    # the highest autocorrelation of the rate after it has been negative: of what rings on
-    for flight in flights:
-        rate = flight.outputs[:, -1] - flight.outputs[:, -1].mean()
-        auto = correlation(rate, rate, min(round(3.0 / flight.dt), len(rate) - 1))
-        swings = np.fmax(swings, auto[int(np.argmax(auto < 0)) :].max())
-    hover = None if condition is None else condition.hover
-    if hover is None:
-        yield from () if condition is None else [Fact(InShort.MOTOR_OUTPUTS_UNKNOWN)]
-    elif step is not None:
-        yield step
-    elif min(hover.headroom) < LITTLE_HEADROOM:
-        yield Fact(InShort.LITTLE_HEADROOM, Level.WATCH, share=min(hover.headroom))
-    elif watched and not swings > SWINGING:
-        yield Fact(InShort.HEALTHY, Level.GOOD)
-    else:
-        yield Fact(InShort.NO_FAULT_SEEN)
-    if swings < RINGING:
-        yield Fact(InShort.WELL_DAMPED, Level.GOOD)
-    elif swings > SWINGING:
-        yield Fact(InShort.HARDLY_DAMPED, Level.WATCH)
-
-
-def _of_wind(learned: Learned | None, flights: Sequence[Flight]) -> Iterator[Fact]:
-    """How large a wind torque that is GOOD was, beside what the motors can do."""
-    scale = flights[0].provenance.get("scale") if flights else None
-    if scale and learned is not None and learned.physical and learned.wind_torque:
-        full = abs(learned.physical.effect).sum() * (scale["high"] - scale["low"])
-        share = learned.wind_torque.sd / full
-        name = next(word for word, most in WIND_WORDS.items() if share < most)
-        yield Fact(InShort.WIND_TORQUE_SIZE, name=name, share=share)
-
-
-def _step_of_torque(learned: Learned | None, flights: Sequence[Flight]) -> Fact | None:
+def _step_of_torque(learned: Learned, flights: Sequence[Flight]) -> Fact | None:
     """That the torque changes at once and stays so, as by a load that moves; None where it does not."""
-    wind = None if learned is None else known_wind(learned.wind_torque, learned.physical)
+    wind = known_wind(learned.wind_torque, learned.physical)
     if wind is None or wind.step is None or not flights:
         return None
     sample, torque = wind.step
@@ -389,6 +319,8 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
 
 def next_step(purposes: Sequence[Finding]) -> Fact:
     """Returns what to do next, by the graded ``purposes``: the first that is not served decides."""
+    if any(finding.reason.code is Because.TORQUE_STEPPED for finding in purposes):
+        return Fact(NextStep.CHECK_VEHICLE)
     grades = {finding.purpose: finding.grade for finding in purposes}
     effect = grades.get(Purpose.CONTROL_EFFECTIVENESS, Grade.GOOD)
     motion = grades.get(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.GOOD)

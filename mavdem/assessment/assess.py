@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
@@ -17,9 +17,9 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.analysis.analysis import StepProgress, silent
 from mavdem.analysis.figures import ALL, axis_figures
-from mavdem.analysis.findings import known_wind, next_step
+from mavdem.analysis.findings import known_wind
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.judgement import headline_of, next_step_of
+from mavdem.assessment.judgement import Judgement, judge, unjudged
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import air_of
@@ -29,12 +29,8 @@ from mavdem.dem.record import Record
 from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.assessment import NextStep, NoModel
-from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.assessment import NoModel
 from mavdem.ingest import Log, read_log
-
-LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {}
-"""What judges by each light."""
 
 
 class NoLoop(NamedTuple):
@@ -49,21 +45,37 @@ class Assessment(AssessmentDownstream):
 
     Attributes:
         log: what was read.
-        headline: the worst event or light, or how the flight was lost.
-        next_step: what to do about it.
-        lights: the judgement of "motors", "vibration", "tracking", "margins", "power", "estimator", "wind" and "log".
-        evidence, analysis: what that rests on, and all that the log says of the axis that was modelled; None where no
-            vehicle of the log was judged.
+        judgement: its headline, next step and lights.
+        evidence: what that rests on; None where no vehicle of the log was judged.
+        analyses: all that the log says of each axis that was modelled, the most important first.
         spectra: of the rates, by axis.
     """
 
     log: Log
-    headline: Fact
-    next_step: Fact
-    lights: Mapping[str, Fact]
+    judgement: Judgement
     evidence: Evidence | None = None
-    analysis: LogAnalysis | None = None
+    analyses: Mapping[str, LogAnalysis] = field(default_factory=lambda: MappingProxyType({}))
     spectra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def analysis(self) -> LogAnalysis | None:
+        """What the log says of the first axis that was modelled; None where no vehicle was judged."""
+        return next(iter(self.analyses.values()), None)
+
+    @property
+    def headline(self) -> Fact:
+        """The worst event or light, or how the flight was lost."""
+        return self.judgement.headline
+
+    @property
+    def next_step(self) -> Fact:
+        """What to do about it."""
+        return self.judgement.next_step
+
+    @property
+    def lights(self) -> Mapping[str, Fact]:
+        """The judgement of motors, vibration, tracking, margins, power, estimator, wind and log, by name."""
+        return self.judgement.lights
 
     @property
     def events(self) -> tuple[Fact, ...]:
@@ -109,9 +121,14 @@ class Assessment(AssessmentDownstream):
 
     @property
     def refusal(self) -> NotLearnable:
-        """Why there is no model, after the headline, and what to do."""
+        """Why there is no model, and what to do next."""
         because = self.headline if self.analysis is None else self.analysis.reason
         return NotLearnable(Fact(NoModel.REFUSED, because=because, next_step=self.next_step))
+
+    @property
+    def of_documents(self) -> dict[str, Any]:
+        """What every document says of a flight."""
+        return {**self.judgement._asdict(), "events": self.events}
 
     def sentence(self, fact: Fact) -> str:
         """Returns a ``fact`` in words."""
@@ -152,15 +169,8 @@ def assess(
     try:
         signals = Signals(choose_vehicle(log.vehicles, vehicle))
     except NotLearnable as error:
-        return unjudged(log, error.fact)
+        return Assessment(log, unjudged(error.fact))
     return assess_signals(log, signals, axis, options, progress=progress)
-
-
-def unjudged(log: Log, refusal: Fact) -> Assessment:
-    """Returns the assessment of a ``log`` of which no vehicle is judged."""
-    following = Fact(NextStep.DO_AS_ADVISED, because=refusal)
-    unknown = Fact(Unjudged.NOT_JUDGED, because=refusal)
-    return Assessment(log, refusal, following, dict.fromkeys(map(str, Light), unknown))
 
 
 def assess_signals(
@@ -170,14 +180,22 @@ def assess_signals(
     options: Options | None = None,
     *,
     progress: StepProgress = silent,
+    further: Sequence[str] = (),
 ) -> Assessment:
-    """Returns the assessment of the vehicle of these ``signals`` of a ``log``, as :func:`assess` does."""
+    """Returns the assessment of the vehicle of these ``signals`` of a ``log``, as :func:`assess` does.
+
+    ``further`` axes are modelled too.
+    """
     air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
     analysis = analyse(log, axis, options, progress=progress, signals=signals)
+    analyses = {analysis.verdict.axis: analysis}
+    for name in further:
+        analyses[name] = analyse(log, name, options, signals=signals, other_axis=analysis)
     loops = dict[str, Loop | Fact]()
     with progress("Identifying the loops") as done:
         for name in AXES:
-            loops[name] = _loop(_figures(log, signals, name, analysis))
+            figures = _figures(log, signals, name, analyses)
+            loops[name] = loop_by(figures, Record.of(figures.flights) if figures.flights else None)
             done(len(loops) / len(AXES))
     evidence = Evidence(
         log,
@@ -190,16 +208,8 @@ def assess_signals(
         None,
         loops,
     )
-    return judged(evidence, analysis)
-
-
-def judged(evidence: Evidence, analysis: LogAnalysis | None) -> Assessment:
-    """Returns the assessment by the ``evidence``."""
-    lights = {str(light): LIGHTS.get(light, _unjudged)(evidence) for light in Light}
-    headline = headline_of(evidence, lights)
-    purposes = () if analysis is None else analysis.findings.purposes
-    following = next_step_of(headline, lights, next_step(purposes) if purposes else None)
-    return Assessment(evidence.log, headline, following, lights, evidence, analysis)
+    judgement = judge(evidence, analysis.findings.purposes)
+    return Assessment(log, judgement, evidence, analyses)
 
 
 def _events(signals: Signals, analysis: LogAnalysis) -> tuple[Fact, ...]:
@@ -207,26 +217,26 @@ def _events(signals: Signals, analysis: LogAnalysis) -> tuple[Fact, ...]:
     return ()
 
 
-def _figures(log: Log, signals: Signals, axis: str, analysis: LogAnalysis) -> AxisFigures:
-    """The physical parameters of an axis, by the analysis where it has them."""
-    learned = analysis.learned
-    if axis in analysis.vehicle.axes:
-        return analysis.vehicle.axes[axis]
-    if learned is not None and analysis.verdict.axis == axis:
-        known = learned.physical, learned.wind_torque, learned.physical_reason
-        return AxisFigures(analysis.flights, *known)
+def _figures(
+    log: Log, signals: Signals, axis: str, analyses: Mapping[str, LogAnalysis]
+) -> AxisFigures:
+    """The physical parameters of an axis, by the analyses where they have them."""
+    for name, analysis in analyses.items():
+        learned = analysis.learned
+        if axis in analysis.vehicle.axes:
+            return analysis.vehicle.axes[axis]
+        if learned is not None and name == axis:
+            known = learned.physical, learned.wind_torque, learned.physical_reason
+            return AxisFigures(analysis.flights, *known)
     return axis_figures(signals.about(axis), log.components)
 
 
-def _loop(figures: AxisFigures) -> Loop | Fact:
-    if figures.physical is None:
+def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:
+    """Returns the loops of the physical parameters among the ``figures`` of a ``record``, or why there are none."""
+    if figures.physical is None or record is None:
         assert figures.reason is not None
         return figures.reason
     try:
-        return loop_of(figures.physical, Record.of(figures.flights))
+        return loop_of(figures.physical, record)
     except NotLearnable as error:
         return error.fact
-
-
-def _unjudged(evidence: Evidence) -> Fact:
-    return Fact(Unjudged.NOT_JUDGED, because=None)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
+from mavdem.analysis.findings import Finding, next_step
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
-from mavdem.facts.lights import Light
+from mavdem.facts.lights import Light, Unjudged
+
+LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {}
+"""What judges by each light."""
 
 OF_VEHICLE = (
     Light.MOTORS,
@@ -19,6 +24,33 @@ OF_VEHICLE = (
 )
 """What a vehicle is judged by, the most urgent first: a weak motor explains bad tracking."""
 OF_LOG = (Light.LOG, Light.WIND)
+
+
+class Judgement(NamedTuple):
+    """The ``headline``, the ``next_step`` that fits its reason, and the eight ``lights`` by name."""
+
+    headline: Fact
+    next_step: Fact
+    lights: Mapping[str, Fact]
+
+
+def judge(evidence: Evidence, purposes: Sequence[Finding] = ()) -> Judgement:
+    """Returns the judgement by the ``evidence``; ``purposes`` are those of a model, graded."""
+    lights = {str(light): LIGHTS.get(light, _unjudged)(evidence) for light in Light}
+    headline = headline_of(evidence, lights)
+    of_model = next_step(purposes) if purposes else None
+    return Judgement(headline, next_step_of(headline, lights, of_model), lights)
+
+
+def _unjudged(evidence: Evidence) -> Fact:
+    return Fact(Unjudged.NOT_JUDGED, because=None)
+
+
+def unjudged(refusal: Fact) -> Judgement:
+    """Returns the judgement where there is no evidence, because of the ``refusal``."""
+    following = Fact(NextStep.DO_AS_ADVISED, because=refusal)
+    unknown = Fact(Unjudged.NOT_JUDGED, because=refusal)
+    return Judgement(refusal, following, dict.fromkeys(map(str, Light), unknown))
 
 
 def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis import LogAnalysis, Options, analyse
+from mavdem.analysis import Options
+from mavdem.assessment import Assessment
+from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import read_source, source_options
 from mavdem.cli.output import complain, print_blocks, print_json
 from mavdem.condition.inventory import inventory
-from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
 from mavdem.health.in_flight import alarm_figures
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import sender, stream_contents, vehicle_contents, wind_blocks
+from mavdem.report.condition import air_blocks, sender, stream_contents, vehicle_contents
 from mavdem.report.screen import conclusion
 
 
@@ -40,27 +43,24 @@ def info_command(
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
     log = read_source(source)
-    analyses = dict[tuple[int, int], LogAnalysis]()
-    airs = list[Air]()
+    assessments = list[Assessment]()
+    known = {}
     for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
-        signals = Signals(telemetry, axis, inputs)
-        airs.append(air_of(signals))
-        found = analyse(log, axis, Options(inputs=inputs, whole=False), signals=signals)
-        analyses[telemetry.system, telemetry.component] = found
-    known = {place: (one.verdict, one.condition, one.identity) for place, one in analyses.items()}
+        options = Options(inputs=inputs, whole=False)
+        found = assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
+        analysis = found.analysis
+        assert analysis is not None
+        assessments.append(found)
+        place = telemetry.system, telemetry.component
+        known[place] = (analysis.verdict, analysis.condition, analysis.identity)
     held = inventory(log, axis, vehicle, inputs, known)
     blocks = list[Block]()
-    for shown, one, air in zip(held["vehicles"], analyses.values(), airs, strict=True):
-        shown |= (
-            one.findings.as_dict()
-            | alarm_figures(one.alarms)
-            | {"model": one.model, "watched": one.watched}
-        )
-        shown["wind_velocity"] = air[0] and air[0].as_dict()
+    for shown, one in zip(held["vehicles"], assessments, strict=True):
+        shown |= document_of(one)
         blocks += [
-            *conclusion(one.findings),
+            *conclusion(one.judgement),
             *vehicle_contents(shown),
-            *wind_blocks(air),
+            *air_blocks(one),
             Sentence(""),
         ]
     held["learnable"] = any(one["model"] for one in held["vehicles"])
@@ -81,7 +81,21 @@ def info_command(
                 axis=axis,
                 path=source,
                 names=[sender(shown) for shown in held["vehicles"]],
-                because=next((one.verdict.reason for one in analyses.values()), None),
+                because=next((verdict.reason for verdict, *_ in known.values()), None),
             )
             complain(because, as_json=False)
         context.exit(1)
+
+
+def document_of(assessment: Assessment) -> dict[str, Any]:
+    """Returns what the document holds of a vehicle beside its inventory."""
+    analysis = assessment.analysis
+    assert analysis is not None
+    return {
+        **analysis.findings.as_dict(),
+        **assessment.of_documents,
+        **alarm_figures(analysis.alarms),
+        "model": analysis.model,
+        "watched": analysis.watched,
+        "wind_velocity": assessment.wind and assessment.wind.as_dict(),
+    }

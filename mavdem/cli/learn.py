@@ -34,14 +34,12 @@ from mavdem.cli.output import (
     say_aside,
 )
 from mavdem.cli.results import RECORDING, RESULT_FILES, files_of, named_after, write_results
-from mavdem.condition.inventory import inventory
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
 from mavdem.extras import lacking
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import explained_blocks, wind_blocks
-from mavdem.report.page import log_page
+from mavdem.report.condition import air_blocks
 from mavdem.report.screen import analysis_blocks, detail_blocks, title, vehicle_blocks
 from mavdem.report.truth import truth_blocks
 
@@ -144,29 +142,27 @@ def learn_command(
         check_folder(folder, RESULT_FILES)
     began = perf_counter()
     log = read_source(source)
-    telemetry = choose_vehicle(log.vehicles, vehicle)
-    signals = Signals(telemetry)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle))
     options = Options(vehicle, inputs, settings, start, train, test, truth)
     assessment = assess_signals(log, signals, axis, options, progress=progress)
     analysis = assessment.analysis
-    assert analysis is not None and assessment.evidence is not None
-    air = assessment.evidence.air
+    assert analysis is not None
     learned = analysis.learned
-    verdict = analysis.verdict
-    condition = analysis.condition
     if learned is None and analysis.tier.name is None:
-        raise analysis.refusal
+        raise assessment.refusal
     files = {} if no_files else files_of(folder, assessment)
     report: dict[str, Any] = report_of(assessment) | {
         "seconds": round(perf_counter() - began, 3),
         "files": files,
     }
-    blocks = analysis_blocks(analysis)
+    blocks = analysis_blocks(assessment)
     details = list[Block]()
     if learned is None:
-        text = f"{verdict.axis}, {condition.settled:.0f} s of settled flight, no model."
+        settled = analysis.condition.settled
+        text = f"{analysis.verdict.axis}, {settled:.0f} s of settled flight, no model."
         heading = Sentence(text, f"{printable(Path(source).name)}:")
-        report["error"] = {"reason": analysis.refusal.reason, "remedy": analysis.refusal.remedy}
+        refusal = assessment.refusal
+        report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     else:
         text, lead, _ = title(analysis.flights)
         heading = Sentence(printable(text), printable(lead))
@@ -177,17 +173,12 @@ def learn_command(
         )
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, analysis.findings)
-    explained = explained_blocks(assessment)
-    blocks[-1:-1] = [*wind_blocks(air), *explained]  # what to do next stays last
+    blocks[-1:-1] = air_blocks(assessment)  # what to do next stays last
     if not as_json:
         print_blocks([heading, *blocks, *(details if verbose else [])])
     if not no_files:
-        known = {(telemetry.system, telemetry.component): (verdict, condition, analysis.identity)}
-        held = inventory(log, verdict.axis, vehicle, inputs, known)
-        held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
         with progress("Drawing and writing the files", measured=False):
-            page = log_page(heading, {verdict.axis: analysis}, air, held, said=explained)
-            write_results(folder, report, page, assessment)
+            write_results(folder, report, assessment)
         if learned is not None and (
             hint := lacking("view", f"{RECORDING} was not written, since it")
         ):
@@ -195,7 +186,7 @@ def learn_command(
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it
-            complain(analysis.refusal.fact, as_json=False)
+            complain(assessment.refusal.fact, as_json=False)
     else:
         place = printable(folder)
         written = f" Written to {place}: {', '.join(map(printable, files))}." if files else ""

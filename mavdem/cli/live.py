@@ -44,7 +44,7 @@ from mavdem.live.running import in_background, run
 from mavdem.live.session import LiveSession
 from mavdem.report.live import spent_on, whole_seconds
 from mavdem.report.page import live_page
-from mavdem.report.words import advised, go_on
+from mavdem.report.words import advised, go_on, headline
 
 # between two status lines
 STATUS_SECONDS = 5.0
@@ -313,10 +313,11 @@ class Ending:
         session = self._session
         self.last = in_background(partial(session.judge, self._learned))
         wait([self.last], (self._until - monotonic()) / 2)
-        self.status = replace(self.status, findings=session.findings)
+        findings, judgement = session.judged
+        self.status = replace(self.status, findings=findings, judgement=judgement)
         self._dashboard.report(self.status)
-        if self.status.findings:
-            say_aside(str(self.status.findings.headline or ""))
+        if judgement is not None:
+            say_aside(headline(judgement.headline))
         if self._files.html is not None and self.last.done():
             about = session.link.name, session.stream.axis, session.history
             shown = self.status, self.account, self.last.result()
@@ -364,6 +365,7 @@ class Ending:
             "obstacle": advised(status.obstacle) if status.obstacle else "",
             "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
             **(status.findings.as_dict() if status.findings else {}),
+            **(status.judgement._asdict() if status.judgement else {}),
             **alarm_figures(status.alarms),
             "events": [event.sentence for event in session.history.events],
             "rrd": str(files.rrd) if file is not None and file.whole else None,

@@ -99,13 +99,11 @@ def load(arguments: list[str]) -> int:
                 raise read
             signals = Signals(choose_vehicle(read.vehicles, None))
             assessment = assess_signals(read, signals, "roll", progress=step)
-            analysis = assessment.analysis
-            assert analysis is not None
         except (NotLearnable, Unreadable) as error:
             write_words(recording, path.name, [Sentence(f"{error.reason} {error.remedy}")])
         else:
             if assessment.model is None:
-                write_words(recording, path.name, analysis_blocks(analysis))
+                write_words(recording, path.name, analysis_blocks(assessment))
             else:
                 write_dashboard(recording, assessment)
     return 0

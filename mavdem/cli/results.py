@@ -9,6 +9,7 @@ from mavdem.assessment import Assessment
 from mavdem.cli.output import ending_at_once, files_in, json_text
 from mavdem.export.conversion import write_channels
 from mavdem.extras import missing
+from mavdem.report.page import review_page
 
 if TYPE_CHECKING:
     from mavdem.view import Target
@@ -37,10 +38,9 @@ def files_of(folder: Path, assessment: Assessment) -> dict[str, str]:
     return {name: str(folder / name) for name in result_files(assessment)}
 
 
-def write_results(
-    folder: Path, document: dict[str, Any], page: str, assessment: Assessment
-) -> None:
-    """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
+def write_results(folder: Path, document: dict[str, Any], assessment: Assessment) -> None:
+    """Writes the :func:`result_files`, as :func:`files_in` does, with this report. Those of a run before go."""
+    page = review_page(assessment)
     names = result_files(assessment)
     analysis = assessment.analysis
     with files_in(folder, names) as paths:
@@ -64,9 +64,6 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
         from mavdem.view import write_recording
 
     analysis = assessment.analysis
-    evidence = assessment.evidence
-    assert analysis is not None and analysis.learned is not None
-    assert analysis.held_out is not None and evidence is not None
-    known = analysis.findings, analysis.changes, assessment.wind_of_model
-    flown = analysis.flights, analysis.learned, analysis.held_out
-    write_recording(target, *flown, *known, evidence.signals.position)
+    assert analysis is not None and analysis.learned is not None and analysis.held_out is not None
+    known = analysis.flights, analysis.learned, analysis.held_out
+    write_recording(target, *known, assessment)

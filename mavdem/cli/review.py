@@ -12,7 +12,6 @@ from mavdem.cli.options import folder_named, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import RESULT_FILES, files_of, named_after, write_results
 from mavdem.documents.review import review_document
-from mavdem.report.page import review_page
 from mavdem.report.review import screen_of
 from mavdem.report.screen import analysis_blocks
 
@@ -48,12 +47,12 @@ def review_command(
     assessment = assess(read_source(source), vehicle, progress=progress)
     if not as_json:
         say(printable_lines(screen_of(assessment)))
-        if verbose and assessment.analysis is not None:
+        if verbose:
             say()
-            print_blocks(analysis_blocks(assessment.analysis))
+            print_blocks(analysis_blocks(assessment))
     document = review_document(assessment) | {"files": files_of(folder, assessment)}
     with progress("Drawing and writing the files", measured=False):
-        write_results(folder, document, review_page(assessment), assessment)
+        write_results(folder, document, assessment)
     if as_json:
         print_json(document)
     else:

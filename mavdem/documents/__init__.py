@@ -28,15 +28,15 @@ class Published(NamedTuple):
 
 DOCUMENTS = {
     "review": Published(Review, 1, "report.json of review, and `--json` of review"),
-    "learn": Published(Report, 2, "report.json, and `--json` of learn and open"),
-    "info": Published(Inventory, 2, "`--json` of info"),
+    "learn": Published(Report, 3, "report.json, and `--json` of learn and open"),
+    "info": Published(Inventory, 3, "`--json` of info"),
     "wind": Published(Wind, 2, "`--json` of wind"),
     "tune": Published(Tune, 2, "`--json` of tune"),
     "compare": Published(CompareReport, 2, "comparison.json, and `--json` of compare"),
     "order": Published(Order, 2, "`--json` of order"),
     "diff": Published(Diff, 3, "`--json` of diff"),
     "track": Published(Track, 2, "`--json` of track"),
-    "live": Published(Live, 2, "`--json` of live"),
+    "live": Published(Live, 3, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),
     "twin": Published(Twin, 2, "`--json` of twin"),
     "fly": Published(Fly, 2, "`--json` of fly"),

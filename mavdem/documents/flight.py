@@ -499,4 +499,6 @@ def report_of(assessment: Assessment) -> dict[str, Any]:
     if assessment.explained is not None:
         report["wind"]["explained_by_mean_wind"] = assessment.explained.figures["share"]
     velocity = None if wind is None else wind.as_dict()
-    return {**report, "wind_velocity": velocity, "seconds": None, "files": {}}
+    return (
+        report | assessment.of_documents | {"wind_velocity": velocity, "seconds": None, "files": {}}
+    )

@@ -81,10 +81,7 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
     wind = assessment.wind and assessment.wind.as_dict()
     return {
         "source": assessment.log.source,
-        "headline": assessment.headline,
-        "next_step": assessment.next_step,
-        "lights": assessment.lights,
-        "events": assessment.events,
+        **assessment.of_documents,
         "identity": analysis and analysis.identity,
         "condition": analysis and analysis.condition,
         "axes": {axis: _axis(loop) for axis, loop in assessment.loops.items()},

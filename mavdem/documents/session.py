@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Facts, OneFact, Said, fact_in, facts_in
+from mavdem.documents.document import Document, Facts, OneFact, Said, Sentence, fact_in, facts_in
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
 
@@ -112,7 +112,9 @@ class Live(MotorHealth):
     wind: LiveWind | None
     """latest wind in m/s"""
     headline: Said | None = None
-    """what the flight says of the vehicle, one sentence; with the next four only after a first model"""
+    """what the flight says of the vehicle, one sentence; with the next five only after a first model"""
+    lights: dict[str, Sentence] | None = None
+    """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
     overrides: list[Override] | None = None
     """what makes the flight itself doubtful, the worst first"""
     findings: list[Finding] | None = None

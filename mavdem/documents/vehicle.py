@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Facts, OneFact, Said, fact_in, facts_in
+from mavdem.documents.document import Document, Facts, OneFact, Said, Sentence, fact_in, facts_in
 from mavdem.units import (
     Acceleration,
     Amperes,
@@ -401,9 +401,13 @@ class Findings(Document):
     """Findings."""
 
     headline: Said
-    """what the flight says of the vehicle, one sentence"""
+    """the worst that was found, or how the flight was lost, one sentence"""
     headline_fact: OneFact = fact_in("headline")
     """headline as a fact; null where there is none"""
+    lights: dict[str, Sentence]
+    """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
+    events: list[Sentence]
+    """what happened, in order"""
     overrides: list[Override]
     """what makes the flight itself doubtful, the worst first"""
     findings: list[Finding]

@@ -58,26 +58,17 @@ class Override(Code):
 
 
 class Headline(Code):
-    """The first sentence of an assessment."""
+    """The first sentence of an assessment where nothing is wrong."""
 
-    OVERRIDDEN = auto()
-    NO_FULL_MODEL = auto()
-    IN_SHORT = auto()
     NOTHING_WRONG = auto()
     NOTHING_CHECKED = auto()
 
 
 class InShort(Code):
-    """What is clearly so of a flight that nothing overrides, in few words."""
+    """What is so of a flight, in few words."""
 
-    HEALTHY = auto()
-    NO_FAULT_SEEN = auto()
-    MOTOR_OUTPUTS_UNKNOWN = auto()
-    LITTLE_HEADROOM = auto()
+    OVERRIDDEN = auto()
     STEP_OF_TORQUE = auto()
-    WELL_DAMPED = auto()
-    HARDLY_DAMPED = auto()
-    WIND_TORQUE_SIZE = auto()
 
 
 class Because(Code):
@@ -116,7 +107,6 @@ class NextStep(Code):
     COMPARE_METHODS = auto()
     KEEP_PARAMETERS = auto()
     KEEP_MODEL = auto()
-    LEARN_MODEL = auto()
     CHECK_VEHICLE = auto()
 
 

@@ -39,7 +39,7 @@ from mavdem.units import (
     units_of_fields,
 )
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 # the vehicle of a log that does not say whose it is, and health that is not known
@@ -201,7 +201,25 @@ gains times that flight's means, and of the offset"""
     residual_offset: AngularAcceleration = None
     """the offset of that sum"""
     headline: str | None = at("headline")
-    """what the flight says of its vehicle, one sentence"""
+    """the worst that was found, or how the flight was lost, one sentence"""
+    headline_level: str | None = at("headline.level")
+    """good, watch, bad or unknown"""
+    light_motors: str | None = at("lights.motors.level")
+    """good, watch, bad or unknown"""
+    light_vibration: str | None = at("lights.vibration.level")
+    """good, watch, bad or unknown"""
+    light_tracking: str | None = at("lights.tracking.level")
+    """good, watch, bad or unknown"""
+    light_margins: str | None = at("lights.margins.level")
+    """good, watch, bad or unknown"""
+    light_power: str | None = at("lights.power.level")
+    """good, watch, bad or unknown"""
+    light_estimator: str | None = at("lights.estimator.level")
+    """good, watch, bad or unknown"""
+    light_wind: str | None = at("lights.wind.level")
+    """good, watch, bad or unknown"""
+    light_log: str | None = at("lights.log.level")
+    """good, watch, bad or unknown"""
     overrides: tuple[str, ...] = ()
     """what makes the flight itself doubtful: oscillation, motors, saturation, trim or data"""
     error_ratio: float | None = at("forecast_over_constant_mean")

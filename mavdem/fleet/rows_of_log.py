@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,10 @@ import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
-from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis import LogAnalysis
 from mavdem.analysis.figures import physical_values, wind_values
-from mavdem.condition.wind_of_log import Air, air_of
+from mavdem.assessment import Assessment
+from mavdem.assessment.assess import assess_signals
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
@@ -30,14 +31,14 @@ from mavdem.ingest import Log, Telemetry, read_log
 # of what `mavdem learn` writes, those with figures
 REPORT = "report.json"
 MODEL = "model.json"
-MakePage = Callable[[str, Mapping[str, LogAnalysis], Air], str]
+MakePage = Callable[[str, Assessment], str]
 
 
 def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogRows:
     """Returns a row for each vehicle and axis of a log, and pages by their names.
 
     A vehicle without settled flight has one row, whose status says why. Pages are named by the ``key`` of the log's
-    content, and made by ``page`` from the log's name, its analyses by axis and the wind; raises ``Unreadable``.
+    content, and made by ``page`` from the log's name and its assessment; raises ``Unreadable``.
     """
     log = read_log(path)
     rows = []
@@ -46,7 +47,7 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
         system = telemetry.system
         component = telemetry.component
         try:
-            found, analyses, air = _rows_of_vehicle(log, telemetry, str(path))
+            found, assessment = _rows_of_vehicle(log, telemetry, str(path))
         except (MemoryError, OSError, Unreadable):
             raise  # of the whole log
         except Exception as error:  # others in the log keep their rows
@@ -55,9 +56,9 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
             ids = {"system": system, "component": component}
             rows.append(FlightRow.without_flight(str(path), fault(error), **ids))
             continue
-        if analyses and page is not None:
+        if assessment is not None and page is not None:
             name = f"{key[:16]}-{system}-{component}.html"
-            pages[name] = page(path.name, analyses, air)
+            pages[name] = page(path.name, assessment)
             found = [replace(row, page=f"{PAGES}/{name}") for row in found]
         rows += found
     return rows or [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))], pages
@@ -65,38 +66,31 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
 
 def _rows_of_vehicle(
     log: Log, telemetry: Telemetry, file: str
-) -> tuple[list[FlightRow], dict[str, LogAnalysis], Air]:
-    """The rows of a vehicle, its analyses by axis, none without settled flight, and its wind."""
+) -> tuple[list[FlightRow], Assessment | None]:
+    """The rows of a vehicle, and its assessment, None without settled flight."""
     signals = Signals(telemetry, inputs="motors")
-    first = None
-    air = air_of(signals)
-    analyses: dict[str, LogAnalysis] = {}
-    for axis in TILT_AXES:
-        analyses[axis] = analyse(log, axis, signals=signals, other_axis=first)
-        first = first or analyses[axis]
+    assessment = assess_signals(log, signals, TILT_AXES[0], further=TILT_AXES[1:])
+    first = assessment.analysis
     assert first is not None
     columns: dict[str, Any] = {
         "file": file,
         "component": telemetry.component,
         "date": first.identity.date,
     }
-    if all(analysis.tier.name is None for analysis in analyses.values()):
+    judged = assessment.of_documents
+    if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
-        return (
-            [
-                FlightRow.of(
-                    first.as_dict(),
-                    status=str(first.refusal.fact),
-                    status_code=(first.reason or first.refusal.fact).code,
-                    warnings=(),
-                    warning_codes=(),
-                    **unknown,
-                    **columns,
-                )
-            ],
-            {},
-            air,
+        reason = first.reason or assessment.headline
+        row = FlightRow.of(
+            first.as_dict() | judged,
+            status=reason.advised,
+            status_code=reason.code,
+            warnings=(),
+            warning_codes=(),
+            **unknown,
+            **columns,
         )
+        return [row], None
     if (balance := balance_of_signals(signals)) is not None:
         columns |= {
             "balance": balance.mean,
@@ -106,13 +100,14 @@ def _rows_of_vehicle(
         columns |= {
             name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")
         }
-    columns |= {} if air[0] is None else _wind(air[0])
+    columns |= {} if assessment.wind is None else _wind(assessment.wind)
     if signals.motors is not None:
         layout = signals.motors.layout
         columns |= {"positions": layout.positions or None, "spins": layout.spins or None}
     rows = []
-    for axis, analysis in analyses.items():
-        row = FlightRow.of(analysis.as_dict(), axis=axis, **columns, **_means(analysis))
+    for axis, analysis in assessment.analyses.items():
+        report = analysis.as_dict() | judged
+        row = FlightRow.of(report, axis=axis, **columns, **_means(analysis))
         driven = signals.about(axis).drive
         # the rate of the analysis is the demand's
         if driven is not None and driven.scale.name == DEMAND:
@@ -121,7 +116,7 @@ def _rows_of_vehicle(
                 motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None,
             )
         rows.append(row)
-    return rows, analyses, air
+    return rows, assessment
 
 
 def _wind(wind: WindVelocity) -> dict[str, Any]:
@@ -177,6 +172,8 @@ def rows_of_learned(path: Path) -> list[FlightRow]:
     try:
         text = text_of(file)
         report = json.loads(text)
+        if report.get("document") == "review":
+            report = report["model"] or {}
         if "free_energy" in report and "physical" not in report:
             learned = Learned.from_json(text)
             record = learned.record

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment
-from mavdem.alignment.drive import DEMAND_FORM, DEMAND_MESSAGE, Motors, Signal
+from mavdem.alignment.drive import AXES, DEMAND_FORM, DEMAND_MESSAGE, Motors, Signal
+from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import (
     AVERAGING_SECONDS,
     CLIMB_OUT_SPEED,
@@ -31,18 +32,32 @@ from mavdem.alignment.phases import (
     TRANSIENT_SECONDS,
     both,
 )
+from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, motors_or_demand
+from mavdem.analysis import AxisFigures
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
+from mavdem.assessment.assess import loop_by
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.judgement import Judgement, judge
 from mavdem.condition.condition import Condition, hover_figures
 from mavdem.condition.oscillation import oscillation_of
 from mavdem.dem import Learned
 from mavdem.facts import Fact
+from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import Session
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale
-from mavdem.ingest.telemetry import Columns, Telemetry, joined
-from mavdem.ingest.vocabulary import ACTIVE, ARMED, CUSTOM_MODE, IN_AIR, LANDING_MODES, STANDBY
+from mavdem.ingest.telemetry import Columns, Telemetry, joined, log_of_vehicles
+from mavdem.ingest.vocabulary import (
+    ACTIVE,
+    ARMED,
+    CUSTOM_MODE,
+    IN_AIR,
+    LANDING_MODES,
+    STANDBY,
+    UNNAMED,
+)
 from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
@@ -369,23 +384,30 @@ class Phase:
         self._landing = since if self._landing is None else min(since, self._landing)
 
 
-def findings_on(learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]) -> Findings:
-    """Returns the findings on a model whose inputs are those of ``setup``."""
-    return judged(learned, setup, alarms)[1]
+@dataclass(frozen=True, eq=False)
+class RowSignals(Signals):
+    """Signals of the rows that a model was trained on."""
+
+    motors: Motors | None = None
+    tilts: tuple[Attitude, ...] = ()
 
 
 def judged(
     learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]
-) -> tuple[Learned, Findings]:
-    """Returns a model whose inputs are those of ``setup``, its torque disowned where it oscillates, and findings."""
+) -> tuple[Findings, Judgement]:
+    """Returns what a model whose inputs are those of ``setup`` is good for, and the judgement of its vehicle."""
     inputs, outputs = max(learned.record.segments, key=lambda part: len(part[1]))
     time: Any = learned.dt * np.arange(len(inputs))
-    scale = {"scale": asdict(setup.scale)}
     names = (setup.layout.names, learned.record.output_names)
+    scale = {"scale": asdict(setup.scale)}
     flight = Flight(
         time, inputs, outputs, input_names=names[0], output_names=names[1], provenance=scale
     )
-    condition = Condition(duration=flight.duration, settled=flight.duration)
+    axis = names[1][0]
+    duration = flight.duration
+    condition = Condition(duration=duration, settled=duration)
+    telemetry = Telemetry(1, 1, UNNAMED, "", {}, learned.record.parameters)
+    signals = RowSignals(telemetry, axis)
     if setup.motors != DEMAND_MESSAGE:
         boot = np.zeros(len(time), dtype=np.int64)
         angle, rate = flight.outputs.T
@@ -393,9 +415,23 @@ def judged(
         motors = Motors(
             setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0
         )
-        swing = oscillation_of(motors, {names[1][0]: tilt}, [Segment(0, 0.0, flight.duration)])
+        signals = RowSignals(telemetry, axis, motors=motors, tilts=(tilt,))
+        swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
         condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
-    learned = disown_torque(learned, condition)
-    watched = condition.hover is not None and not setup.layout.positions_assumed
-    found = findings_of(learned, None, condition, alarms, flights=[flight], watched=watched)
-    return learned, found
+    learned = disown_torque(learned, condition.oscillation is not None)
+    unknown = Fact(Unjudged.NOT_JUDGED, because=None)
+    figures = QualityFigures(armed=duration, airborne=duration)
+    physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)
+    evidence = Evidence(
+        log_of_vehicles((telemetry,), 0, 0),
+        signals,
+        Learnability(axis, True, unknown, figures=figures),
+        condition,
+        tuple(alarms),
+        (None, None, unknown),
+        (),
+        None,
+        dict.fromkeys(AXES, unknown) | {axis: loop_by(physical, learned.record)},
+    )
+    found = findings_of(learned, None, condition, alarms, flights=[flight])
+    return found, judge(evidence, found.purposes)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.analysis.findings import Findings
+from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
@@ -55,7 +56,7 @@ class SessionStatus:
         missing: s of gaps in which the numbers may have started again, whose messages are not in ``lost``.
         late, unread: samples that came too late for their row, and frames of another dialect or damaged.
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
-        findings: what the flight says so far; None before the first model.
+        findings, judgement: what the model so far is good for, and what is judged of the flight; None before.
         wind, no_wind: the latest row in m/s, None before one; why there is none although the vehicle flies.
         alarm: of the motors that are weak, or which recovered last, in this flight; it stays after the landing.
     """
@@ -76,6 +77,7 @@ class SessionStatus:
     unread: int = 0
     alarms: tuple[MotorAlarm, ...] = ()
     findings: Findings | None = None
+    judgement: Judgement | None = None
     alarm: tuple[Fact, ...] = ()
     wind: WindRow | None = None
     no_wind: Fact | None = None

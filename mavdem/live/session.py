@@ -17,15 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
-from mavdem.analysis.findings import Findings, findings_of
+from mavdem.analysis.findings import Findings, disown_torque, findings_of
+from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, Refusal
 from mavdem.facts import Code, Fact, Level
+from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
-from mavdem.live.decisions import Setup, findings_on, judged
+from mavdem.live.decisions import Setup, judged
 from mavdem.live.history import LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import (
@@ -113,8 +115,8 @@ class LiveSession:
         self._next_judging = 0.0
         self._obstacle: Fact | None = None
         self._estimate: Estimate | None = None
-        self.findings: Findings | None = None
-        self._judging: Future[Findings] | None = None
+        self.judged: tuple[Findings | None, Judgement | None] = (None, None)
+        self._judging: Future[tuple[Findings, Judgement]] | None = None
         # the last: whether no model has come since the last landing
         self._settled = self._lost = self._landed = False
         self._waiting: deque[_Piece] = deque()
@@ -293,13 +295,16 @@ class LiveSession:
     def judge(self, learned: Learned | None) -> Learned | None:
         """Judges the model at the end, if there is one, and returns what is to be shown of it."""
         status = self.status
+        setup = self._setup
         with suppress(ValueError):
-            if learned is None:
-                self.findings = findings_of(alarms=status.alarms, refusal=status.obstacle)
-            elif self._setup is None or learned.record.input_names != self._setup.layout.names:
-                self.findings = findings_of(learned, alarms=status.alarms)
+            if learned is None or setup is None or learned.record.input_names != setup.layout.names:
+                weak = [alarm.fact for alarm in status.alarms if alarm.weak]
+                refusal, *_ = [*weak, *filter(None, [status.obstacle]), Fact(Session.NOT_FLYING)]
+                self.judged = findings_of(learned, alarms=status.alarms), unjudged(refusal)
             else:
-                learned, self.findings = judged(learned, self._setup, status.alarms)
+                self.judged = judged(learned, setup, status.alarms)
+                codes = [override.code for override in self.judged[0].overrides]
+                learned = disown_torque(learned, Override.OSCILLATION in codes)
         return learned
 
     def end(self) -> None:
@@ -332,7 +337,8 @@ class LiveSession:
         )
         rows = replace(
             status,
-            findings=self.findings,
+            findings=self.judged[0],
+            judgement=self.judged[1],
             learned=self._learned,
             shown=self._shown,
             latency=latency,
@@ -492,7 +498,7 @@ class LiveSession:
         if self._judging is not None:
             if self._judging.done():
                 with suppress(ValueError, RuntimeError, CancelledError):
-                    self.findings = self._judging.result()
+                    self.judged = self._judging.result()
                 self._judging = None
         elif (
             self.executor is not None
@@ -509,7 +515,7 @@ class LiveSession:
                 return
             with suppress(RuntimeError):  # the executor's processes are gone
                 alarms = self.stream.status().alarms
-                self._judging = self.executor.submit(findings_on, named, self._setup, alarms)
+                self._judging = self.executor.submit(judged, named, self._setup, alarms)
 
     def _request_rates(self) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""

@@ -140,7 +140,10 @@ def wind_blocks(air: Air) -> list[Block]:
     return [*section("wind", **known, is_known=wind.sized), *reasons]
 
 
-def explained_blocks(assessment: Assessment) -> list[Sentence]:
-    """Returns what share of a known wind torque the mean wind explains."""
+def air_blocks(assessment: Assessment) -> list[Block]:
+    """Returns the :func:`wind_blocks` of an ``assessment``, and what share of the wind torque that wind explains."""
+    if assessment.evidence is None:
+        return []
     explained = assessment.explained
-    return [] if explained is None else [Sentence(str(explained), "Wind torque:")]
+    share = [] if explained is None else [Sentence(str(explained), "Wind torque:")]
+    return [*wind_blocks(assessment.evidence.air), *share]

@@ -74,8 +74,9 @@ def had_trouble(flights: Flights) -> bool:
 
 
 def doubt(flights: Flights) -> str:
-    """Returns what overrides all else in a vehicle's latest flight, as an oscillation; empty where nothing does."""
-    return next((row.headline or "" for row in flights[-1] if row.overrides), "")
+    """Returns the headline of a vehicle's latest flight where that is bad, else nothing."""
+    bad = (row.headline or "" for row in flights[-1] if row.headline_level == Level.BAD)
+    return next(bad, "")
 
 
 def urgency(flights: Flights) -> tuple[float, float]:

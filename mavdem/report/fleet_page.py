@@ -11,6 +11,8 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mavdem.condition.wind_velocity import from_point
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.row import (
     HEALTHS,
@@ -153,6 +155,13 @@ def _health(flight: Flight) -> Rated:
     return Rated(health, words.LEVELS[health])
 
 
+def _lights(row: FlightRow) -> str:
+    """The lights that are not in order."""
+    levels = {str(light): getattr(row, f"light_{light}") for light in Light}
+    lit = (f"{name} {level}" for name, level in levels.items() if level in (Level.BAD, Level.WATCH))
+    return ", ".join(lit)
+
+
 def _notes(flight: Flight) -> str:
     """What is said of the flight, the most important first, a line each."""
     if flight[0].status != OK:
@@ -189,6 +198,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
         "health",
         lambda flight: _health(flight) if flight[0].status == OK else NOT_USED,
     ),
+    "lights": ("text", _lights),
     "motor": ("text", lambda row: "" if row.suspect_motor is None else str(row.suspect_motor)),
     "notes": ("notes", _notes),
     "settled (s)": (

@@ -1,32 +1,27 @@
-"""Header of a flight's page: facts on vehicle and flight, and figures on motors, wind, certainty and margins."""
+"""Header of a flight's page: facts on vehicle and flight, lights, and how sure the figures of a model are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import LITTLE_HEADROOM, Findings, known_wind
-from mavdem.condition.loop.loop import Loop, margin_rating
-from mavdem.condition.wind_of_log import Air
+from mavdem.analysis.findings import known_wind
+from mavdem.assessment import Assessment
 from mavdem.confidence import LEVEL
 from mavdem.evaluate.held_out import FORECAST
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Purpose
 from mavdem.facts.event import Event
 from mavdem.health.in_flight import MotorAlarm
-from mavdem.report.condition import wind_words
 from mavdem.report.labels import Labels
-from mavdem.report.numbers import TORQUE, readable, rounded, short, with_unit
+from mavdem.report.numbers import TORQUE, readable, rounded, with_unit
 from mavdem.report.timeline import Timeline
-from mavdem.report.words import bare, headline
 
 POINTS = 16_000
 FEW_POINTS = 2_000
 """Of a line of the timeline: ten minutes with all that autopilots log stay within a megabyte; of a small page."""
-MARGINS = {Level.GOOD: "enough", Level.WATCH: "perhaps too little", Level.BAD: "too little"}
-"""What is said of the margins of a loop by the level of their rating."""
 
 if TYPE_CHECKING:
     from mavdem.live.history import SessionStatus
@@ -42,9 +37,9 @@ class KeyFigure(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The top of a flight's page: what it is of, key figures, and the timeline; a small one has no still picture."""
+    """The top of a flight's page: how bad it is, key figures, and the timeline; a small one has no still picture."""
 
-    findings: Findings
+    level: Level
     analysis: LogAnalysis | None = None
     figures: Sequence[KeyFigure] = ()
     timeline: Timeline | None = None
@@ -53,29 +48,21 @@ class Head(NamedTuple):
     events: Sequence[Event] = ()
 
 
-def key_figures(
-    analysis: LogAnalysis, air: Air | None, loop: Loop | None = None
-) -> Iterator[KeyFigure]:
-    """Yields the figures that answer which motor, how strong the wind was, and how sure all that is."""
+def light_tiles(lights: Mapping[str, Fact]) -> Iterator[KeyFigure]:
+    """Yields each of the ``lights``."""
+    for name, fact in lights.items():
+        yield KeyFigure(name.capitalize(), fact.level, str(fact), fact.level)
+
+
+def key_figures(assessment: Assessment) -> Iterator[KeyFigure]:
+    """Yields the lights, and how sure the figures of a model are."""
+    yield from light_tiles(assessment.lights)
+    analysis = assessment.analysis
+    if analysis is None:
+        return
     learned = analysis.learned
     held_out = analysis.held_out
-    hover = analysis.condition.hover
     levels = {finding.purpose: finding.grade.level for finding in analysis.findings.purposes}
-    yield from _lost(analysis.alarms)
-    if hover is not None:
-        if (trim := analysis.trim) is not None and "deviation" in trim.figures:
-            most = 100 * trim.figures["deviation"]
-            remark = bare(headline(trim))
-            yield KeyFigure("Trim deviation", f"{most:+.1f} %", remark, trim.level)
-        left, motor = min(zip(hover.headroom, hover.motors, strict=True))
-        limit = max(map(sum, zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)))
-        remark = f"{short(motor)}; motors at a limit {100 * limit:.1f} % of the time"
-        level = Level.BAD if left < LITTLE_HEADROOM else Level.GOOD
-        yield KeyFigure("Least headroom", f"{100 * left:.0f} %", remark, level)
-    wind, _, reason = air or (None, None, None)
-    unknown = "not known", bare(reason) if reason else "", ""
-    speed, origin, gusts = unknown if wind is None else wind_words(wind)
-    yield KeyFigure("Wind", speed, f"{origin}{gusts}".strip("; "))
     physical = None if learned is None else learned.physical
     if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
         remark = f"on {Labels.of(learned).output_names[0]}, standard deviation"
@@ -94,11 +81,6 @@ def key_figures(
         remark = f"{held_out.seconds:.2g} s ahead, RMSE {ours} (“{baseline}” {theirs})"
         ratio = rounded(held_out.error_ratio())
         yield KeyFigure("Error ratio", ratio, remark, levels.get(Purpose.PREDICTION))
-    if loop is not None:
-        low, high = loop.rate.phase_margin_interval
-        level = margin_rating(loop).level
-        remark = f"{low:.0f} to {high:.0f}° of the rate loop; {MARGINS[level]} margin in all: `mavdem tune` has gains"
-        yield KeyFigure("Phase margin", f"{loop.rate.phase_margin:.0f}°", remark, level)
 
 
 def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:

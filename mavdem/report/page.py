@@ -13,6 +13,7 @@ from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
 from importlib.resources import files
+from math import nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,22 +23,23 @@ from markupsafe import Markup, escape
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.assessment import Assessment
+from mavdem.assessment.assess import NoLoop
+from mavdem.assessment.judgement import unjudged
 from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.loop import Advice, Loop, margin_rating
-from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
-from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import Comparison
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Grade, Purpose
-from mavdem.facts.session import Spent
+from mavdem.facts.event import Event
+from mavdem.facts.session import Session, Spent
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
-from mavdem.report.condition import explained_blocks, log_blocks, wind_blocks
-from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, live_figures
+from mavdem.report.condition import air_blocks, log_blocks
+from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, light_tiles, live_figures
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
@@ -171,80 +173,71 @@ def _prose(text: str) -> Markup:
 
 def log_page(
     heading: Sentence,
-    analyses: Mapping[str, LogAnalysis],
-    air: Air | None = None,
+    assessment: Assessment,
     inventory: dict[str, Any] | None = None,
     back: tuple[str, str] | None = None,
-    said: Sequence[Block] = (),
 ) -> str:
     """Returns the HTML of one log, with models or without.
 
-    ``analyses`` are what the log says of one vehicle, by axis; ``air`` is the wind in m/s, and what is ``said`` of it
-    beside. Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many
-    flights. ``back`` is name and address of the page that leads here.
+    Without the ``inventory`` (``mavdem.condition.inventory``) the page is small, with few pictures, for many flights.
+    ``back`` is name and address of the page that leads here.
     """
-    first = next(iter(analyses.values()))
     whole = inventory is not None
-    timeline = timeline_of(analyses, air)
-    loops = {
-        axis: _loop(analysis.learned) if whole else None for axis, analysis in analyses.items()
-    }
-    figures = [*key_figures(first, air, next(iter(loops.values())))]
-    head = Head(first.findings, first, figures, timeline, is_small=not whole)
-    chapters = [_motors(first, whole), _wind(first, air, said, timeline, whole)]
-    for axis, analysis in analyses.items():
-        if analysis is not first:
+    analyses = assessment.analyses
+    timeline = timeline_of(assessment)
+    head = Head(
+        assessment.headline.level,
+        assessment.analysis,
+        [*key_figures(assessment)],
+        timeline,
+        is_small=not whole,
+        events=[Event(nan if fact.time is None else fact.time, fact) for fact in assessment.events],
+    )
+    chapters = list[Chapter]()
+    loops = assessment.loops
+    for number, (axis, analysis) in enumerate(analyses.items()):
+        if number == 0:
+            chapters += [_motors(analysis, whole), _wind(assessment, analysis, timeline, whole)]
+        else:
             chapters.append(Chapter(axis.capitalize(), verdict_of(analysis)))
-        chapters += (
-            []
-            if analysis.learned is None
-            else _model(axis, analysis, analysis.learned, loops[axis], whole)
-        )
+        if analysis.learned is not None:
+            chapters += _model(axis, analysis, analysis.learned, whole)
+    if whole:
+        chapters += _loop_chapters(loops)
     for axis, analysis in analyses.items():
-        chapters += (
-            [] if analysis.learned is None else [_inside(axis, analysis, analysis.learned, whole)]
-        )
+        if analysis.learned is not None:
+            chapters.append(_inside(axis, analysis, analysis.learned, whole))
     if inventory is not None:
-        chapters.append(
-            Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True)
-        )
+        read = log_blocks(inventory)
+        chapters.append(Chapter("What was read from the log, and repaired", read, folded=True))
+    above, *_, following = conclusion(assessment.judgement)
+    verdict = [above, following, *(block for one in analyses.values() for block in verdict_of(one))]
     subtitle = heading.text[:1].upper() + heading.text[1:]
-    return document(heading.lead.rstrip(":"), subtitle, verdict_of(first), chapters, back, head)
+    return document(heading.lead.rstrip(":"), subtitle, verdict, chapters, back, head)
 
 
 def review_page(assessment: Assessment) -> str:
     """Returns the HTML of the page of an ``assessment``."""
     heading = title_of(assessment)
     analysis = assessment.analysis
-    evidence = assessment.evidence
-    if analysis is None or evidence is None:
-        blocks = [
-            Sentence("", str(assessment.headline)),
-            Sentence(str(assessment.next_step), "Next:"),
-        ]
-        return document(heading.lead.rstrip(":"), heading.text, blocks)
-    telemetry = evidence.signals.telemetry
+    if analysis is None or assessment.evidence is None:
+        return log_page(heading, assessment, inventory(assessment.log))
+    telemetry = assessment.evidence.signals.telemetry
     place = telemetry.system, telemetry.component
     known = {place: (analysis.verdict, analysis.condition, analysis.identity)}
-    vehicle = "{}:{}".format(*place)
-    held = inventory(assessment.log, analysis.verdict.axis, vehicle, None, known)
+    held = inventory(assessment.log, analysis.verdict.axis, "{}:{}".format(*place), None, known)
     held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
-    explained = explained_blocks(assessment)
-    return log_page(heading, {analysis.verdict.axis: analysis}, evidence.air, held, said=explained)
+    held["vehicles"][0]["headline"] = assessment.headline
+    return log_page(heading, assessment, held)
 
 
 def verdict_of(analysis: LogAnalysis) -> list[Block]:
-    """Returns the headline, what overrides it, why there is no model, what to do next, and how sure the model is."""
+    """Returns why there is no model, or how sure it is."""
     found = analysis.findings
-    (*blocks, following) = conclusion(analysis.findings)
-    if analysis.learned is None and found.overrides:
-        blocks.append(Sentence(str(analysis.reason), "No model:"))
-    return [
-        *blocks,
-        following,
-        *graded(found),
-        *map(warning, found.warnings),
-    ]
+    blocks = list[Block]()
+    if analysis.learned is None and analysis.reason is not None:
+        blocks.append(Sentence(advised(analysis.reason), "No model:"))
+    return [*blocks, *graded(found), *map(warning, found.warnings)]
 
 
 def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
@@ -270,17 +263,13 @@ def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
 
 
 def _wind(
-    analysis: LogAnalysis,
-    air: Air | None,
-    said: Sequence[Block],
-    timeline: Timeline | None,
-    whole: bool,
+    assessment: Assessment, analysis: LogAnalysis, timeline: Timeline | None, whole: bool
 ) -> Chapter:
     """The wind in m/s and as a torque, its rose, and the path that was flown."""
     learned = analysis.learned
     pictures = list[Picture]()
-    wind = (air or (None,))[0]
-    blocks = [*([] if air is None else wind_blocks(air)), *said]
+    wind = assessment.wind
+    blocks = air_blocks(assessment)
     if wind is not None and wind.directed and wind.sized and whole:
         told = "How often the wind came from where, by its estimated speed."
         pictures.append(Picture("Wind rose", told, partial(_rose, wind)))
@@ -323,25 +312,27 @@ def _error_ratios(comparison: Comparison, from_zero: bool) -> Figure:
     return error_ratios(comparison, from_zero)
 
 
-def _model(
-    axis: str, analysis: LogAnalysis, learned: Learned, loop: Loop | None, whole: bool
-) -> Iterator[Chapter]:
-    """The loop and its margins, response, prediction and residual tests of an axis."""
+def _model(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Iterator[Chapter]:
+    """The response, prediction and residual tests of an axis."""
     labels = Labels.of(learned)
     draw = partial(model_pictures, learned, analysis.findings, analysis=analysis)
     if whole:
-        pictures = draw(["bode", "step"]) + (
-            [] if loop is None else [loop_picture(loop)._replace(printed=False)]
-        )
-        margins = list[Block]()
-        if loop is not None:
-            said = f"{margin_rating(loop)} `mavdem tune` with this log has gains to set."
-            margins = [Sentence(said, "Margins:"), *margin_tables({"now": loop})]
-        yield Chapter(f"Loop and response of {axis}", margins, pictures)
+        yield Chapter(f"Response of {axis}", pictures=draw(["bode", "step"]))
     forecasts = draw(["forecast"], outputs=len(labels.output_names) if whole else 1)
     yield Chapter(f"Prediction of {axis}", prediction_blocks(labels, analysis.held_out), forecasts)
     if whole:
         yield Chapter(f"Residual tests of {axis}", residual_blocks(learned), draw(["residuals"]))
+
+
+def _loop_chapters(loops: Mapping[str, Loop | NoLoop]) -> Iterator[Chapter]:
+    """The margins of each axis, with a picture of its loops, or why they are not known."""
+    for axis, loop in loops.items():
+        title = f"Control loops of {axis}"
+        if isinstance(loop, NoLoop):
+            yield Chapter(title, [Sentence(advised(loop.refusal), "No margins:")])
+        else:
+            blocks = [Sentence(str(margin_rating(loop)), "Margins:"), *margin_tables({"now": loop})]
+            yield Chapter(title, blocks, [loop_picture(loop)._replace(printed=False)])
 
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
@@ -356,20 +347,10 @@ def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> 
     return Chapter(f"The model of {axis}, and how it was learned", blocks, pictures, folded=True)
 
 
-def _loop(learned: Learned | None) -> Loop | None:
-    """The loop with its margins, where plant and controller are known."""
-    try:
-        return None if learned is None else learned.loop()
-    except NotLearnable:
-        return None
-
-
-def flight_page(file: str, analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> str:
-    """Returns the HTML of one flight of a fleet, the log ``file``, in this ``air``, with a link to the fleet's page."""
-    subtitle = "No model could be learned from this flight; what it holds nevertheless."
-    if any(analysis.learned is not None for analysis in analyses.values()):
-        subtitle = f"{listed(analyses)} of a flight."
-    return log_page(Sentence(subtitle, file), analyses, air, back=("Fleet", "../index.html"))
+def flight_page(file: str, assessment: Assessment) -> str:
+    """Returns the HTML of one flight of a fleet, the log ``file``, with a link to the fleet's page."""
+    heading = Sentence(title_of(assessment).text, file)
+    return log_page(heading, assessment, back=("Fleet", "../index.html"))
 
 
 _TEXTS = tomllib.loads((files("mavdem.report") / "pictures.toml").read_text("utf-8"))
@@ -468,22 +449,24 @@ def live_page(
     ``account`` has seconds by what they were.
     """
     found = status.findings or findings_of(learned, alarms=status.alarms)
+    judgement = status.judgement or unjudged(status.obstacle or Fact(Session.NOT_FLYING))
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_report
 
     report = live_report(history, status, account, axis, seconds)
     timeline = live_timeline(history, axis)
-    figures = [*live_figures(status)]
-    head = Head(found, None, figures, timeline, vehicle=status.vehicle or "", events=history.events)
-    *blocks, following = (
-        conclusion(found)
-        if found.headline is not None
-        else [
-            report[0],
-            Sentence(advised(status.obstacle) if status.obstacle else "", "At the end:"),
-        ]
+    figures = [*light_tiles(judgement.lights), *live_figures(status)]
+    head = Head(
+        judgement.headline.level,
+        None,
+        figures,
+        timeline,
+        vehicle=status.vehicle or "",
+        events=history.events,
     )
+    above, *_, following = conclusion(judgement)
+    blocks = [above, following]
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
     if learned is not None:
         labels = Labels.of(learned)
@@ -493,9 +476,7 @@ def live_page(
         torque = torque_blocks(learned.wind_torque, learned.physical)
         chapters.append(Chapter(f"Response of {axis}", torque, draw(SYSTEM_PICTURES)))
     what = f"What {axis} did, learned and predicted while it flew."
-    return document(
-        f"Flight over {link}", what, [*blocks[:1], following, *blocks[1:]], chapters, head=head
-    )
+    return document(f"Flight over {link}", what, blocks, chapters, head=head)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

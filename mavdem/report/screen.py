@@ -13,16 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
-from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
+from mavdem.analysis import AxisFigures, VehicleFigures
 from mavdem.analysis.figures import one_step_errors
-from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind
+from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind, next_step
 from mavdem.analysis.residuals import BOUND_LEVEL, residuals
+from mavdem.assessment import Assessment
+from mavdem.assessment.judgement import Judgement
 from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
+from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.flight import Flight
 from mavdem.report.blocks import (
@@ -45,7 +48,7 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
-from mavdem.report.words import PARAMETERS, advised, section
+from mavdem.report.words import PARAMETERS, advised, headline, section
 
 # beside the baselines
 ROWS: dict[str, str] = {
@@ -64,24 +67,28 @@ def screen(
     learned: Learned,
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
-    found: Findings | None = None,
+    assessment: Assessment | None = None,
 ) -> list[Block]:
-    """Returns the headline, the findings, the vehicle, the wind torque, prediction and warnings of a ``learned`` model.
+    """Returns the findings, the vehicle, the wind torque, prediction and warnings of a ``learned`` model.
 
-    ``held_out`` windows and the motors' ``hover`` figures are left out where there are none; the findings are those of
-    the model unless ``found`` otherwise.
+    ``held_out`` windows and the motors' ``hover`` figures are left out where there are none; with the ``assessment`` of
+    its log its headline and next step are first and last.
     """
     labels = Labels.of(learned)
-    found = findings_of(learned, held_out) if found is None else found
-    *first, following = conclusion(found)
+    if assessment is None or assessment.analysis is None:
+        found = findings_of(learned, held_out)
+        blocks = list[Block]([Sentence(str(next_step(found.purposes)), "Next:")])
+    else:
+        found = assessment.analysis.findings
+        blocks = conclusion(assessment.judgement)
     return [
-        *first,
+        *blocks[:-1],
         *graded(found),
         *motor_blocks(labels, learned.physical, hover),
         *torque_blocks(learned.wind_torque, learned.physical),
         *prediction_blocks(labels, held_out),
         *map(warning, found.warnings),
-        following,
+        blocks[-1],
     ]
 
 
@@ -94,38 +101,42 @@ def graded(found: Findings) -> list[Block]:
     return [Table(["purpose", "verdict", "because"], rows, words=True)] if rows else []
 
 
-def conclusion(found: Findings) -> list[Block]:
-    """Returns the headline, what overrides all grades, and last what to do next."""
-    return [
-        *([] if found.headline is None else [Sentence("", str(found.headline))]),
-        *(Sentence(str(one), f"{one.code.capitalize()}:") for one in found.overrides),
-        Sentence(str(found.next_step), "Next:"),
+def conclusion(judgement: Judgement) -> list[Block]:
+    """Returns the headline, each light that is not good, and last what to do next."""
+    lights = [
+        Sentence(str(fact), f"{name.capitalize()}:")
+        for name, fact in judgement.lights.items()
+        if fact.level is not Level.GOOD and fact != judgement.headline
     ]
+    above = Sentence("", headline(judgement.headline))
+    return [above, *lights, Sentence(str(judgement.next_step), "Next:")]
 
 
-def verdict_blocks(found: Findings) -> list[Block]:
-    """Returns all findings without a table, for a narrow column."""
-    *blocks, following = conclusion(found)
-    blocks += [
+def verdict_blocks(found: Findings, judgement: Judgement | None) -> list[Block]:
+    """Returns headline, lights and findings without a table, for a narrow column."""
+    blocks = list[Block]() if judgement is None else conclusion(judgement)
+    blocks[-1:-1] = [
         Sentence(advised(reason), f"{purpose.capitalize()}: {grade}.")
         for purpose, grade, reason in found.purposes
     ]
-    return [*blocks, *map(warning, found.warnings), following]
+    return [*blocks, *map(warning, found.warnings)]
 
 
-def analysis_blocks(analysis: LogAnalysis) -> list[Block]:
-    """Returns the screen of an ``analysis``: its model's, else what is known without one, and why there is none."""
+def analysis_blocks(assessment: Assessment) -> list[Block]:
+    """Returns the screen of an ``assessment``: its model's, else what is known without one, and why there is none."""
+    analysis = assessment.analysis
+    if analysis is None:
+        return conclusion(assessment.judgement)
     learned = analysis.learned
-    found = analysis.findings
     hover = analysis.vehicle.hover
     if hover is not None and analysis.tier.name != "a":
         hover = replace(hover, roll=None, pitch=None)  # the condition says how the vehicle leans
-    blocks = (
-        conclusion(found) if learned is None else screen(learned, analysis.held_out, hover, found)
-    )
-    blocks += (
-        [Sentence(str(analysis.reason), "No model:")] if learned is None and found.overrides else []
-    )
+    if learned is None:
+        blocks = conclusion(assessment.judgement)
+        if analysis.reason is not None:
+            blocks.insert(-1, Sentence(str(analysis.reason), "No model:"))
+    else:
+        blocks = screen(learned, analysis.held_out, hover, assessment)
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
         blocks += [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,13 +15,11 @@ from mavdem.alignment.drive import AXES, Signal
 from mavdem.alignment.signals import Signals, attitude, held, setpoints
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import known_wind
+from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.dem.engine.linalg import Array
-from mavdem.facts import Fact
 from mavdem.facts.event import Event
-from mavdem.facts.vehicle import Flown
-from mavdem.health.in_flight import announced
 from mavdem.report import palette
 from mavdem.report.numbers import TORQUE, named, readable
 
@@ -137,22 +135,27 @@ def _packed(values: Array) -> tuple[float, float, str]:
     return low, step, b64encode(counts.astype("<i2").tobytes()).decode()
 
 
-def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> Timeline | None:
+def timeline_of(assessment: Assessment) -> Timeline | None:
     """Returns the timeline of the boot that was analysed, with a wind torque for each axis; None of what has no rows.
 
-    The wind of ``air`` is shown where it is of the same boot.
+    The wind is shown where it is of the same boot, and so are events.
     """
-    analysis = next(iter(analyses.values()))
-    signals = analysis.signals
-    if signals is None or (tilt := attitude(signals.telemetry, AXES[0])) is None:
+    analysis = assessment.analysis
+    evidence = assessment.evidence
+    if analysis is None or evidence is None:
+        return None
+    signals = evidence.signals
+    if (tilt := attitude(signals.telemetry, AXES[0])) is None:
         return None
     segments = analysis.verdict.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
-    torques = tuple(line for name, one in analyses.items() for line in _torque(name, one))
+    torques = tuple(
+        line for name, one in assessment.analyses.items() for line in _torque(name, one)
+    )
     known = (
         *_driven(signals, boot),
         Row("Wind torque", TORQUE.name, torques),
-        *_wind(air, boot),
+        *_wind(evidence.air, boot),
         *_rest(signals, boot),
     )
     if not (rows := tuple(row for row in known if row.lines)):
@@ -161,21 +164,23 @@ def timeline_of(analyses: Mapping[str, LogAnalysis], air: Air | None = None) -> 
     ends = min(row.lines[0].time[0] for row in rows), max(row.lines[0].time[-1] for row in rows)
     span = float(max(ends[0], armed[0][0] - AROUND)), float(min(ends[1], armed[-1][1] + AROUND))
     changes = signals.modes(boot)
-    alarms = [alarm for alarm in analysis.alarms if alarm.boot == boot]
     ends_of_modes = zip(changes, [*changes[1:], (span[1], "")], strict=False)
     modes = [(max(at, span[0]), min(end, span[1]), name) for (at, name), (end, _) in ends_of_modes]
-    said = [Event(at, Fact(Flown.MODE_ENTERED, time=at, name=name)) for at, name in changes]
-    for since, until in armed:
-        said.append(Event(since, Fact(Flown.ARMED, time=since)))
-        said.append(Event(until, Fact(Flown.DISARMED, time=until)))
-    said += [Event(alarm.since, announced(alarm)) for alarm in alarms]
-    events = sorted(
-        (one for one in said if span[0] <= one.seconds <= span[1]), key=lambda one: one.seconds
-    )
     trained = tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights)
     place = signals.position
     flown = tuple(mode for mode in modes if mode[0] < mode[1])
-    return Timeline(rows, span, trained, flown, tuple(events), place and _of(place, boot))
+    return Timeline(
+        rows, span, trained, flown, events_of(assessment, boot), place and _of(place, boot)
+    )
+
+
+def events_of(assessment: Assessment, boot: int) -> tuple[Event, ...]:
+    """Returns what happened in a ``boot``, and when, in order."""
+    return tuple(
+        Event(fact.time, fact)
+        for fact in assessment.events
+        if fact.time is not None and fact.figures.get("boot", boot) == boot
+    )
 
 
 def _of(signal: Signal, boot: int) -> Signal | None:
@@ -266,9 +271,9 @@ def _broken(
     )
 
 
-def _wind(air: Air | None, boot: int) -> Iterator[Row]:
+def _wind(air: Air, boot: int) -> Iterator[Row]:
     """Speed and, where it is known, direction, with the autopilot's own estimates."""
-    wind, own, _ = air or (None, None, "")
+    wind, own, _ = air
     if wind is None or wind.boot != boot:
         return
     mean = wind.direction if wind.directed else 0.0

@@ -181,6 +181,20 @@ def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
     return rrb.Blueprint(view, time, left, right, auto_views=False, auto_layout=False)
 
 
+def log(recording: rr.RecordingStream, time: float, sentence: str, level: str = "INFO") -> None:
+    """Writes a sentence into the log at a ``time`` on the timeline, s, with a level: "INFO", "WARN" or "ERROR"."""
+    recording.set_time(BOOT_CLOCK, duration=time)
+    recording.log("log", rr.TextLog(sentence, level=level))
+
+
+def events_view() -> rrb.View:
+    """Returns the view of that log."""
+    columns = rrb.archetypes.TextLogColumns(
+        timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"]
+    )
+    return rrb.TextLogView(origin="log", name="Events", columns=columns)
+
+
 Target = str | os.PathLike[str] | rr.RecordingStream
 """Where a recording goes: a file, or one that is :func:`streamed`."""
 

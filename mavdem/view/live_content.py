@@ -19,6 +19,7 @@ from mavdem.dem.graybox.wind import CHANGE_SECONDS
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.dem.record import Record
+from mavdem.facts import Level
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
 from mavdem.live.wind import WindRow
@@ -35,8 +36,8 @@ from mavdem.report.palette import (
     distinct,
 )
 from mavdem.report.screen import verdict_blocks
-from mavdem.report.words import advised
-from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, faint
+from mavdem.report.words import advised, headline
+from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, events_view, faint, log
 
 # in view
 FLIGHT_SECONDS = 20.0
@@ -76,12 +77,6 @@ class ViewRow(NamedTuple):
     learned: Learned | None  # the learner's last batch result
     channels: Channels  # of outputs and inputs
     wind: WindRow | None = None  # the latest, in m/s
-
-
-def log(recording: rr.RecordingStream, time: float, sentence: str, level: str = "INFO") -> None:
-    """Writes a sentence into the log at a ``time`` on the timeline, s, with a level: "INFO", "WARN" or "ERROR"."""
-    recording.set_time(BOOT_CLOCK, duration=time)
-    recording.log("log", rr.TextLog(sentence, level=level))
 
 
 class LiveWriter:
@@ -317,11 +312,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     wind = plot(f"Wind torque, {TORQUE.name}", "wind")
     air = plot("Wind, m/s", "air")
     pictures = rrb.Vertical(outputs[0], wind, air, inputs, row_shares=[34, 25, 20, 21])
-    log_columns = rrb.archetypes.TextLogColumns(
-        timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"]
-    )
-    events = rrb.TextLogView(origin="log", name="Events", columns=log_columns)
-    beside = rrb.Horizontal(pictures, events, column_shares=[70, 30])
+    beside = rrb.Horizontal(pictures, events_view(), column_shares=[70, 30])
     cards = (
         rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False)
         for i in range(5)
@@ -346,10 +337,11 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
     now = row.estimate
     unit = TORQUE
     output = channels.output_names[0]
-    doubts = status.findings.overrides if status.findings else ()
+    judged = status.judgement
+    is_bad = judged is not None and judged.headline.level is Level.BAD
     state = (
         "alarm"
-        if status.alarm or doubts
+        if status.alarm or is_bad
         else "waiting"
         if status.obstacle or until is None
         else "learning"
@@ -357,7 +349,7 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
     reason = _reason(status, until)
     said = (
         " ".join(map(str, status.alarm))
-        or (str(status.findings.headline) if status.findings and doubts else reason)
+        or (headline(judged.headline) if judged is not None and is_bad else reason)
         or "The model follows the flight."
     )
     shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
@@ -428,7 +420,11 @@ def status_document(status: SessionStatus, row: ViewRow, until: float | None) ->
     )
     cautions += [f"**{status.slow}**"] if status.slow else []
     table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
-    found = [] if status.findings is None else [markdown(verdict_blocks(status.findings))]
+    found = (
+        []
+        if status.findings is None
+        else [markdown(verdict_blocks(status.findings, status.judgement))]
+    )
     return "\n\n".join(
         [f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND]
     )

@@ -25,8 +25,8 @@ from mavdem.facts.session import Session
 from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
 from mavdem.live.wind import WindRow
-from mavdem.view.flown import BOOT_CLOCK
-from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, log, status_document
+from mavdem.view.flown import BOOT_CLOCK, log
+from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, status_document
 from mavdem.view.sinks import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks

@@ -9,9 +9,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.alignment.drive import Signal
-from mavdem.analysis.findings import Findings, findings_of, known_wind
-from mavdem.condition.wind_velocity import WindVelocity, by_compass
+from mavdem.analysis.findings import findings_of, known_wind
+from mavdem.assessment import Assessment
+from mavdem.condition.wind_velocity import by_compass
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -31,11 +31,15 @@ from mavdem.report.series import (
     WIND_TORQUE,
     series_of,
 )
+from mavdem.report.timeline import events_of
+from mavdem.report.words import headline
 from mavdem.view.flown import (
     Plot,
     Target,
     blueprint,
+    events_view,
     faint,
+    log,
     path_with_wind,
     range_of,
     recorded,
@@ -52,34 +56,49 @@ def write_recording(
     flights: Sequence[Flight],
     learned: Learned,
     held_out: HeldOut,
-    found: Findings | None = None,
-    changes: Sequence[float] = (),
-    wind: WindVelocity | None = None,
-    position: Signal | None = None,
+    assessment: Assessment | None = None,
 ) -> None:
     """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows to a ``target``.
 
     A file appears whole or not at all, ``OSError`` if it cannot be written. It opens with its own blueprint: the
-    flight over its seconds, more of it, how the model was learned, and the report by what was ``found``. Angles are in
-    degrees; every plot is marked where a motor ``changes``, s of the boot clock. The ``wind`` in m/s of the same boot
-    has a tab of its own, with the path by the ``position``.
+    flight over its seconds, more of it, how the model was learned, and the report. Angles are in degrees. With the
+    ``assessment`` of the log every plot is marked where something went wrong, what happened is a text log, and the wind
+    in m/s of the same boot has a tab of its own, with the path.
     """
     series = FlightSeries(flights, learned, held_out)
-    series.changes = [at for at in changes if series.span[0] < at < series.span[1]]
-    found = findings_of(learned, held_out) if found is None else found
+    boot = flights[0].provenance.get("segment", {}).get("boot", 0)
+    events = () if assessment is None else events_of(assessment, boot)
+    series.alarms = [
+        event.seconds
+        for event in events
+        if event.is_alarm and series.span[0] < event.seconds < series.span[1]
+    ]
     with recorded(target, Path(str(flights[0].provenance.get("source", ""))).name) as recording:
         report = _text(
-            recording, "report", "Report", [title(flights), *screen(learned, held_out, found=found)]
+            recording,
+            "report",
+            "Report",
+            [title(flights), *screen(learned, held_out, assessment=assessment)],
         )
         others = [
             plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)
         ]
         details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
-        flight = _flight(recording, series, found)
+        flight = _flight(recording, series, assessment)
         learning = _learning(recording, learned)
-        air = [] if wind is None else [_air(recording, series, wind, position)]
+        air = [] if assessment is None else _air(recording, series, assessment)
+        for event in events:
+            level = "ERROR" if event.is_alarm else "INFO"
+            log(recording, event.seconds, event.fact.sentence, level)
+        log_view = [events_view()] if events else []
         tabs = rrb.Tabs(
-            flight, *air, rrb.Vertical(*details, name="Details"), learning, report, active_tab=0
+            flight,
+            *air,
+            rrb.Vertical(*details, name="Details"),
+            learning,
+            report,
+            *log_view,
+            active_tab=0,
         )
         recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=True)
 
@@ -109,7 +128,7 @@ class FlightSeries:
             [*(flight.outputs for flight in flights), *held_out.measured[after]]
         )
         self.span = float(self._time[0]), float(self._time[-1])
-        self.changes: list[float] = []  # s
+        self.alarms: list[float] = []  # s
 
     def output(self, i: int) -> list[Plot]:
         """Returns an output with its forecasts in held-out windows, and what these leave."""
@@ -205,15 +224,19 @@ def _drawn(
 ) -> list[rrb.View]:
     """The views of plots, each with its marks."""
     for plot in plots:
-        plot.marks("motor changed", palette.BAD, series.changes)
+        plot.marks("went wrong", palette.BAD, series.alarms)
         plot.draw(recording)
     return [plot.view(*series.span) for plot in plots]
 
 
 def _air(
-    recording: rr.RecordingStream, series: FlightSeries, wind: WindVelocity, position: Signal | None
-) -> rrb.Container:
-    """The path in the wind, beside its speed and where it comes from over time."""
+    recording: rr.RecordingStream, series: FlightSeries, assessment: Assessment
+) -> list[rrb.Container]:
+    """The path in the wind, beside its speed and where it comes from over time; nothing where it is not known."""
+    wind = assessment.wind_of_model
+    if wind is None or assessment.evidence is None:
+        return []
+    position = assessment.evidence.signals.position
     time = np.linspace(wind.time[0], wind.time[-1], AIR_POINTS)
     moved, band = (
         np.column_stack([np.interp(time, wind.time, a) for a in b.T])
@@ -236,25 +259,33 @@ def _air(
     path = None
     if position is not None and wind.sized:
         path = path_with_wind(recording, position, wind)
-    return rrb.Horizontal(
-        *filter(None, [path]), rrb.Vertical(*_drawn(recording, series, plots)), name="Wind"
-    )
+    drawn = rrb.Vertical(*_drawn(recording, series, plots))
+    return [rrb.Horizontal(*filter(None, [path]), drawn, name="Wind")]
 
 
-def _flight(recording: rr.RecordingStream, series: FlightSeries, found: Findings) -> rrb.Container:
+def _flight(
+    recording: rr.RecordingStream, series: FlightSeries, assessment: Assessment | None
+) -> rrb.Container:
     """The first sentence above, then the flight over time, verdicts and motors beside it."""
     plots = _drawn(
         recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])]
     )
+    found = findings_of(series.learned, series.held_out)
+    judgement = None
+    if assessment is not None and assessment.analysis is not None:
+        found = assessment.analysis.findings
+        judgement = assessment.judgement
     beside = [
-        _text(recording, "verdict", "Verdict", verdict_blocks(found)),
+        _text(recording, "verdict", "Verdict", verdict_blocks(found, judgement)),
         *_effectiveness(recording, series),
     ]
     pictures = rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)])
     words = rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)])
     below = rrb.Horizontal(pictures, words, column_shares=[78, 22])
-    headline = _text(recording, "headline", "", f"## {found.headline}")
-    return rrb.Vertical(headline, below, row_shares=[7, 93], name="Flight")
+    if judgement is None:
+        return rrb.Vertical(below, name="Flight")
+    said = _text(recording, "headline", "", f"## {headline(judgement.headline)}")
+    return rrb.Vertical(said, below, row_shares=[7, 93], name="Flight")
 
 
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
