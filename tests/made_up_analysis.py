@@ -6,9 +6,15 @@ import numpy as np
 from refusals import prose
 
 from mavdem.analysis.figures import LogAnalysis
+from mavdem.assessment import Assessment
+from mavdem.assessment.judgement import OF_VEHICLE, Judgement
 from mavdem.condition.condition import HoverFigures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.lights import Light
+from mavdem.ingest import Log
 
 MOTORS = (
     "motor 1 (front right)",
@@ -137,3 +143,12 @@ def analysis(parameters: Parameters) -> LogAnalysis:
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
     known = verdict, SimpleNamespace(name="a"), condition, None, SimpleNamespace(hover=HOVER)
     return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)
+
+
+def assessment(parameters: Parameters, **lights: Fact) -> Assessment:
+    """An assessment of the :func:`analysis` whose lights are good, but for these."""
+    known = {str(light): prose(f"The {light}.").but(Level.GOOD) for light in Light} | lights
+    headline = Fact(Headline.NOTHING_WRONG, Level.GOOD, names=OF_VEHICLE, missing=())
+    judgement = Judgement(headline, Fact(NextStep.KEEP_MODEL), known)
+    log = Log("flight.tlog", (), (), (), 0, 0, (NAN, NAN))
+    return Assessment(log, judgement, analyses={"roll": analysis(parameters)})

@@ -20,6 +20,7 @@ from mavdem.analysis.figures import ALL, axis_figures
 from mavdem.analysis.findings import known_wind
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge, unjudged
+from mavdem.assessment.log import simulated_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import air_of
@@ -76,6 +77,11 @@ class Assessment(AssessmentDownstream):
     def lights(self) -> Mapping[str, Fact]:
         """The judgement of motors, vibration, tracking, margins, power, estimator, wind and log, by name."""
         return self.judgement.lights
+
+    @property
+    def simulated(self) -> Fact | None:
+        """That the flight was simulated; None where nothing in the log shows it."""
+        return None if self.evidence is None else simulated_of(self.evidence)
 
     @property
     def events(self) -> tuple[Fact, ...]:

@@ -6,12 +6,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from mavdem.analysis.findings import Finding, next_step
+from mavdem.assessment.estimator import estimator_light
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.log import log_light
+from mavdem.assessment.power import power_light
+from mavdem.assessment.wind import wind_light
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.lights import Light, Unjudged
 
-LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {}
+LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {
+    Light.POWER: power_light,
+    Light.ESTIMATOR: estimator_light,
+    Light.WIND: wind_light,
+    Light.LOG: log_light,
+}
 """What judges by each light."""
 
 OF_VEHICLE = (

@@ -7,7 +7,7 @@ from time import perf_counter
 
 import click
 
-from mavdem.assessment import assess
+from mavdem.assessment.assess import assess
 from mavdem.cli.options import folder_named, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import RESULT_FILES, files_of, named_after, write_results

@@ -20,14 +20,12 @@ LINES = 14
 def screen_of(assessment: Assessment) -> str:
     """Returns the screen of an ``assessment``: at most ``LINES`` of ``COLUMNS``."""
     lead = title_of(assessment)
-    above = [
-        _cut(f"{lead.lead} {lead.text}"),
-        *_wrapped(headline(assessment.headline)),
-        *(_light(name, fact) for name, fact in assessment.lights.items()),
-    ]
+    above = [_cut(f"{lead.lead} {lead.text}"), *_wrapped(headline(assessment.headline))]
+    lights = [_light(name, fact) for name, fact in assessment.lights.items()]
     following = _wrapped(f"Next: {assessment.next_step}")
-    room = LINES - len(above) - len(following)
-    return "\n".join([*above, *list(_alarms(assessment))[:room], *following])
+    room = LINES - len(above) - len(lights) - len(following)
+    alarms = [*_alarms(assessment)][:room]
+    return "\n".join([*above, *lights, *alarms, *following])
 
 
 def title_of(assessment: Assessment) -> Sentence:
@@ -36,7 +34,12 @@ def title_of(assessment: Assessment) -> Sentence:
     name = f"{Path(assessment.log.source).name}:"
     if analysis is None:
         return Sentence("no vehicle judged.", name)
-    known = section("review", analysis.identity, condition=analysis.condition)
+    known = section(
+        "review",
+        analysis.identity,
+        condition=analysis.condition,
+        is_simulated=assessment.simulated is not None,
+    )
     return Sentence(" ".join(one.text for one in known), name)
 
 

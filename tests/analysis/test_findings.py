@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_up_analysis import HOVER, analysis, held_out, model, physical
+from made_up_analysis import HOVER, held_out, model, physical
 from refusals import prose
 
 from mavdem import Flight
@@ -18,10 +18,8 @@ from mavdem.facts.assessment import (
     BoundTest,
     Caveat,
     Grade,
-    Headline,
     InShort,
     NextStep,
-    NoModel,
     Override,
     Purpose,
 )
@@ -177,17 +175,15 @@ TWISTED = Fact(
     ],
 )
 def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, subject):
-    free = {"condition": of_vehicle(), "watched": True}
+    free = {"condition": of_vehicle()}
     sound = findings_of(model(physical()), held_out(), **free)
     assert {one.grade for one in sound.purposes} == {GOOD}
-    assert sound.next_step.code is NextStep.KEEP_MODEL
-    assert [part.code for part in sound.headline.figures["parts"]] == [InShort.HEALTHY]
+    assert next_step(sound.purposes).code is NextStep.KEEP_MODEL
     doubted = findings_of(model(physical()), held_out(), **(free | known))
     (override,) = doubted.overrides  # which explains what else is wrong
     assert (override.code, override.subject) == (code, subject)
-    assert doubted.headline.code is Headline.OVERRIDDEN
-    assert doubted.next_step.code is NextStep.DO_AS_ADVISED
-    assert doubted.headline.figures["because"] is doubted.next_step.figures["because"] is override
+    (shown,) = doubted.as_dict()["overrides"]
+    assert shown["headline"] == Fact(InShort.OVERRIDDEN, because=override)
     for before, after in zip(sound.purposes, doubted.purposes, strict=True):
         assert (after.grade, after.reason.code) == (LIMITED, Because.FLIGHT_DOUBTED)
         because = None if code is Override.OSCILLATION else before.reason
@@ -225,14 +221,14 @@ def test_a_step_of_the_torque_leaves_neither_effectiveness_nor_wind_good():
     outputs = np.random.default_rng(0).standard_normal((9, 2))
     flights = [Flight(27.0 + 0.5 * np.arange(9), np.zeros((9, 4)), outputs)]
     learned = model(physical(), step=(2, -5.7))
-    known = {"condition": of_vehicle(trim_share=(1.0,) * 4), "flights": flights, "watched": True}
+    known = {"condition": of_vehicle(trim_share=(1.0,) * 4), "flights": flights}
     stepped = findings_of(learned, held_out(), **known)
     assert [one.grade for one in stepped.purposes[:4]] == [LIMITED, GOOD, LIMITED, GOOD]
     assert stepped.purposes[0].reason.code is Because.TORQUE_STEPPED
-    step, *_ = stepped.headline.figures["parts"]
+    step = stepped.purposes[0].reason.figures["because"]
     assert (step.code, step.time) == (InShort.STEP_OF_TORQUE, 28.0)
     assert step.figures["torque"] == -5.7
-    assert stepped.next_step.code is NextStep.CHECK_VEHICLE
+    assert next_step(stepped.purposes).code is NextStep.CHECK_VEHICLE
 
 
 def test_residuals_that_are_far_from_white_are_said():
@@ -244,7 +240,7 @@ def test_residuals_that_are_far_from_white_are_said():
     reason = findings.purposes[-1].reason
     assert reason.code is Because.RESIDUALS_TESTED and reason.figures["outcome"] is BoundTest.FAILED
     # held-out windows count more
-    assert findings.next_step.code is NextStep.KEEP_MODEL
+    assert next_step(findings.purposes).code is NextStep.KEEP_MODEL
 
 
 @pytest.mark.parametrize(
@@ -255,38 +251,6 @@ def test_residuals_are_not_white_beyond_three_times_the_bound(size, outcome):
     none = np.zeros(3)
     tested = Residuals(none, none, np.array([1.0, size, 0.0]), none, (0.03, 0.04))
     assert (tested.outcomes, tested.outcome) == ([outcome, BoundTest.PASSED], outcome)
-
-
-@pytest.mark.parametrize(
-    ("hover", "watched", "codes"),
-    [
-        ({}, True, [InShort.HEALTHY]),
-        ({}, False, [InShort.NO_FAULT_SEEN]),
-        ({"headroom": (0.14, 0.09, 0.13, 0.12)}, True, [InShort.LITTLE_HEADROOM]),
-    ],
-)
-def test_the_headline_says_what_is_known_of_the_motors(hover, watched, codes):
-    findings = findings_of(condition=of_vehicle(**hover), watched=watched)
-    assert [part.code for part in findings.headline.figures["parts"]] == codes
-    assert findings.next_step.code is NextStep.LEARN_MODEL
-
-
-def test_the_headline_says_how_the_rate_is_damped_and_how_large_the_wind_torque_is():
-    assert findings_of(model(physical())).headline is None
-    time = 0.1 * np.arange(999)
-    rates = {
-        InShort.WELL_DAMPED: np.random.default_rng(0).standard_normal(999),
-        InShort.HARDLY_DAMPED: np.sin(3 * time),
-    }
-    scale = {"scale": {"low": 1000.0, "high": 2000.0}}
-    for damped, rate in rates.items():
-        outputs = np.column_stack([rate, rate])
-        flights = [Flight(time, np.zeros((999, 4)), outputs, provenance=scale)]
-        first, torque = findings_of(model(physical()), flights=flights).headline.figures["parts"]
-        assert (first.code, torque.code) == (damped, InShort.WIND_TORQUE_SIZE)
-        assert torque.figures["name"] == "light"
-    unknown = findings_of(condition=SimpleNamespace(hover=None, oscillation=None))
-    assert unknown.headline.figures["parts"][0].code is InShort.MOTOR_OUTPUTS_UNKNOWN
 
 
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
@@ -320,16 +284,5 @@ def test_warnings_are_only_where_they_mean_something():
 def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
     torque = make_dataclass("Torque", [("reason", object, None)])()
     learned = SimpleNamespace(wind_torque=torque, with_wind_torque=lambda other: other.reason)
-    assert disown_torque(learned, of_vehicle()) is learned
-    assert disown_torque(learned, of_vehicle(CYCLE)) == Fact(Because.OWN_TORQUE)
-
-
-def test_why_there_is_no_model_begins_with_what_overrides_and_advises_no_flight():
-    flight = replace(analysis(physical()), learned=None, reason=prose("None.", "Fly."))
-    assert flight.findings.headline.code is Headline.NO_FULL_MODEL
-    assert flight.refusal.fact.remedy == "Fly."
-    refused = replace(flight, condition=of_vehicle(CYCLE)).refusal.fact
-    assert refused.code is NoModel.REFUSED
-    assert [one.code for one in refused.figures["overrides"]] == [Override.OSCILLATION]
-    assert refused.figures["because"] == prose("None.", "Fly.")
-    assert refused.remedy == "Do not fly: check frame type, gains and motor order."
+    assert disown_torque(learned, False) is learned
+    assert disown_torque(learned, True) == Fact(Because.OWN_TORQUE)

@@ -41,9 +41,7 @@ def test_the_text_reports_the_same(capsys):
     path = LOGS / "px4_wind5_steps.tlog"
     assert run("info", path, "--axis", "pitch") == 0
     said = capsys.readouterr().out
-    assert said.startswith(
-        "Healthy.\nNext: Learn a model: `mavdem learn`.\nA pitch model can be learned from 5:1 ("
-    )
+    assert "\nNext: " in said and "\nA pitch model can be learned from 5:1 (" in said
     assert "Health: no motor was found to lose thrust in 60 s of settled flight." in said
     # Logs that were cut by message type lack most sequence numbers; that is no loss, and is not called one.
     vehicle, station = said.splitlines()[-2:]

@@ -11,6 +11,7 @@ from standin_logs import fleet_of
 
 import mavdem
 from mavdem.analysis import analyse
+from mavdem.assessment.assess import assess_signals
 from mavdem.dem import Drag
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import Prior
@@ -51,7 +52,7 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
 
 def test_a_page_is_made_once_for_a_vehicle():
     rows, pages = rows_of_log(
-        SLOW, "0123456789abcdef0123", lambda name, analyses, air: f"{name} {[*analyses]}{air[0]}"
+        SLOW, "0123456789abcdef0123", lambda name, found: f"{name} {[*found.analyses]}{found.wind}"
     )
     assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']None"}
     assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
@@ -81,12 +82,12 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
     (sound,) = log.vehicles
     other = replace(sound, component=7)
 
-    def failing(log, axis, signals, other_axis):
+    def failing(log, signals, *arguments, **known):
         if signals.telemetry is other:
             raise KeyError("geometry")
-        return analyse(log, axis, signals=signals, other_axis=other_axis)
+        return assess_signals(log, signals, *arguments, **known)
 
-    monkeypatch.setattr(module, "analyse", failing)
+    monkeypatch.setattr(module, "assess_signals", failing)
     monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other, sound)))
     failed, *rows = rows_of_log(SLOW)[0]
     assert "KeyError" in failed.status and failed.component == 7
@@ -102,7 +103,7 @@ def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
     def alarmed(*arguments, **known):
         return replace(analyse(*arguments, **known), alarms=(load, alarm))
 
-    monkeypatch.setattr(module, "analyse", alarmed)
+    monkeypatch.setattr("mavdem.assessment.assess.analyse", alarmed)
     for row in rows_of_log(SLOW)[0]:
         assert alarm.fact.subject in row.warnings[0] and load.sentence not in row.warnings
 

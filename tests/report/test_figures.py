@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mavdem
-from mavdem.analysis.findings import correlation
+from mavdem.analysis.residuals import correlation
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.report import palette
 from mavdem.report.figures import Plots

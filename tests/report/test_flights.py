@@ -30,7 +30,7 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
 
 def test_the_worst_and_the_newest_come_first_with_what_a_board_is_of():
     board = {"vehicle_basis": "board", "frame": "QUADROTOR", "firmware": "PX4 v1.16.0"}
-    cycle = {"headline": "Oscillates at 7 Hz: do not fly.", "overrides": ("oscillation",)}
+    cycle = {"headline": "Oscillates at 7 Hz: do not fly.", "headline_level": "bad"}
     rows = [
         flight_row("older", 0, health="drift"),
         flight_row("newer", 3, health="drift"),

@@ -1,6 +1,7 @@
 """The page: one file that fetches nothing, escapes everything, zooms, prints, and fits a narrow and a wide window."""
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -8,10 +9,10 @@ import numpy as np
 import pytest
 from browser import FITS, HOSTILE, shown
 from live_rows import flown
-from made_up_analysis import analysis, physical
+from made_up_analysis import assessment, physical
 from matplotlib.figure import Figure
 
-from mavdem.analysis import analyse
+from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
 from mavdem.facts import Fact
 from mavdem.facts.event import Event
@@ -136,7 +137,7 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
 
 @pytest.mark.slow
 def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(tmp_path):
-    text = document("flight.tlog", "", analysis_blocks(analysis(physical())))
+    text = document("flight.tlog", "", analysis_blocks(assessment(physical())))
     widths = (
         "return [...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
     )
@@ -146,15 +147,15 @@ def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_s
 
 @pytest.fixture(scope="module")
 def analysed():
-    """A log and its analysis."""
+    """The assessment of a log."""
     log = read_log(LOG)
-    return log, analyse(log)
+    return assess(log, axis="roll")
 
 
 @pytest.mark.slow
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(analysed):
-    _, analysis = analysed
-    text = flight_page("flight.tlog", {"roll": analysis, "pitch": analysis})
+    two = dict.fromkeys(("roll", "pitch"), analysed.analysis)
+    text = flight_page("flight.tlog", replace(analysed, analyses=two))
     assert len(text.encode()) < 300_000 and 2 <= text.count("<svg") <= 4
     assert '<a href="../index.html">' in text and "Prediction of pitch" in text
     ids = Balanced(text).ids
@@ -164,8 +165,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
 @pytest.fixture(scope="module")
 def flight(analysed):
     """The page of a log with all chapters."""
-    log, analysis = analysed
-    return log_page(Sentence("A flight.", f"{HOSTILE}:"), {"roll": analysis}, None, inventory(log))
+    return log_page(Sentence("A flight.", f"{HOSTILE}:"), analysed, inventory(analysed.log))
 
 
 ZOOM = """

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from made_up_analysis import analysis, physical
+from made_up_analysis import assessment, physical
 from recorded_flights import LOGS
 
 import mavdem
@@ -42,9 +42,9 @@ def is_golden(request: pytest.FixtureRequest, name: str, blocks: Iterable[Block]
 
 
 SCREENS = {
-    "model": lambda: analysis_blocks(analysis(physical())),
+    "model": lambda: analysis_blocks(assessment(physical())),
     "doubtful": lambda: analysis_blocks(
-        analysis(physical(0.2, lag="not identifiable", damping="biased"))
+        assessment(physical(0.2, lag="not identifiable", damping="biased"))
     ),
     "contents": lambda: log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))),
 }

@@ -2,16 +2,20 @@
 
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up_analysis import assessment, physical
 from made_up_motion import made_up_motion
 from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.analysis.findings import findings_of
+from mavdem.assessment import Assessment
 from mavdem.evaluate import held_out_test
+from mavdem.facts import Fact, Level
+from mavdem.facts.vehicle import Flown
 from mavdem.report.blocks import markdown
 from mavdem.report.labels import AxisCommand
 from mavdem.report.screen import detail_blocks, screen, title
@@ -32,11 +36,20 @@ def learned():
     return mavdem.learn(PARTS, SETTINGS)
 
 
+def assessed() -> Assessment:
+    """An assessment with alarms, the first before the flight, and an ordinary event."""
+    known = assessment(physical())
+    alarms = [Fact(Flown.DISARMED, Level.BAD, time=at) for at in (TIME[0] - 5.0, CHANGED)]
+    evidence = SimpleNamespace(
+        events=[*alarms, Fact(Flown.ARMED, time=CHANGED)], air=(None, None, None)
+    )
+    return replace(known, evidence=evidence)
+
+
 @pytest.fixture(scope="module")
 def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory):
     path = tmp_path_factory.mktemp("view") / "flight.rrd"
-    changes = [TIME[0] - 5.0, CHANGED]  # the first is of before the flight
-    write_recording(path, PARTS, learned, held_out_test(PARTS[-1], TEST, learned), changes=changes)
+    write_recording(path, PARTS, learned, held_out_test(PARTS[-1], TEST, learned), assessed())
     return path
 
 
@@ -116,12 +129,14 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording,
         np.testing.assert_allclose(shown, values, atol=1e-9)
 
 
-def test_every_plot_is_on_the_boot_clock_and_marked_where_a_motor_changed(recording: Path) -> None:
+def test_every_plot_is_on_the_boot_clock_and_marked_where_something_went_wrong(
+    recording: Path,
+) -> None:
     drawn = lines(recording)
     plots = {line.rsplit("/", 1)[0] for line in drawn}
-    assert {f"{plot}/motor changed" for plot in plots} <= set(drawn) and len(plots) >= 6
+    assert {f"{plot}/went wrong" for plot in plots} <= set(drawn) and len(plots) >= 6
     for plot in plots:
-        times, _ = without_gaps(drawn[f"{plot}/motor changed"])
+        times, _ = without_gaps(drawn[f"{plot}/went wrong"])
         np.testing.assert_allclose(times, [CHANGED, CHANGED], atol=1e-8)
 
 
@@ -149,8 +164,11 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
     for origin in shown:
         assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), origin
     assert found["/learning/details"] == markdown(detail_blocks(learned))
-    assert found["/report"] == markdown([title(PARTS), *screen(learned, held_out)])
-    assert found["/headline"] == f"## {findings_of(learned, held_out).headline}"
+    known = assessed()
+    report = screen(learned, held_out, assessment=known)
+    assert found["/report"] == markdown([title(PARTS), *report])
+    assert found["/headline"] == f"## {known.headline}"
+    assert "log" in shown and "/log" in entities
 
 
 MOTION = made_up_motion()
