@@ -18,9 +18,13 @@ from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.analysis.analysis import StepProgress, silent
 from mavdem.analysis.figures import ALL, axis_figures
 from mavdem.analysis.findings import known_wind
+from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge, unjudged
 from mavdem.assessment.log import simulated_of
+from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motors import while_controlled
+from mavdem.assessment.reported import reported_events
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import air_of
@@ -31,6 +35,7 @@ from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NoModel
+from mavdem.health.in_flight import losses_of
 from mavdem.ingest import Log, read_log
 
 
@@ -203,6 +208,10 @@ def assess_signals(
             figures = _figures(log, signals, name, analyses)
             loops[name] = loop_by(figures, Record.of(figures.flights) if figures.flights else None)
             done(len(loops) / len(AXES))
+    events = [*reported_events(signals), *motion_events(signals)]
+    ending = ending_of(signals, events)
+    changes = while_controlled(analysis.alarms, ending)
+    events += [*losses_of(changes), *(change.fact for change in changes if not change.weak)]
     evidence = Evidence(
         log,
         signals,
@@ -210,17 +219,12 @@ def assess_signals(
         analysis.condition,
         analysis.alarms,
         air,
-        _events(signals, analysis),
-        None,
+        tuple(sorted(events, key=lambda event: (event.figures["boot"], event.time))),
+        ending,
         loops,
     )
     judgement = judge(evidence, analysis.findings.purposes)
     return Assessment(log, judgement, evidence, analyses)
-
-
-def _events(signals: Signals, analysis: LogAnalysis) -> tuple[Fact, ...]:
-    """What the autopilot reports, what the motion shows, and motors that changed, in order."""
-    return ()
 
 
 def _figures(

@@ -9,13 +9,17 @@ from mavdem.analysis.findings import Finding, next_step
 from mavdem.assessment.estimator import estimator_light
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.log import log_light
+from mavdem.assessment.motors import motors_light
 from mavdem.assessment.power import power_light
+from mavdem.assessment.vibration import vibration_light
 from mavdem.assessment.wind import wind_light
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.lights import Light, Unjudged
 
 LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {
+    Light.MOTORS: motors_light,
+    Light.VIBRATION: vibration_light,
     Light.POWER: power_light,
     Light.ESTIMATOR: estimator_light,
     Light.WIND: wind_light,

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from mavdem.analysis.findings import LITTLE_HEADROOM
 from mavdem.analysis.overrides import SATURATED
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.condition import HoverFigures
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import MotorsLight, Trim
 from mavdem.health.balance import LEAST_SECONDS
-from mavdem.health.in_flight import losses_of
+from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.health.trim import trim_of_signals
 
+LITTLE_HEADROOM = 0.1  # of the motors' range
 WORST_FIRST = (Level.BAD, Level.WATCH, Level.GOOD, Level.UNKNOWN)
 
 
 def motors_light(evidence: Evidence) -> Fact:
     """Returns the worst that a log shows of its motors: an event or alarm that names one, limits, trim, or headroom."""
-    found = [*_named_by_events(evidence), *_in_flight(evidence)]
+    found = [*_named_by_events(evidence)]
+    found += losses_of(while_controlled(evidence.alarms, evidence.ending))
     hover = evidence.condition.hover
     if hover is None:
         found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
@@ -39,11 +40,10 @@ def _named_by_events(evidence: Evidence) -> Iterator[Fact]:
             yield event
 
 
-def _in_flight(evidence: Evidence) -> list[Fact]:
-    """What motors lost before control was lost: then their balance says nothing."""
-    end = evidence.ending
-    lost = float("inf") if end is None or end.time is None else end.time
-    return losses_of([alarm for alarm in evidence.alarms if alarm.time < lost])
+def while_controlled(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[MotorAlarm]:
+    """Returns the ``alarms`` of before control was lost: then the motors' balance says nothing."""
+    lost = float("inf") if ending is None or ending.time is None else ending.time
+    return [alarm for alarm in alarms if alarm.time < lost]
 
 
 def _limits(hover: HoverFigures) -> Iterator[Fact]:

@@ -20,11 +20,3 @@ class Allowed(Code):
     TIER_A = auto()
     TIER_B = auto()
     TIER_C = auto()
-
-
-class Flown(Code):
-    """What happened in flight, as the autopilot says it."""
-
-    ARMED = auto()
-    DISARMED = auto()
-    MODE_ENTERED = auto()

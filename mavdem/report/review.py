@@ -53,8 +53,7 @@ def _alarms(assessment: Assessment) -> Iterator[str]:
     """What happened that may have lost the vehicle, but for what the headline says."""
     for event in assessment.events:
         if event.level is Level.BAD and event != assessment.headline:
-            at = "" if event.time is None else f"{event.time:.1f} s: "
-            yield _cut(f"{at}{event}")
+            yield _cut(str(event))
 
 
 def _cut(text: str, columns: int = COLUMNS) -> str:

@@ -15,7 +15,7 @@ import mavdem
 from mavdem.assessment import Assessment
 from mavdem.evaluate import held_out_test
 from mavdem.facts import Fact, Level
-from mavdem.facts.vehicle import Flown
+from mavdem.facts.events import Reported
 from mavdem.report.blocks import markdown
 from mavdem.report.labels import AxisCommand
 from mavdem.report.screen import detail_blocks, screen, title
@@ -39,9 +39,9 @@ def learned():
 def assessed() -> Assessment:
     """An assessment with alarms, the first before the flight, and an ordinary event."""
     known = assessment(physical())
-    alarms = [Fact(Flown.DISARMED, Level.BAD, time=at) for at in (TIME[0] - 5.0, CHANGED)]
+    alarms = [Fact(Reported.GPS_LOST, Level.BAD, time=at, boot=0) for at in (TIME[0] - 5.0, CHANGED)]
     evidence = SimpleNamespace(
-        events=[*alarms, Fact(Flown.ARMED, time=CHANGED)], air=(None, None, None)
+        events=[*alarms, Fact(Reported.GPS_LOST, time=CHANGED, boot=0)], air=(None, None, None)
     )
     return replace(known, evidence=evidence)
 
