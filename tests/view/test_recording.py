@@ -39,7 +39,9 @@ def learned():
 def assessed() -> Assessment:
     """An assessment with alarms, the first before the flight, and an ordinary event."""
     known = assessment(physical())
-    alarms = [Fact(Reported.GPS_LOST, Level.BAD, time=at, boot=0) for at in (TIME[0] - 5.0, CHANGED)]
+    alarms = [
+        Fact(Reported.GPS_LOST, Level.BAD, time=at, boot=0) for at in (TIME[0] - 5.0, CHANGED)
+    ]
     evidence = SimpleNamespace(
         events=[*alarms, Fact(Reported.GPS_LOST, time=CHANGED, boot=0)], air=(None, None, None)
     )
