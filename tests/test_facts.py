@@ -9,6 +9,9 @@ import pytest
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.learnability import Reason, Remedy
+from mavdem.facts.loops import Loops
+from mavdem.facts.model import ParameterDoubt
 from mavdem.report.words import advised, sentence, words
 
 
@@ -51,3 +54,15 @@ def test_words_are_those_of_the_table_and_errors_say_them():
     assert words(fact) == ("Too slow.", "Log faster.")
     assert sentence(fact) == str(fact) == "Too slow."
     assert advised(fact) == str(NotLearnable(fact)) == "Too slow. Log faster."
+
+
+def test_a_grounded_fact_says_nothing_that_is_to_be_flown():
+    doubt = Fact(ParameterDoubt.WIND_SHARE_HIGH, share=0.4, share_limit=0.25, bias=None)
+    fact = Fact(Loops.NO_MARGINS, because=doubt)
+    assert fact.remedy and fact.sentence == fact.grounded.sentence and not fact.grounded.remedy
+    flight = Fact(Reason.NEVER_ARMED, remedy=Fact(Remedy.RECORD_A_FLIGHT))
+    assert flight.remedy and not flight.grounded.remedy
+    listed = Fact(Loops.NO_LOOP, reasons=[fact])
+    assert "Fly" in str(listed) and "Fly" not in str(listed.grounded)
+    faster = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1)
+    assert faster.grounded.remedy == faster.remedy

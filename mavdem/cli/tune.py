@@ -11,26 +11,24 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.figures import ALL
-from mavdem.analysis.loops import loops_of_log
-from mavdem.analysis.overrides import overrides_of
+from mavdem.analysis.loops import loops_of_axes
+from mavdem.assessment.ending import ending_of
+from mavdem.assessment.grounding import grounds_of
+from mavdem.assessment.motion import motion_events
+from mavdem.assessment.reported import reported_events
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
 from mavdem.condition.condition import condition_of
-from mavdem.condition.loop.loop import TARGETS, Advice, advise
+from mavdem.condition.loop.loop import TARGETS, Advice, Loop, advise
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.assessment import Override
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 
 REAL32 = 9  # MAV_PARAM_TYPE_REAL32
-OF_FLIGHT = (
-    Override.OSCILLATION,
-    Override.SATURATION,
-)  # what overrides all findings, and gains too
 
 
 @click.command("tune")
@@ -79,19 +77,19 @@ def tune_command(
     ]
     if out is not None:
         check_folder(out, names)
-    signals = Signals(telemetry)
+    signals = Signals(telemetry, inputs=inputs)
+    with progress("Identifying the loops", measured=False):
+        loops = loops_of_axes(log, signals, AXES if axis == ALL else (axis,), start)
+    events = *reported_events(signals), *motion_events(signals)
+    grounds = grounds_of(condition_of(signals), events, ending_of(signals, events))
     found = dict[str, Advice | Fact]()
-    overrides = overrides_of(condition_of(signals), ())
-    doubts = [override for override in overrides if override.code in OF_FLIGHT]
-    for one in AXES if axis == ALL else (axis,):
-        try:
-            with progress(f"Identifying {one}", measured=False):
-                loop = loops_of_log(signals.about(one, inputs), log, start)
-                found[one] = advise(loop, margins, doubts)
-        except NotLearnable as error:
-            if axis != ALL and not doubts:
-                raise
-            found[one] = Fact(Loops.NO_LOOP, reasons=[*doubts, error.fact])
+    for one, loop in loops.items():
+        if isinstance(loop, Loop):
+            found[one] = advise(loop, margins, grounds)
+        elif grounds or axis == ALL:
+            found[one] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
+        else:
+            raise NotLearnable(loop)
     known = [one for one in found.values() if isinstance(one, Advice)]
     if not known:
         raise NotLearnable(Fact(Loops.NO_LOOP, reasons=list(found.values())))

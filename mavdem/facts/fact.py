@@ -110,6 +110,12 @@ class Fact:
         )
 
     @property
+    def grounded(self) -> Fact:
+        """The fact, and all facts within it, without advice to fly: of a vehicle that must not."""
+        within = {name: _grounded(figure) for name, figure in self.figures.items()}
+        return self.but(**within, is_grounded=True)
+
+    @property
     def sentence(self) -> str:
         """The fact in words."""
         return _words(self).sentence
@@ -133,6 +139,12 @@ def _plain(value: Any) -> Figure:
     if hasattr(value, "tolist"):
         value = value.tolist()
     return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
+
+
+def _grounded(figure: Figure) -> Figure:
+    if isinstance(figure, tuple):
+        return tuple(map(_grounded, figure))
+    return figure.grounded if isinstance(figure, Fact) else figure
 
 
 def _without_words(fact: Fact) -> Words:

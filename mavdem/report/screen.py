@@ -279,7 +279,7 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
         reasons = [
             (
                 name,
-                one.reason.advised
+                (str if doubted else advised)(one.reason)
                 if one.reason
                 else " ".join(parameter_reasons(one.physical, doubted)),
             )

@@ -1,7 +1,9 @@
 """Words: the sentence and the remedy of each fact; no other place has prose about a flight.
 
-The tables in ``sentences`` hold Jinja2 templates by the value of each code. A figure stands for itself, another fact
-for its sentence without the full stop. Filters format figures for people: shares as percent, lists as "a, b and c".
+The tables in ``sentences`` hold Jinja2 templates by the value of each code. Where ``is_flown`` stands, the remedy is to
+fly, or so is the sentence of what is a remedy itself: of a fact that is ``grounded`` it is not said. A figure stands
+for itself, another fact for its sentence without the full stop. Filters format figures for people: shares as percent,
+lists as "a, b and c".
 """
 
 from __future__ import annotations
@@ -58,6 +60,10 @@ def headline(fact: Fact) -> str:
 
 
 def _rendered(fact: Fact, part: str) -> str:
+    of_code = table()[fact.code]
+    flown_part = "remedy" if "remedy" in of_code else "sentence"
+    if part == flown_part and "is_flown" in of_code and "is_grounded" in fact.figures:
+        return ""
     known = {"level": fact.level, "time": fact.time, "until": fact.until, "subject": fact.subject}
     figures = {"remedy": "", **known, **fact.figures}
     return _template(fact.code, part).render(figures).strip()

@@ -12,12 +12,15 @@ from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.grounding import grounds_of
 from mavdem.assessment.margins import margins_light, margins_of
 from mavdem.assessment.tracking import BAD_ERROR, WATCHED_ERROR, tracking_light, tracking_of
 from mavdem.condition.condition import condition_of, settled_parts
 from mavdem.condition.oscillation import Oscillation
 from mavdem.condition.resonance import resonance_of
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import Override
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.learnability import Reason, Remedy
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.ingest import read_log
@@ -218,3 +221,15 @@ def test_ardupilots_navigation_has_the_angle_that_was_asked():
 def test_nothing_after_the_vehicle_was_lost_counts():
     lost = replace(following(0.02, late=0.0, error=0.3), ending=Fact(Reason.NEVER_ARMED, time=11.5))
     assert tracking_light(lost).level is Level.UNKNOWN
+
+
+def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_is_grounded():
+    condition = condition_of(Signals(HOVER.telemetry()))
+    lost = Fact(Ending.CRASHED, time=20.0)
+    stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH)
+    caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)
+    swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
+    assert not grounds_of(condition, [caught], None)
+    assert grounds_of(condition, [caught, stop], lost) == (lost, stop)
+    (found,) = grounds_of(replace(condition, oscillation=swinging), [], None)
+    assert found.code is Override.OSCILLATION
