@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.align import Segment, recorded_parts
-from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, flying, of_boot, where
+from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, of_boot, where
 from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
+from mavdem.assessment.motion import flights_of, height_above
+from mavdem.assessment.power import LEAST_SUPPLY
 from mavdem.condition.said import in_order, once, reason, said
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
@@ -19,8 +21,6 @@ from mavdem.ingest.telemetry import Columns
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND
 
 FIX_3D = 3  # of GPS_FIX_TYPE
-LEAST_BOARD_VOLTAGE = 4500.0
-"""mV below which the board may reset: ArduPilot warns below 4.3 V (BRD_VBUS_MIN) and PX4 refuses to arm below 4.5 V."""
 CHARGE_STATES = {2: Reported.BATTERY_WARNED, 3: Reported.BATTERY_ALARMED}
 """Of MAV_BATTERY_CHARGE_STATE, and what is worse is critical too."""
 DETECTED = {
@@ -30,6 +30,27 @@ DETECTED = {
     "fd_motor": (Reported.MOTOR_FAILED, ""),
     "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, ""),
 }
+HEALTH = {
+    0: (Reported.SENSOR_FAILED, "gyro"),
+    1: (Reported.SENSOR_FAILED, "accel"),
+    2: (Reported.SENSOR_FAILED, "compass"),
+    3: (Reported.SENSOR_FAILED, "barometer"),
+    5: (Reported.SENSOR_FAILED, "gps"),
+    16: (Reported.RADIO_LOST, ""),
+    21: (Reported.ESTIMATOR_DIVERGED, ""),
+}
+"""By bit of MAV_SYS_STATUS_SENSOR."""
+COUNTED = (
+    (
+        "estimator_selector_status",
+        "primary_instance",
+        Reported.ESTIMATOR_SWITCHED,
+        Level.WATCH,
+        "lane {}",
+    ),
+    ("LOCAL_POSITION_NED", "resets", Reported.ESTIMATOR_RESET, Level.GOOD, "position"),
+)
+"""Message and field, and what a change of it means."""
 
 
 def reported_events(signals: Signals) -> tuple[Fact, ...]:
@@ -44,21 +65,12 @@ def reported_events(signals: Signals) -> tuple[Fact, ...]:
         own = [fact for make in STATES for fact in make(signals, part)]
         faults = [fact for make in FAULTS for fact in make(signals, part)]
         faults += [fact for fact in words if fact.figures["boot"] == part.boot]
-        found += [
-            fact.but(height=_height(signals, fact)) for fact in in_order([*own, *once(faults)])
-        ]
+        flights = flights_of(signals, part.boot)
+        for fact in in_order([*own, *once(faults)]):
+            time = fact.time or 0.0
+            begun = max((flight for flight in flights if flight[0] <= time), default=(time, inf))
+            found.append(fact.but(height=height_above(signals, part.boot, begun, time)))
     return tuple(found)
-
-
-def _height(signals: Signals, fact: Fact) -> float | None:
-    boot = fact.figures["boot"]
-    time = fact.time or 0.0
-    height = of_boot(signals.height, boot)
-    if height is None:
-        return None
-    begun = [start for start, _ in flying(signals, boot) if start <= time]
-    at, ground = np.interp([time, max(begun, default=-inf)], height.time, height.values)
-    return float(at - ground)
 
 
 def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:
@@ -92,7 +104,7 @@ def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
             Reported.ON_GROUND: time[changes & ~in_air],
         }
     by_motors = "" if signals.motors is None else signals.motors.message
-    for flight in flying(signals, boot):
+    for flight in flights_of(signals, boot):
         for (code, times), end in zip(reports.items(), flight, strict=True):
             if not isfinite(end):
                 continue
@@ -143,21 +155,23 @@ def _detected(signals: Signals, part: Segment) -> Iterator[Fact]:
             yield from _lasting(signals, part, name, columns, failed, code, Level.BAD, subject)
 
 
-def _lanes(signals: Signals, part: Segment) -> Iterator[Fact]:
-    columns = signals.telemetry.messages.get("estimator_selector_status")
-    if columns is None:
-        return
-    here = columns["boot"] == part.boot
-    lanes = columns["primary_instance"][here]
-    for row in 1 + np.flatnonzero(np.diff(lanes)):
-        yield Fact(
-            Reported.ESTIMATOR_SWITCHED,
-            Level.WATCH,
-            time=columns["time"][here][row],
-            subject=f"lane {int(lanes[row])}",
-            boot=part.boot,
-            basis=(signals.telemetry.called("estimator_selector_status"),),
-        )
+def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Changes of the estimator's primary lane, and of the counter of its resets."""
+    for name, field, code, level, subject in COUNTED:
+        columns = signals.telemetry.messages.get(name, {})
+        if field not in columns:
+            continue
+        here = columns["boot"] == part.boot
+        values = columns[field][here]
+        for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
+            yield Fact(
+                code,
+                level,
+                time=columns["time"][here][row],
+                subject=subject.format(int(values[row])),
+                boot=part.boot,
+                basis=(signals.telemetry.called(name),),
+            )
 
 
 def _losses(signals: Signals, part: Segment) -> Iterator[Fact]:
@@ -170,8 +184,17 @@ def _losses(signals: Signals, part: Segment) -> Iterator[Fact]:
     if columns := messages.get("input_rc", {}):
         lost = columns["rc_lost"] > 0
         yield from _lasting(signals, part, "input_rc", columns, lost, Reported.RADIO_LOST)
+    if "onboard_control_sensors_health" in (columns := messages.get("SYS_STATUS", {})):
+        sensors = "onboard_control_sensors_"
+        used = columns[f"{sensors}present"] & columns[f"{sensors}enabled"]
+        failed = (used & ~columns[f"{sensors}health"]).astype(np.int64)
+        for bit, (code, subject) in HEALTH.items():
+            failing = failed >> bit & 1 > 0
+            yield from _lasting(
+                signals, part, "SYS_STATUS", columns, failing, code, subject=subject
+            )
     if columns := messages.get("POWER_STATUS", {}):
-        low = (columns["Vcc"] > 0) & (columns["Vcc"] < LEAST_BOARD_VOLTAGE)
+        low = (columns["Vcc"] > 0) & (columns["Vcc"] < 1000 * LEAST_SUPPLY)
         yield from _lasting(signals, part, "POWER_STATUS", columns, low, Reported.BOARD_VOLTAGE_LOW)
     for name in BATTERY_MESSAGES:
         if "charge_state" in (columns := messages.get(name, {})):
@@ -206,4 +229,4 @@ def _lasting(
 
 
 STATES = (_arming, _in_the_air, _modes)
-FAULTS = (_failsafes, _detected, _lanes, _losses)
+FAULTS = (_failsafes, _detected, _changes, _losses)

@@ -20,8 +20,6 @@ _SAID = tomllib.loads((files("mavdem.condition") / "said.toml").read_text("utf-8
 PATTERNS = [(re.compile(pattern, re.IGNORECASE), *meant) for pattern, *meant in _SAID["texts"]]
 SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
 """MAV_SEVERITY of what warns, the worst first."""
-OLD_SCALE = {"GROUND START", "Initialising APM..."}
-"""What ArduPilot before 3.4 says, whose severities had a scale of their own."""
 PRIMARY_FILTER = 24  # Subsystem of ERR whose code is a lane, also 0
 AGAIN_SECONDS = 30.0
 """s after which what is said again is another event: autopilots repeat a standing warning every 5 to 30 s."""
@@ -70,7 +68,7 @@ def said(telemetry: Telemetry) -> list[Fact]:
 
 def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
     known = texts(telemetry)
-    is_old = not OLD_SCALE.isdisjoint(one.text for one in known)
+    is_old = any(one.text in _SAID["old_scale"] for one in known)
     for one in known:
         warns = one.severity < len(SEVERITIES) and not is_old
         fact = _meant(one, warns)
@@ -107,15 +105,17 @@ def _of_errors(telemetry: Telemetry) -> Iterator[Fact]:
         has_lane = number == PRIMARY_FILTER
         if code == 0 and not has_lane:
             continue
-        name, *meant = next(iter(_SAID["subsystems"][number - 1 : number]), [str(number)])
         ends = [ended for ended, *of in rows if of == [boot, number, 0] and ended > time]
-        subject = f"lane {code}" if has_lane else name
+        known = _SAID["subsystems"][number - 1 : number]
+        name, level, subject = next(
+            iter(known), (Reported.AUTOPILOT_ERROR, Level.WATCH, f"{number}")
+        )
         yield Fact(
-            Reported(meant[0]) if meant else Reported.AUTOPILOT_ERROR,
-            Level(meant[1]) if meant else Level.WATCH,
+            Reported(name),
+            Level(level),
             time=time,
             until=min(ends) if ends and not has_lane else None,
-            subject="" if meant and not has_lane else subject,
+            subject=f"lane {code}" if has_lane else subject,
             error_code=code,
             boot=boot,
             basis=("ERR",),
@@ -126,8 +126,9 @@ def _of_errors(telemetry: Telemetry) -> Iterator[Fact]:
 def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
     for time, boot, number in _rows(telemetry, "EV", "Id"):
         if meant := _SAID["events"].get(str(number)):
-            code, level = meant
-            yield Fact(Reported(code), Level(level), time=time, boot=boot, basis=("EV",))
+            name, level, subject = meant
+            figures = {"boot": boot, "basis": ("EV",)}
+            yield Fact(Reported(name), Level(level), time=time, subject=subject).but(**figures)
 
 
 def reason(number: float | None) -> tuple[str, Level]:

@@ -410,14 +410,16 @@ def _held(topic: Px4Topic, field: str, time: Array) -> Array:
 def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
     """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s.
 
-    Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are.
+    Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are, and ``resets``,
+    ODOMETRY's counter of jumps.
     """
     topic = _first(topics, "vehicle_local_position")
     fields = ("time", "x", "y", "z", "vx", "vy", "vz")
     valid = _valid(topic, "v_xy_valid") & _valid(topic, "heading_good_for_control")
-    return selected(
-        {field: topic[field] for field in fields} | {"valid": valid}, _valid(topic, "v_z_valid")
-    )
+    columns = {field: topic[field] for field in fields} | {"valid": valid}
+    if "xy_reset_counter" in topic:
+        columns["resets"] = topic["xy_reset_counter"]
+    return selected(columns, _valid(topic, "v_z_valid"))
 
 
 def _wind_cov(topics: Topics) -> dict[str, NDArray[Any]]:

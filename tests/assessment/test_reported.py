@@ -6,7 +6,8 @@ from hover import Hover, changed, columns, with_texts
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.reported import LEAST_BOARD_VOLTAGE, reported_events
+from mavdem.assessment.power import LEAST_SUPPLY
+from mavdem.assessment.reported import reported_events
 from mavdem.condition.said import AGAIN_SECONDS, once, said
 from mavdem.facts import Level
 from mavdem.facts.events import Reported
@@ -152,8 +153,8 @@ STATES = {
     "input_rc": ("rc_lost", 0, 1, Reported.RADIO_LOST),
     "POWER_STATUS": (
         "Vcc",
-        LEAST_BOARD_VOLTAGE,
-        LEAST_BOARD_VOLTAGE - 1,
+        1000 * LEAST_SUPPLY,
+        1000 * LEAST_SUPPLY - 1,
         Reported.BOARD_VOLTAGE_LOW,
     ),
     "SYS_STATUS": ("charge_state", 1, 2, Reported.BATTERY_WARNED),
@@ -194,6 +195,23 @@ def test_a_failsafe_and_a_lane_are_states_too():
         changed(FLOWN, "estimator_selector_status", **lanes), Reported.ESTIMATOR_SWITCHED
     )
     assert [(fact.time, fact.subject) for fact in found] == [(20.0, "lane 1"), (25.0, "lane 0")]
+    resets = np.where(np.arange(len(CLIMB)) < 300, 255, 0)
+    telemetry = changed(FLOWN, "LOCAL_POSITION_NED", resets=resets)
+    (fact,) = events(telemetry, Reported.ESTIMATOR_RESET)
+    assert (fact.time, fact.level) == (30.0, Level.GOOD)
+
+
+def test_a_sensor_that_is_used_and_not_healthy_failed():
+    used = np.full(len(TIMES), 1 << 3 | 1 << 16)
+    health = np.where(LOST, 1 << 16, used)
+    sensors = {"present": used, "enabled": used, "health": health}
+    fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
+    (fact,) = events(
+        changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields)),
+        Reported.SENSOR_FAILED,
+        Reported.RADIO_LOST,
+    )
+    assert (fact.subject, fact.time, fact.until) == ("barometer", 20.0, 24.0)
 
 
 # As pymavlink and pyulog read them.

@@ -128,8 +128,8 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
 
 
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
-# Without a stamp, as before ArduCopter 3.4, they have the time of the message before them; texts have it always, as
-# those of one start are stamped before it
+# Without a stamp, as before ArduCopter 3.4, they have the time of the message before them; texts have
+# their own only between their neighbours', for those of the start are older
 EVENTS = ("EV", "ARM", "ERR", "MODE", "MSG")
 UNKNOWN: int = dialect.MAV_TYPE_GENERIC
 COPTER: int = dialect.MAV_TYPE_QUADROTOR
@@ -280,9 +280,22 @@ def _on_boot_clock(
         )
     stamped = np.concatenate([tables[name].place for name in clocks])[order]
     for name in EVENTS:
-        if name not in clocks and len(tables[name].place):
-            before = order[np.maximum(np.searchsorted(stamped, tables[name].place) - 1, 0)]
-            placed[name] = {**tables[name].columns, "time": time[before], "boot": boot[before]}
+        table = tables[name]
+        if name not in clocks and len(table.place):
+            after = np.searchsorted(stamped, table.place)
+            before = order[np.maximum(after - 1, 0)]
+            after = order[np.minimum(after, len(order) - 1)]
+            stamps = [
+                table.columns[clock] / unit
+                for clock, unit in CLOCKS.items()
+                if clock in table.columns
+            ]
+            own = stamps[0] if stamps else -np.inf
+            placed[name] = {
+                **table.columns,
+                "time": np.maximum(np.minimum(own, time[after]), time[before]),
+                "boot": boot[before],
+            }
     lost = np.count_nonzero(impossible)
     left_out = repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=lost, flaw=Flaw.IMPOSSIBLE_STAMP)
     return placed, left_out + repairs
