@@ -153,7 +153,7 @@ def test_supply_filter_and_fixes_are_dfreaders_values():
 
 def test_a_made_up_log(tmp_path):
     events = made.message("EV", 20_500_000, 10) + made.message("EV", 20_900_000, 28)
-    landed = made.message("EV", 21_700_000, 18) + made.message("ARM", 21_800_000, 0, 0, 0, 1)
+    landed = made.message("EV", 21_700_000, 18) + made.message("EV", 21_800_000, 11)
     landed += made.message("ERR", 21_900_000, 16, 2) + made.message("ERR", 21_950_000, 16, 0)
     content = made.log(*made.flight(TIMES[:50]), events, *made.flight(TIMES[50:]), landed)
     log = log_of(content, tmp_path)
@@ -169,7 +169,7 @@ def test_a_made_up_log(tmp_path):
     assert errors["time"].tolist() == [21.9, 21.95]
     assert errors["Subsys"].tolist() == [16, 16]
     assert errors["ECode"].tolist() == [2, 0]
-    assert vehicle.messages["EV"]["Id"].tolist() == [10, 28, 18]
+    assert vehicle.messages["EV"]["Id"].tolist() == [10, 28, 18, 11]
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == [
         "ArduCopter V4.5.7 (2a3dc4b7)",
         "Frame: QUAD/X",
@@ -180,14 +180,14 @@ def test_a_made_up_log(tmp_path):
     assert np.allclose(attitude["rollspeed"][:5], np.radians([0.2, 0.4, 0.6, 0.8, 1.0]))
     armed = Signals(vehicle).armed
     state = Signals(vehicle).landed_state
-    assert np.unique(armed.time[armed.values > 0]).tolist() == [20.5, 21.0]
+    assert np.unique(armed.time[armed.values > 0]).tolist() == [20.5, 21.0, 21.8]
     assert state.time[state.values == IN_AIR].tolist() == [20.9, 21.0]
 
 
 def test_a_log_that_begins_in_the_air_says_so(tmp_path):
     landed = made.message("EV", 21_990_000, 18) + made.message("EV", 21_991_000, 11)
     vehicle = vehicle_of(made.log(*made.flight(TIMES), landed), tmp_path)
-    assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == [128, 128, 0, 0]
+    assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == [128, 128, 128, 128, 0, 0, 0]
     assert vehicle.messages["EXTENDED_SYS_STATE"]["landed_state"].tolist() == [2, 2, 1]
     silent = vehicle_of(made.log(*made.flight(TIMES)), tmp_path)
     assert "HEARTBEAT" not in silent.messages and "EXTENDED_SYS_STATE" not in silent.messages

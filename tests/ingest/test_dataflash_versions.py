@@ -119,7 +119,7 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     assert Signals(vehicle).collective is None
     # Events without stamps have the time of the message before them.
     armed = Signals(log(tmp_path)).armed
-    assert np.unique(armed.time[armed.values > 0]).tolist() == [21.0, 22.0]
+    assert np.unique(armed.time[armed.values > 0]).tolist() == [21.0, 22.0, 23.0]
 
 
 @pytest.mark.parametrize(

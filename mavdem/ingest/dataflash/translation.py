@@ -298,7 +298,7 @@ def translated(
         _changes(tables, "EV", "Id", ARMED_EVENTS),
         _changes(tables, "ARM", "ArmState", ARM_STATES),
     ]
-    armed = _each_second(tables, np.concatenate(changes))
+    armed = _each_second(tables, max(changes, key=len))
     landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
     rising = (
         None if climb is None else stamped(climb, {"climb": values(climb, ("CRt",))[:, 0] / 100})
@@ -557,9 +557,6 @@ def _each_second(
         times = np.unique(logged["time"][rows_of_boot[boot]])
         _, first = np.unique(np.floor(times), return_index=True)
         time = np.union1d(times[first], own[:, 1])
-        if not undefined:
-            # twice: where the log stops until the next flight, a single row would be taken for damage
-            time = np.sort(np.append(time, own[:, 1]))
         last = np.searchsorted(own[:, 1], time, side="right") - 1
         state = np.where(last < 0, own[0, 2], own[np.maximum(last, 0), 3])
         if undefined:
@@ -568,6 +565,12 @@ def _each_second(
             following = own[np.minimum(last + 1, len(own) - 1)]
             soon = (following[:, 1] > time) & (following[:, 1] <= time + 1.0)
             state[unsure] = np.where(soon, following[:, 2], 0)[unsure]
+        else:
+            # What it was and what it became, each twice: a single row would be taken for damage.
+            state = np.append(own[:, [2, 2, 3, 3]].ravel(), state)
+            time = np.append(np.repeat(own[:, 1], 4), time)
+            order = np.argsort(time, kind="stable")
+            time, state = time[order], state[order]
         parts.append(np.column_stack([np.full(len(time), boot), time, state]))
     table = np.concatenate(parts)
     return table[:, 1], table[:, 0].astype(np.int64), table[:, 2].astype(np.uint8)
