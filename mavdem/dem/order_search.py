@@ -11,7 +11,7 @@ independent noises.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, e, pi, sqrt
@@ -189,19 +189,12 @@ def _time_of_change(values: Array, rates: Array) -> float:
 
 Result = TypeVar("Result")
 
-# from every start, of which the best ones continue; and after a change of the noise's smoothness
+# from every start, of which the best one continues; and after a change of the noise's smoothness
 FIRST_ROUNDS = 12
-# the most further rounds, and from how many starts
-ROUNDS = (36, 200)
-STARTS = (3, 1)
-SWEEPS = 2  # down from the largest order, and up again where that increased F̄
-INCREASE_NATS = 1.0  # an increase of F̄ after which the neighbouring orders are fitted again
+ROUNDS = 200  # the most further rounds
 MAX_WIDTHS = 4.0  # of the kernel: a smoother disturbance counts as motion
 
 SMOOTHNESS_TOLERANCE = 0.03  # relative, of the search for the noise's smoothness
-
-SMOOTHNESS_GAIN_NATS = 10.0
-"""The most that another smoothness is expected to add: fits further below the best so far are given up."""
 
 
 class OrderFit(NamedTuple):
@@ -217,12 +210,17 @@ def fits_by_order(box: BlackBox, most: int) -> tuple[OrderFit | None, ...]:
 
     None where every fit broke down.
     """
-    fits = _swept(_Fits(box, box.counted(box.dt)), most)
+    uncounted = _Fits(box, box.counted(box.dt))
+    fits: list[OrderFit | None] = []
+    larger = None
+    for order in range(most, 0, -1):
+        larger = uncounted.best_of(order, larger)
+        fits.insert(0, larger)
     highest = max(
         (fit for fit in fits if fit), key=lambda fit: fit.iterate.free_energy, default=None
     )
     if highest is None:
-        return fits
+        return tuple(fits)
     # The effective sample size follows from the smoothness, which is known only now.
     recounted = _Fits(box, box.counted(highest.smoothness))
     return tuple(None if fit is None else recounted.continued(fit) for fit in fits)
@@ -235,31 +233,27 @@ class _Fits:
     box: BlackBox
     samples: SufficientStatistics
 
-    def best_of(
-        self, order: int, smoothness: float, starts: Iterable[Array], best: float
-    ) -> OrderFit | None:
-        """The best fit from the starts: a few rounds from each, more from the best, and last its smoothness.
-
-        None where F̄ is no more than the ``best`` of that order so far.
-        """
+    def best_of(self, order: int, larger: OrderFit | None) -> OrderFit | None:
+        """The best fit of an order, from the data and from a fit with one state more; None where all break down."""
+        smoothness = self.box.dt if larger is None else larger.smoothness
         ascent = CoordinateAscent(self.box.model(order, smoothness), self.samples)
+        starts = [lambda: chain(self.box, order)]
+        if larger is not None:
+            starts.append(lambda: reduced(self.box, larger.model, larger.iterate))
+        thetas = [_or_none(start) for start in starts]
         iterates = [
-            iterate for theta in starts if (iterate := _or_none(partial(_from, ascent, theta)))
+            _or_none(partial(_from, ascent, theta)) for theta in thetas if theta is not None
         ]
-        for rounds, kept in zip(ROUNDS, STARTS, strict=True):
-            iterates = sorted(iterates, key=lambda iterate: -iterate.free_energy)[:kept]
-            iterates = [
-                _or_none(partial(_on, ascent, iterate, rounds)) or iterate for iterate in iterates
-            ]
-        if not iterates or iterates[0].free_energy < best - SMOOTHNESS_GAIN_NATS:
+        first = max(filter(None, iterates), key=_height, default=None)
+        if first is None:
             return None
-        fit = self._with_best_smoothness(OrderFit(ascent.model, smoothness, iterates[0]))
-        return fit if fit.iterate.free_energy > best else None
+        found = _or_none(lambda: _on(ascent, first, ROUNDS)) or first
+        return self._with_best_smoothness(OrderFit(ascent.model, smoothness, found))
 
     def continued(self, fit: OrderFit) -> OrderFit | None:
         """A fit continued with another effective sample size."""
         ascent = CoordinateAscent(fit.model, self.samples)
-        iterate = _or_none(lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), ROUNDS[-1]))
+        iterate = _or_none(lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), ROUNDS))
         return (
             None if iterate is None else self._with_best_smoothness(fit._replace(iterate=iterate))
         )
@@ -290,42 +284,8 @@ class _Fits:
         return max(fits.values(), key=lambda fit: fit.iterate.free_energy)
 
 
-def _swept(fits: _Fits, most: int) -> tuple[OrderFit | None, ...]:
-    """The best fits found by sweeping over the orders.
-
-    Upwards, a model extends the one before; downwards, it is the next larger one reduced. Each finds maxima that the
-    other does not.
-    """
-    box = fits.box
-    best: dict[int, OrderFit] = {}
-
-    def improves(order: int, beside: int, starts: Sequence[Array] = ()) -> bool:
-        """Whether a fit from the starts, or from one of the order ``beside``, increases F̄ of that order."""
-        smoothness = box.dt
-        before = -np.inf
-        near = best.get(beside)
-        if near is not None:
-            smoothness = near.smoothness
-            changed = grown if beside < order else reduced
-            starts = [*starts, *(_or_none(lambda: changed(box, near.model, near.iterate)) or ())]
-        if order in best:
-            before = best[order].iterate.free_energy
-        fit = fits.best_of(order, smoothness, starts, before)
-        if fit is None:
-            return False
-        best[order] = fit
-        return fit.iterate.free_energy > before + INCREASE_NATS
-
-    for order in range(1, most + 1):
-        improves(order, order - 1, _or_none(partial(chain, box, order)) or ())
-    for _ in range(SWEEPS):
-        improved = {order for order in range(most - 1, 0, -1) if improves(order, order + 1)}
-        for order in range(2, most + 1):
-            if order - 1 in improved and improves(order, order - 1):
-                improved.add(order)
-        if not improved:
-            break
-    return tuple(best.get(order) for order in range(1, most + 1))
+def _height(iterate: Iterate) -> float:
+    return iterate.free_energy
 
 
 def _or_none(work: Callable[[], Result]) -> Result | None:
@@ -359,16 +319,14 @@ def _on(ascent: CoordinateAscent, iterate: Iterate, rounds: int) -> Iterate:
 
 # of a variance: keeps a combination of channels without variance from being divided by
 NEGLIGIBLE = 1e-9
-NOISE_DIRECTIONS = 2  # the largest of the noise, each a start of a new state
-
-FORGETTING_RATES = (0.3, 3.0)
-"""1/unit of time beyond the fastest growth: of the weight exp(−t · rate) on a state's effect on the outputs."""
+# 1/unit of time beyond the fastest growth: of the weight exp(−t · rate) on a state's effect on the outputs
+FORGETTING_RATE = 1.0
 
 
-def chain(box: BlackBox, order: int) -> list[Array]:
+def chain(box: BlackBox, order: int) -> Array | None:
     """θ of states that are the outputs, then the parts of their derivatives that these and the inputs do not explain.
 
-    None of it where there are too few derivatives.
+    None where there are too few derivatives.
     """
     y, v = _channels(box)
     states = rates = np.zeros((0, len(box.data.gram)))
@@ -391,31 +349,11 @@ def chain(box: BlackBox, order: int) -> list[Array]:
         states = np.vstack([states, most @ left])
         rates = np.vstack([rates, most @ rate])
         if len(states) == order:
-            return [_theta(box, states, rates)]
-    return []
+            return _theta(box, states, rates)
+    return None
 
 
-def grown(box: BlackBox, model: GenerativeModel, iterate: Iterate) -> list[Array]:
-    """θ with one state more than a fitted model has: a direction of the noise of its outputs or of its states."""
-    n = model.n
-    m = model.m
-    errors = model.error_operator(iterate.belief.theta) @ np.vstack(
-        [np.eye(len(box.data.gram)), iterate.state_map]
-    )
-    of_y, _, of_x = model.errors
-    starts = []
-    for noise, size in ((errors[of_y], m), (errors[of_x], n)):
-        now = noise[:size]
-        rate = noise[size : 2 * size]
-        for direction in _directions(_moments(box, now, now))[:NOISE_DIRECTIONS]:
-            states = np.vstack([iterate.state_map[:n], direction @ now])
-            starts.append(
-                _theta(box, states, np.vstack([iterate.state_map[n : 2 * n], direction @ rate]))
-            )
-    return starts
-
-
-def reduced(box: BlackBox, model: GenerativeModel, iterate: Iterate) -> list[Array]:
+def reduced(box: BlackBox, model: GenerativeModel, iterate: Iterate) -> Array:
     """θ with one state less: without the states' direction of the least effect on the outputs (balanced truncation).
 
     Moore 1981, IEEE Transactions on Automatic Control 26, 17; outputs are weighted by exp(−t · forgetting), since a
@@ -427,15 +365,11 @@ def reduced(box: BlackBox, model: GenerativeModel, iterate: Iterate) -> list[Arr
     rates = iterate.state_map[n : 2 * n]
     whitening = _whitening(_moments(box, states, states))
     growth = max(0.0, float(np.linalg.eigvals(A).real.max()))
-    starts = []
-    for forgetting in FORGETTING_RATES:
-        observability = solve_continuous_lyapunov(
-            (A - (growth + forgetting) * np.eye(n)).T, -C.T @ C
-        )
-        back = np.linalg.inv(whitening)
-        kept = _directions(back.T @ observability @ back)[:-1] @ whitening
-        starts.append(_theta(box, kept @ states, kept @ rates))
-    return starts
+    damped = A - (growth + FORGETTING_RATE) * np.eye(n)
+    observability = solve_continuous_lyapunov(damped.T, -C.T @ C)
+    back = np.linalg.inv(whitening)
+    kept = _directions(back.T @ observability @ back)[:-1] @ whitening
+    return _theta(box, kept @ states, kept @ rates)
 
 
 def _channels(box: BlackBox) -> tuple[list[Array], list[Array]]:

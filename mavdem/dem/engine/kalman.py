@@ -13,46 +13,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
-from mavdem.dem.engine.linalg import Array, inverse
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
 
-MAX_STEPS = (
-    60  # that double the time over which the filter becomes steady, and single ones after them
-)
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
-
-
-def steady_covariance(A: Array, C: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
-    """Returns (…, n, n) the covariance of the predicted state of x⁺ = A x + w, y = C x + v, once it is steady.
-
-    ``Q`` (…, n, n), ``R`` (…, m, m) and ``S`` (…, n, m) are the covariances E wwᵀ, E vvᵀ and E wvᵀ; leading axes are
-    systems side by side. By doubling of the steps (Anderson, "Second-order convergent algorithms for the steady-state
-    Riccati equation", International Journal of Control 28, 1978), and by single steps where that lost digits. It
-    overflows, or stays unsteady, where there is no steady filter.
-    """
-    eye = np.eye(A.shape[-1])
-    Ct = np.swapaxes(C, -1, -2)
-    crossed = np.zeros((A.shape[-1], C.shape[-2])) if S is None else S
-    seen = np.linalg.solve(R, C)
-    across = np.swapaxes(A - crossed @ seen, -1, -2)
-    gained = Ct @ seen
-    P = Q - crossed @ np.linalg.solve(R, np.swapaxes(crossed, -1, -2))
-    for _ in range(MAX_STEPS):
-        solved = np.linalg.inv(eye + gained @ P)
-        half = across @ solved
-        back = np.swapaxes(across, -1, -2)
-        doubled = P + back @ P @ solved @ across
-        gained = gained + half @ gained @ back
-        across = half @ across
-        P, before = (doubled + np.swapaxes(doubled, -1, -2)) / 2, P
-        if np.abs(P - before).max() <= STEADY * np.abs(P).max():
-            break
-    for _ in range(MAX_STEPS):
-        P, before = _following(A, C, P, Q, R, crossed, _gain(A, C, P, R, crossed)), P
-        if not np.abs(P - before).max() > STEADY * np.abs(P).max():
-            break
-    return P
 
 
 def steady_gain(
@@ -60,30 +26,20 @@ def steady_gain(
 ) -> tuple[Array, Array]:
     """Returns the gain (n, m) K of x̂⁺ = A x̂ + K (y − C x̂), with which A − K C is stable, and the covariance (n, n).
 
-    The arguments are those of :func:`steady_covariance`, of one system; ``LinAlgError`` where no filter is steady.
+    That is of the predicted state of x⁺ = A x + w, y = C x + v, once it is steady. ``Q`` (n, n), ``R`` (m, m) and ``S``
+    (n, m) are the covariances E wwᵀ, E vvᵀ and E wvᵀ; ``LinAlgError`` where no filter is steady.
     """
-    with np.errstate(all="ignore"):
-        P = steady_covariance(A, C, Q, R, S)
-        gain = _gain(A, C, P, R, np.zeros((len(A), len(C))) if S is None else S)
+    crossed = np.zeros((len(A), len(C))) if S is None else S
+    try:
+        P = solve_discrete_are(A.T, C.T, (Q + Q.T) / 2, R, s=crossed)
+    except ValueError:  # LinAlgError is one
+        P = np.full_like(A, np.nan)
+    gain = np.linalg.solve(C @ P @ C.T + R, (A @ P @ C.T + crossed).T).T
     if not (np.isfinite(gain).all() and np.abs(np.linalg.eigvals(A - gain @ C)).max() < 1):
         raise np.linalg.LinAlgError(
             "there is no steady filter: an unstable state may not be seen in the outputs"
         )
-    return gain, P
-
-
-def _gain(A: Array, C: Array, P: Array, R: Array, S: Array) -> Array:
-    Ct = np.swapaxes(C, -1, -2)
-    return np.swapaxes(np.linalg.solve(C @ P @ Ct + R, np.swapaxes(A @ P @ Ct + S, -1, -2)), -1, -2)
-
-
-def _following(A: Array, C: Array, P: Array, Q: Array, R: Array, S: Array, gain: Array) -> Array:
-    """The covariance one step later; in Joseph's form it stays positive."""
-    kept = A - gain @ C
-    turned = np.swapaxes(gain, -1, -2)
-    added = Q + (gain @ R - 2 * S) @ turned
-    after = kept @ P @ np.swapaxes(kept, -1, -2) + added
-    return (after + np.swapaxes(after, -1, -2)) / 2
+    return np.asarray(gain), np.asarray(P)
 
 
 class SteadySmoothed(NamedTuple):
@@ -157,26 +113,23 @@ class KalmanFilter(NamedTuple):
     def of(
         cls, A: Array, C: Array, Q: Array, R: Array, S: Array, first: Array, samples: int
     ) -> KalmanFilter:
-        """Returns that for noises as in :func:`steady_covariance`, and a first state of covariance ``first`` (n, n).
-
-        Where a covariance overflows, or is none, all from there on are infinite, and their gains 0.
-        """
+        """Returns that for noises as in :func:`steady_gain`, and a first state of covariance ``first`` (n, n)."""
         covariances = [first]
         gains = []
         weights = []
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             for _ in range(max(samples, 1)):
                 P = covariances[-1]
-                seen = covariances[-1] @ C.T
                 try:
-                    weights.append(inverse(C @ seen + R))
-                except np.linalg.LinAlgError:
-                    covariances.append(np.full_like(P, np.inf))
-                    gains.append(np.zeros_like(S))
-                    weights.append(np.zeros_like(R))
-                    break
-                gains.append((A @ seen + S) @ weights[-1])
-                covariances.append(_following(A, C, P, Q, R, S, gains[-1]))
+                    weights.append(np.linalg.inv(C @ P @ C.T + R))
+                except np.linalg.LinAlgError:  # after an overflow
+                    weights.append(np.full_like(R, np.nan))
+                gain = (A @ P @ C.T + S) @ weights[-1]
+                gains.append(gain)
+                # In Joseph's form it stays positive.
+                kept = A - gain @ C
+                after = kept @ P @ kept.T + Q + (gain @ R - 2 * S) @ gain.T
+                covariances.append((after + after.T) / 2)
                 if np.abs(covariances[-1] - P).max() <= STEADY * np.abs(P).max():
                     break
         return cls(A, C, np.array(covariances), np.array(gains), np.array(weights))
@@ -192,22 +145,14 @@ class KalmanFilter(NamedTuple):
         segments side by side.
         """
         samples = measured.shape[-2]
-        last = len(self.gains) - 1
+        places = np.minimum(np.arange(samples), len(self.gains) - 1)
         states = np.empty((*measured.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = start
-        single = min(last, samples) if measured.ndim == 2 else samples
+        closed = np.swapaxes(self.A - self.gains @ self.C, 1, 2)
         with np.errstate(over="ignore", invalid="ignore"):
-            places = np.minimum(np.arange(single), last)
-            closed = np.swapaxes(self.A - self.gains @ self.C, 1, 2)[places]
-            driven = pushes[..., :single, :] + np.einsum(
-                "...tm,tnm->...tn", measured[..., :single, :], self.gains[places]
-            )
-            for t in range(single):
-                states[..., t + 1, :] = states[..., t, :] @ closed[t] + driven[..., t, :]
-            if single < samples:
-                gain = self.gains[-1]
-                driven = pushes[single:] + measured[single:] @ gain.T
-                states[single + 1 :] = recursion(self.A - gain @ self.C, driven, states[single])
+            driven = pushes + np.einsum("...tm,tnm->...tn", measured, self.gains[places])
+            for t, place in enumerate(places):
+                states[..., t + 1, :] = states[..., t, :] @ closed[place] + driven[..., t, :]
             return states, measured - states[..., :-1, :] @ self.C.T
 
     def smoothed(self, states: Array, errors: Array) -> tuple[Array, Array, Array]:
@@ -218,39 +163,23 @@ class KalmanFilter(NamedTuple):
         covariances (T, n, n) of each state but the first with the one before it.
         """
         samples = errors.shape[-2]
-        last = len(self.gains) - 1
+        places = np.minimum(np.arange(samples), len(self.gains) - 1)
         n = len(self.A)
         closed = self.A - self.gains @ self.C
         heard = self.weights @ self.C
         information = np.zeros((samples + 1, n, n))
         pull = np.zeros_like(states)
         with np.errstate(over="ignore", invalid="ignore"):
-            t = samples - 1
-            while t >= 0:
-                place = min(t, last)
-                information[t] = (
-                    self.C.T @ heard[place] + closed[place].T @ information[t + 1] @ closed[place]
-                )
-                change = np.abs(information[t] - information[t + 1]).max()
-                if t > last and change <= STEADY * np.abs(information[t]).max():
-                    information[last + 1 : t] = information[t]
-                    t = last + 1
-                t -= 1
-            single = samples
-            if errors.ndim == 2 and samples > last:
-                single = last
-                drives = (errors[last:] @ heard[-1])[::-1]
-                pull[last:-1] = recursion(closed[-1].T, drives, np.zeros(n))[::-1]
-            for t in range(single - 1, -1, -1):
-                place = min(t, last)
-                pull[..., t, :] = (
-                    errors[..., t, :] @ heard[place] + pull[..., t + 1, :] @ closed[place]
-                )
+            for t in range(samples - 1, -1, -1):
+                step = closed[places[t]]
+                seen = heard[places[t]]
+                information[t] = self.C.T @ seen + step.T @ information[t + 1] @ step
+                pull[..., t, :] = errors[..., t, :] @ seen + pull[..., t + 1, :] @ step
             P = self.covariances_of(samples)
             means = states + np.einsum("...ti,tij->...tj", pull, P)
             covariances = P - P @ information @ P
             rest = np.eye(n) - P[1:] @ information[1:]
-            return means, covariances, rest @ closed[np.minimum(np.arange(samples), last)] @ P[:-1]
+            return means, covariances, rest @ closed[places] @ P[:-1]
 
 
 class GaussianModel(NamedTuple):
