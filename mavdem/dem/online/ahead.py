@@ -116,9 +116,11 @@ class OnlineJoint:
                 every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
             )
             expected = found[-1] if len(outputs) > 1 else expected
-        # soon after a gap the fewest lags are known
+        ahead = np.add.reduce(self._weights * every)
+        # soon after a gap the lags are not known
         short = self._maps is not None and len(outputs) < LAGS[-1]
-        ahead = latest if short else np.add.reduce(self._weights * every)
+        if short:
+            ahead[:] = latest
         row = self._ring[self._place]
         row[0] = ahead
         row[1] = latest
