@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf, pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,75 +53,99 @@ def ending_of(signals: Signals, events: Sequence[Fact]) -> Fact | None:
     if not lost:
         return None
     event = lost[-1]
-    boot = event.figures["boot"]
-    onset = event.time
-    assert onset is not None
-    cause = None
-    if event.code is not MotionEvent.TIPPED:
-        cause = _switched_off(events, boot, onset) or _by_commands(signals, boot, onset)
-    figures = {name: event.figures[name] for name in ("height", "speed", "boot")}
-    subject = cause.subject if cause else ""
-    code = ENDINGS[event.code]
+    cause = None if event.code is MotionEvent.TIPPED else _first(signals, events, event)
     return Fact(
-        code, Level.BAD, time=onset, until=event.until, subject=subject, cause=cause, **figures
+        ENDINGS[event.code],
+        Level.BAD,
+        time=event.time,
+        until=event.until,
+        subject=cause.subject if cause else "",
+        cause=cause,
+        **{name: event.figures[name] for name in ("height", "speed", "boot")},
     )
 
 
-def _switched_off(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
-    """The motors that were off as the attitude left."""
-    off = [
+def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
+    """What failed first: a motor that was off, or what commands show while the attitude left or the vehicle fell."""
+    boot = lost.figures["boot"]
+    onset = lost.time
+    assert onset is not None
+    if off := _during(events, MotionEvent.MOTOR_OFF, boot, onset):
+        names = tuple(event.subject for event in off)
+        subject = names[0] if len(names) == 1 else ""
+        code = FailedFirst.MOTOR_OFF_FIRST
+        return Fact(code, Level.BAD, time=off[0].time, subject=subject, names=names)
+    error = attitude_error(signals, boot)
+    if signals.motors is None or error is None:
+        return None
+    at_stop = _during(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset)
+    idle = airborne_collective(signals.telemetry.parameters)
+    if "angle" not in lost.figures:
+        since = min((event.time or 0.0 for event in at_stop), default=onset)
+        commands = _commands(signals.motors, boot, since, onset)
+        return commands and _of_commands(commands, idle, at_stop, None)
+    at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
+    commands = _commands(signals.motors, boot, onset, float(error.time[at]))
+    fell = complex(-error.pitch[at], error.roll[at])
+    return commands and _of_commands(commands, idle, at_stop, fell)
+
+
+def _during(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:
+    """The events of this code that lasted at that time, s, or began as soon after it as they must last."""
+    return [
         event
         for event in events
-        if event.code is MotionEvent.MOTOR_OFF
+        if event.code is code
         and event.figures["boot"] == boot
-        and (event.time or 0.0) <= onset + LOST_SECONDS
-        and (event.until or inf) >= onset
+        and (event.time or 0.0) <= time + LOST_SECONDS
+        and (event.until or inf) >= time
     ]
-    if not off:
-        return None
-    names = tuple(event.subject for event in off)
-    subject = names[0] if len(names) == 1 else ""
-    code = FailedFirst.MOTOR_OFF_FIRST
-    return Fact(code, Level.BAD, time=off[0].time, subject=subject, names=names)
 
 
-def _by_commands(signals: Signals, boot: int, onset: float) -> Fact | None:
-    """What failed first, by the commands of the motors while the attitude left, from ``onset`` on, s."""
-    motors = signals.motors
-    error = attitude_error(signals, boot)
-    if motors is None or error is None:
-        return None
-    leaving = np.flatnonzero(error.time >= onset)
-    leaving = leaving[: 1 + np.argmax(error.size[leaving] > LOST_ANGLE)]
+class Commands(NamedTuple):
+    """Shares of the motors' range (N, k): the ``usual`` mean (k,), those just ``before``, and those at ``time``."""
+
+    motors: Motors
+    usual: Array
+    before: Array
+    time: Array
+    now: Array
+
+
+def _commands(motors: Motors, boot: int, since: float, until: float) -> Commands | None:
+    """The commands from ``since`` to ``until``, s, and before; None where there are none."""
     here = motors.boot == boot
     time = motors.time[here]
     shares = motors.scale.fraction(motors.outputs[here])
-    usual = shares[(time > onset - TRIM_SECONDS) & (time < onset - LOST_SECONDS)]
-    now = shares[(time >= onset) & (time <= error.time[leaving[-1]])]
-    before = shares[(time > onset - BEFORE_SECONDS) & (time < onset)]
-    if not (len(usual) and len(now) and len(before)):
+    usual = shares[(time > since - TRIM_SECONDS) & (time < since - LOST_SECONDS)]
+    before = shares[(time > since - BEFORE_SECONDS) & (time < since)]
+    now = (time >= since) & (time <= until)
+    if not (len(usual) and len(before) and now.any()):
         return None
-    change = now.mean(axis=0) - usual.mean(axis=0)
-    if (change < -usual.mean(axis=0) / 2).all():
-        return Fact(FailedFirst.ALL_OFF_FIRST, Level.BAD, time=onset)
-    if before.mean() > SPENT_SHARE * motors.scale.stop:
-        return Fact(FailedFirst.THRUST_SPENT_FIRST, Level.BAD, time=onset)
-    at = leaving[-1]
-    idle = airborne_collective(signals.telemetry.parameters)
-    weak = _weak_motor(motors, change, complex(-error.pitch[at], error.roll[at]))
+    return Commands(motors, usual.mean(axis=0), before, time[now], shares[now])
+
+
+def _of_commands(
+    commands: Commands, idle: float, at_stop: Sequence[Fact], fell: complex | None
+) -> Fact | None:
+    """What failed first, by the commands: all motors, or one; ``fell`` as of ``_weak_motor``."""
+    motors, usual, before, time, now = commands
+    change = now.mean(axis=0) - usual
+    if (change < -usual / 2).all():
+        return Fact(FailedFirst.ALL_OFF_FIRST, Level.BAD, time=time[0])
+    if (now if fell is None else before).mean() > SPENT_SHARE * motors.scale.stop:
+        return Fact(FailedFirst.THRUST_SPENT_FIRST, Level.BAD, time=time[0])
+    weak = _weak_motor(motors, change, fell)
     if weak is None:
         return _frozen(motors, now, idle)
     motor, opposite = weak
-    upper, _ = at_limits(np.concatenate([before, now]), motors.scale)
-    idles = np.concatenate([before, now]) < idle
-    first = len(before)
-    stopped = np.flatnonzero(upper[first:, motor] | idles[first:, opposite])
-    swung = (upper[:first, opposite] | idles[:first, motor]).any()
-    if swung or not len(stopped):
-        return None
-    since = float(time[time >= onset][stopped[0]])
     name = motors.layout.names[motor]
-    return Fact(FailedFirst.LIMIT_FIRST, Level.BAD, time=since, subject=name)
+    stopped = np.flatnonzero(at_limits(now[:, motor], motors.scale)[0] | (now[:, opposite] < idle))
+    swung = at_limits(before[:, opposite], motors.scale)[0] | (before[:, motor] < idle)
+    alone = fell is not None or [event.subject for event in at_stop] == [name]
+    if swung.any() or not len(stopped) or not alone:
+        return None
+    return Fact(FailedFirst.LIMIT_FIRST, Level.BAD, time=time[stopped[0]], subject=name)
 
 
 def _frozen(motors: Motors, now: Array, idle: float) -> Fact | None:
@@ -134,21 +159,22 @@ def _frozen(motors: Motors, now: Array, idle: float) -> Fact | None:
     return Fact(FailedFirst.OUTPUT_FROZE_FIRST, Level.BAD, subject=name)
 
 
-def _weak_motor(motors: Motors, change: Array, fell: complex) -> tuple[int, int] | None:
-    """The motor to whose side the vehicle ``fell`` though the commands' ``change`` (k,) lifts it, and its opposite.
+def _weak_motor(motors: Motors, change: Array, fell: complex | None) -> tuple[int, int] | None:
+    """The motor that the commands' ``change`` (k,) lifts most, to whose side the vehicle ``fell``, and its opposite.
 
-    ``fell`` is forward and, imaginary, to the right, rad. None where no motor is meant, or more than one.
+    ``fell`` is forward and, imaginary, to the right, rad; None where the vehicle fell upright. None where no motor is
+    meant, or more than one.
     """
     places = np.array([complex(*place) for place in motors.layout.positions])
     if not len(places):
         return None
     near = NEAR_SHARE * pi / len(places)
-    meant = np.abs(np.angle(change @ places / places)) < near
-    meant &= np.abs(np.angle(fell / places)) < near
-    if np.count_nonzero(meant) != 1:
+    pushed = change @ places
+    sides = np.angle([pushed / places, (pushed if fell is None else fell) / places])
+    meant = (np.abs(sides) < near).all(axis=0)
+    motor = int(np.argmax(change))
+    if not meant[motor] or np.count_nonzero(meant) > 1:
         return None
-    motor = int(np.argmax(meant))
     across = np.abs(np.angle(places / places[motor]))
     opposite = int(np.argmax(across))
-    lifts = change[opposite] < 0 < change[motor]
-    return (motor, opposite) if lifts and across[opposite] > pi - near else None
+    return (motor, opposite) if change[opposite] < 0 and across[opposite] > pi - near else None

@@ -45,8 +45,8 @@ GROUND_HEIGHT = (
     1.0  # m above the take-off: what never rose above it stood, and what is no higher may stand
 )
 FALL_SPEED = 5.0  # m/s down: autopilots descend by themselves at 1.5 to 4
-HIT_SPEED = 2.0
-"""m/s down, to which a fall is braked within ``LOST_SECONDS`` by the ground only: rotors give twice the weight."""
+HIT_SPEED = 3.0
+"""m/s by which a fall is braked within ``LOST_SECONDS`` by the ground only: it takes three times the weight."""
 BELOW_RANGE = -0.02
 """Share of the range below which PX4 sends motors that are off; ArduPilot's run above 0 as long as they are armed."""
 
@@ -235,15 +235,15 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: float | None) -> 
     end = min(flight[1], time[-1])
     since = end - CAUGHT_SECONDS if lost is None else lost
     near = (time > max(flight[0], since)) & (time < end + CAUGHT_SECONDS)
-    falling = np.flatnonzero(near & (climb.values < -FALL_SPEED))
-    if not len(falling):
-        return
-    speed = -float(climb.values[falling].min())
-    begun, ended = time[falling[[0, -1]]].tolist()
-    yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
-    braked = np.interp(time[falling] + LOST_SECONDS, time, climb.values) > -HIT_SPEED
+    falling = time[near & (climb.values < -FALL_SPEED)]
+    if len(falling):
+        speed = -float(climb.values[near].min())
+        begun, ended = falling[[0, -1]].tolist()
+        yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
+    soon = np.interp(time + LOST_SECONDS, time, climb.values)
+    braked = near & (climb.values < -HIT_SPEED) & (soon - climb.values > HIT_SPEED)
     if braked.any():
-        hit = falling[np.argmax(braked)]
+        hit = int(np.argmax(braked))
         speed = -float(climb.values[hit])
         level = Level.BAD if lost is None else Level.WATCH
         yield Fact(MotionEvent.HIT, level, height=None, time=time[hit], speed=speed, boot=boot)

@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from failures import judged as simulated
+from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
+from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.ending import ending_of
@@ -12,7 +15,6 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.ingest.telemetry import Telemetry, selected
 from mavdem.ingest.vocabulary import attitude_target, quaternion
-from tests.hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
 
 FAILS = 30.0
 NAMES = (
@@ -213,3 +215,27 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == pytest.approx(10.0, abs=0.5)
     assert events[MotionEvent.CLIPPED].figures["count"] == 7
+
+
+@pytest.mark.parametrize(
+    ("number", "verdict"),
+    [(25, "right"), (28, "right"), (40, "right"), (49, "none named"), (52, "right")],
+)
+def test_simulated_failures_are_named_right_or_not_at_all(number, verdict):
+    assert simulated(number)[-1][2] == verdict
+
+
+@pytest.mark.parametrize(
+    ("name", "motor"),
+    [
+        ("crash_motor2_mechanical.bin", "motor 2 (rear left)"),
+        ("crash_motor4_at_its_limit.BIN", "motor 4 (rear right)"),
+        ("sitl_quad_x_motor1_lost.bin", "motor 1 (front right)"),
+        ("sitl_hexa_plus_motor6_lost.bin", "motor 6 (rear right)"),
+        ("px4_crash_hovers_at_12_percent.ulg", ""),
+    ],
+)
+def test_recorded_crashes_name_their_motor(name, motor):
+    _, ending = judged(recorded(f"real/logs/{name}"))
+    assert ending.code is Ending.CONTROL_LOST
+    assert ending.subject == motor
