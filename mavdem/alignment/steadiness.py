@@ -7,6 +7,7 @@ not follow its attitude setpoint work against something else than their own weak
 from __future__ import annotations
 
 from math import nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,38 +25,64 @@ MAX_STRAY = np.radians(15.0)
 """Of roll and pitch from their setpoints: half of the error from which ArduPilot's crash check counts a loss."""
 
 
-def is_steady(time: Array, angles: Array, asked: Array) -> NDArray[np.bool_]:
-    """Returns at which ``time`` (N,), s, the nose keeps its heading and roll and pitch follow.
+class Followed(NamedTuple):
+    """The attitude of one boot and its setpoint at ``time`` (N,), s.
 
-    Args:
-        time: in order.
+    Attributes:
         angles: (N, 3) roll, pitch and heading, rad, the last without jumps.
         asked: (N, 2) setpoints of roll and pitch, rad; NaN where there is none.
     """
-    heading = angles[:, 2]
-    turned = np.abs(heading - np.interp(time - TURN_SECONDS, time, heading))
-    strayed = np.abs(angles[:, :2] - asked).max(axis=1)
-    # Neither is so where it is not known.
-    return np.asarray(~((turned > MAX_TURN) | (strayed > MAX_STRAY)))
+
+    time: Array
+    angles: Array
+    asked: Array
+
+    @property
+    def strays(self) -> NDArray[np.bool_]:
+        """(N,) where roll or pitch is known to be far from its setpoint."""
+        return strays(self.angles[:, :2], self.asked)
+
+    @property
+    def steady(self) -> NDArray[np.bool_]:
+        """(N,) where it does not stray, and the nose keeps its heading."""
+        heading = self.angles[:, 2]
+        turned = np.abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
+        return np.asarray(~self.strays & ~(turned > MAX_TURN))
+
+
+def strays(angles: Array, asked: Array) -> NDArray[np.bool_]:
+    """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
+    return np.asarray((np.abs(angles - asked) > MAX_STRAY).any(axis=-1))
+
+
+def followed(signals: Signals, boot: int) -> Followed | None:
+    """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
+    yaw = attitude(signals.telemetry, "yaw")
+    if yaw is None or not (rows := yaw.boot == boot).any():
+        return None
+    time = yaw.time[rows]
+    angles = []
+    asked = []
+    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=True):
+        here = tilt.boot == boot
+        angles.append(np.interp(time, tilt.time[here], tilt.angle[here]))
+        known = (one for one in setpoints(signals.telemetry, axis) if one.unit == "rad")
+        setpoint = next(known, None)
+        asked.append(np.full(len(time), nan) if setpoint is None else held(setpoint, boot, time))
+    return Followed(time, np.column_stack([*angles, yaw.angle[rows]]), np.column_stack(asked))
 
 
 def steady(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of settled flight of ``boot`` in which its motors may be compared."""
-    yaw = attitude(signals.telemetry, "yaw")
+    flight = followed(signals, boot)
     intervals = settled(signals, boot)
-    if yaw is None or len(signals.tilts) < len(TILT_AXES):
-        return intervals
-    rows = yaw.boot == boot
-    time = yaw.time[rows]
-    if not len(time):
-        return intervals
-    tilts = []
-    asked = []
-    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=True):
-        here = tilt.boot == boot
-        tilts.append(np.interp(time, tilt.time[here], tilt.angle[here]))
-        known = (one for one in setpoints(signals.telemetry, axis) if one.unit == "rad")
-        setpoint = next(known, None)
-        asked.append(np.full(len(time), nan) if setpoint is None else held(setpoint, boot, time))
-    angles = np.column_stack([*tilts, yaw.angle[rows]])
-    return both(intervals, where(time, is_steady(time, angles, np.column_stack(asked))))
+    return intervals if flight is None else both(intervals, where(flight.time, flight.steady))
+
+
+def headings(signals: Signals, boot: int, time: Array) -> Array:
+    """Returns the heading at ``time`` (N,), s of ``boot``, rad; NaN where the attitude strays, 0 where not recorded."""
+    flight = followed(signals, boot)
+    if flight is None:
+        return np.zeros(len(time))
+    heading = np.where(flight.strays, nan, flight.angles[:, 2])
+    return np.interp(time, flight.time, heading)

@@ -20,7 +20,7 @@ from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
-from mavdem.alignment.steadiness import steady
+from mavdem.alignment.steadiness import headings
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
 from mavdem.analysis.findings import disown_torque
 from mavdem.condition.condition import condition_of
@@ -210,9 +210,9 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         rows = motors.boot == boot
         time = motors.time[rows]
         commands = motors.scale.fraction(motors.outputs[rows])
-        is_steady = during(time, steady(signals, int(boot)))
+        heading = headings(signals, int(boot), time)
         for row in np.flatnonzero(during(time, settled(signals, int(boot)))):
-            watch.take(float(time[row]), commands[row], bool(is_steady[row]))
+            watch.take(float(time[row]), commands[row], float(heading[row]))
         alarms += watch.alarms
     return tuple(alarms)
 

@@ -20,13 +20,14 @@ vehicle's settled flight, and says in a sentence what changed for good.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, inf, log
+from math import floor, inf, log, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.drive import MotorGeometry
+from mavdem.alignment.steadiness import MAX_TURN
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
@@ -44,6 +45,9 @@ PRESENT_SHARE = 0.8  # Of the blocks, at least: where more are missing, changes 
 REFERENCE_SECONDS = 8.0
 NEXT_REFERENCE_SECONDS = 2.0  # Before another: the noise is known then
 SHOWN_SHARE = 0.5  # Of a change, that steady flight of each heading must show
+# Headings that differ by less than half of 60° have the wind from much the same side.
+SECTORS = 6
+SECTOR = 2 * np.pi / SECTORS
 SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: no reference
 # Over which the reference forgets: wind and battery change, and damage comes at once
 MEMORY_SECONDS = 60.0
@@ -112,6 +116,11 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
     )
     variance = noise / weighed[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
     return _Changes(after - before, variance, freedom + weighed / 4, noise)
+
+
+def _turn(heading: Any, before: Any) -> Any:
+    """The change of a heading, rad, the shorter way round."""
+    return (heading - before + np.pi) % (2 * np.pi) - np.pi
 
 
 def _sums(values: Array) -> Array:
@@ -290,11 +299,11 @@ class MotorWatch:
         self._latest = -inf
 
     def take(
-        self, time: float, commands: Sequence[float] | Array, steady: bool = True
+        self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
     ) -> list[MotorAlarm]:
         """What a sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight, shows.
 
-        It is ``steady`` where the nose keeps its heading and the attitude its setpoint.
+        The ``heading``, rad, is NaN where the attitude does not follow its setpoint.
         """
         if not self._is_named:
             return []
@@ -302,10 +311,10 @@ class MotorWatch:
         if not 0 <= time - self._latest < 2:  # s, after which what was before is no reference
             self._times: list[float] = []
             self._blocks: list[Array] = []
-            # Number, from 1, of the run of steady blocks that each is of; 0 of none
-            self._legs: list[int] = []
-            self._leg = self._steady_blocks = 0
-            self._steady = True
+            # NaN where the nose turns, or the attitude does not follow
+            self._headings: list[float] = []
+            self._steady_blocks = 0
+            self._heading = heading
             self._noise = np.full(len(self._weights), PRIOR_SD**2)
             self._freedom = PRIOR_FREEDOM
             self.weak.clear()
@@ -323,23 +332,24 @@ class MotorWatch:
         known = len(self.alarms)
         if number != self._number:
             if len(self._open) >= MIN_SAMPLES:
-                self._block((self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0))
+                self._block(
+                    (self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0), heading
+                )
+            self._heading = heading
             self._number = number
             self._open = []
-            self._steady = True
         self._open.append(commands)
-        self._steady &= steady
         return self.alarms[known:]
 
-    def _block(self, time: float, commands: Array) -> None:
+    def _block(self, time: float, commands: Array, heading: float) -> None:
         mean = float(commands.mean())
         if not mean > 0:
             return
         self._times.append(time)
         self._blocks.append(self._weights @ (commands / mean))
-        self._leg += self._steady and not (self._legs and self._legs[-1])
-        self._legs.append(self._leg * self._steady)
-        self._steady_blocks += self._steady
+        is_steady = abs(_turn(heading, self._heading)) <= MAX_TURN * BLOCK_SECONDS
+        self._headings.append(heading if is_steady else nan)
+        self._steady_blocks += is_steady
         keep = round(KEPT_SECONDS / BLOCK_SECONDS)
         self._keep(keep)
         if len(self._blocks) < PRESENT_SHARE * (
@@ -405,32 +415,32 @@ class MotorWatch:
 
     def _keep(self, n: int) -> None:
         """Forgets all but the last ``n`` blocks."""
-        del self._times[:-n], self._blocks[:-n], self._legs[:-n]
+        drop = max(len(self._times) - n, 0)
+        del self._times[:drop], self._blocks[:drop], self._headings[:drop]
 
     def _is_of_no_turn(self, n: int, changes: _Changes, place: int) -> bool:
         """Whether steady flight alone shows the change ``n`` blocks ago, and no turn of the nose explains it.
 
-        Between two headings the wind's torque differs as between a sound and a weak motor: what changed must show
-        within one leg, or in two legs at least and in none before.
+        Between two headings the wind's torque differs as between a sound and a weak motor: what changed must show at
+        one heading before and after, or else at two headings after and at none before.
         """
         if self._steady_blocks * BLOCK_SECONDS < LEAST_SECONDS:
             return False
         blocks = np.array(self._blocks)
-        legs = np.array(self._legs)
         weights = changes.moved[place] / changes.variance[place]
         shown = (blocks - blocks[-n:].mean(axis=0)) @ weights / (changes.moved[place] @ weights)
+        sectors = np.round(_turn(np.array(self._headings), self._headings[-1]) / SECTOR) % SECTORS
         is_after = np.arange(len(blocks)) >= len(blocks) - n
         before, after = (
             {
-                leg: float(shown[rows].mean())
-                for leg in range(1, self._leg + 1)
-                if np.count_nonzero(rows := (legs == leg) & side) >= SETTLING_BLOCKS
+                sector: float(shown[rows].mean())
+                for sector in range(SECTORS)
+                if np.count_nonzero(rows := (sectors == sector) & side) >= SETTLING_BLOCKS
             }
             for side in (~is_after, is_after)
         )
         if common := before.keys() & after.keys():
-            leg = common.pop()
-            return after[leg] - before[leg] > SHOWN_SHARE
+            return all(after[sector] - before[sector] > SHOWN_SHARE for sector in common)
         is_before = max(before.values(), default=0.0) < -SHOWN_SHARE
         return len(after) > 1 and is_before and min(after.values()) > -SHOWN_SHARE
 
@@ -462,12 +472,7 @@ class MotorWatch:
             )
             self.weak[motor] = self._found(motor, n, odds, max(size, SIZES[0]), *loss)
         # What comes is compared with what is now, once the vehicle has settled.
-        self._keep(n)
-        del (
-            self._times[:SETTLING_BLOCKS],
-            self._blocks[:SETTLING_BLOCKS],
-            self._legs[:SETTLING_BLOCKS],
-        )
+        self._keep(n - SETTLING_BLOCKS)
         self._noise, self._freedom = changes.noise[place], min(changes.freedom[place], MOST_FREEDOM)
 
     def _found(

@@ -43,12 +43,12 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
     return time, 0.6 * (1 + sd * noise @ MIXERS[motors].T)
 
 
-def changes(time, commands, turning=lambda at: False):
+def changes(time, commands, heading=lambda at: 0.0):
     watch = MotorWatch(geometry(*FRAMES[commands.shape[1]]))
     return [
         one
         for at, row in zip(time.tolist(), commands, strict=True)
-        for one in watch.take(at, row, not turning(at))
+        for one in watch.take(at, row, heading(at))
     ]
 
 
@@ -142,23 +142,38 @@ def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     assert first.fact.code is InFlight.STEADY_TORQUE_CHANGED
 
 
+def turned(*turns):
+    """The heading at a time: so much, rad, is turned evenly from a beginning to an end, s, for each of the turns."""
+    return lambda at: sum(angle * np.clip((at - a) / (b - a), 0, 1) for a, b, angle in turns)
+
+
 def test_what_changes_with_the_heading_names_no_motor():
-    """A turn of the nose from 20 to 24 s, in which a motor begins to work harder."""
+    """The nose turns from 18 to 22 s, in which a motor begins to work harder."""
     time, commands = flight(1, 60.0, 0.005)
-    turned = commands + after(time, 0.2 * 0.6 * np.eye(4)[0])
-    assert not changes(time, turned, lambda at: 118.0 < at < 124.0)
-    # Still so after the next turn: the heading is not why. Nor is it within one leg.
-    [alarm] = changes(time, turned, lambda at: 118.0 < at < 124.0 or 128.0 < at < 130.0)
+    harder = 0.12 * np.eye(4)[0]
+    weak = commands + after(time, harder)
+    turn = (118.0, 122.0, 2.0)
+    assert not changes(time, weak, turned(turn))
+    # Still so after the next turn: the heading is not why. Nor is it at the heading of before.
+    [alarm] = changes(time, weak, turned(turn, (128.0, 130.0, 2.0)))
     assert alarm.motor == 1 and 130.0 < alarm.time < 133.0
-    [alarm] = changes(time, turned, lambda at: 110.0 < at < 114.0)
+    [alarm] = changes(time, weak, turned(turn, (128.0, 130.0, -2.0)))
+    assert alarm.motor == 1 and 130.0 < alarm.time < 133.0
+    [alarm] = changes(time, weak, turned((118.0, 122.0, np.pi / 6 - 0.01)))
     assert alarm.motor == 1 and alarm.time < 123.0
     # A turn back to what was before is no recovery of a motor.
-    there = commands + 0.12 * np.outer((time >= 120) & (time < 130), np.eye(4)[0])
-    assert not changes(time, there, lambda at: 119.0 < at < 121.0 or 129.0 < at < 131.0)
-    # Nothing is named before ten seconds were steady in all.
+    there = commands + np.outer((time >= 120) & (time < 129), harder)
+    assert not changes(time, there, turned(turn, (128.0, 130.0, -2.0)))
+
+
+def test_no_motor_is_named_before_ten_seconds_were_steady():
+    time, commands = flight(1, 60.0, 0.005)
+    weak = commands + after(time, 0.12 * np.eye(4)[0])
     for until in (112.0, 115.0):
-        [alarm] = changes(time, turned, lambda at, until=until: at < until)
-        assert alarm.time == max(until + 10.0, 122.0)
+        [alarm] = changes(time, weak, turned((100.0, until, 1.2 * (until - 100.0))))
+        assert alarm.time == pytest.approx(max(until + 10.0, 122.0), abs=0.6)
+        [alarm] = changes(time, weak, lambda at, until=until: np.nan if at < until else 0.0)
+        assert alarm.time == pytest.approx(max(until + 10.0, 122.0), abs=0.6)
 
 
 @pytest.mark.parametrize("change", [(0.0, 0.0, 0.0, 0.05), (0.15, 0.0, 0.0, 0.0)])

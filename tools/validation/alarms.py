@@ -18,9 +18,10 @@ from typing import NamedTuple
 import click
 import numpy as np
 
+from mavdem.alignment.steadiness import strays
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.ingest.vocabulary import IN_AIR, euler_angles
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import cycle_of
@@ -135,8 +136,12 @@ def watched(kind: str, number: int, rate: float) -> Watched:
     layout = motor_geometry("QUADROTOR", "", {}, (1, 2, 3, 4), 8)
     assert layout is not None
     watch = MotorWatch(layout)
+    angles = euler_angles(motion.known_attitude[::every])
+    heading = np.unwrap(angles[2])
+    asked = motion.attitude_setpoint[::every, :2]
+    heading[strays(np.column_stack(angles[:2]), asked)] = np.nan
     for at in np.flatnonzero(settled):
-        watch.take(float(time[at]), motors[at])
+        watch.take(float(time[at]), motors[at], float(heading[at]))
     spec = flight.vehicle
     hours = float(settled.sum() / rate / 3600)
     begin = (
