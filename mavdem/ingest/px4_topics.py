@@ -21,7 +21,15 @@ from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.telemetry import Array, Columns, joined, rate_without_gaps, repair, selected
+from mavdem.ingest.telemetry import (
+    Array,
+    Columns,
+    joined,
+    rate_without_gaps,
+    renamed,
+    repair,
+    selected,
+)
 from mavdem.ingest.vocabulary import (
     ACTIVE,
     CRITICAL,
@@ -44,6 +52,7 @@ Parameters = Mapping[str, float]
 _TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
+_RENAMED = tomllib.loads(Path(__file__).with_name("px4_messages.toml").read_text(encoding="utf-8"))
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
 OF_PX4 = ("failure_detector_status", "estimator_selector_status", "input_rc")
@@ -102,14 +111,14 @@ def messages(
         targets = _made(_attitude_target, topics)
         named |= {
             "ATTITUDE_TARGET": (" and ".join(sorted(SETPOINTS, reverse=True)), targets),
+            **{
+                name: (rule["topics"][0], _made(_renamed, topics, name))
+                for name, rule in _RENAMED.items()
+            },
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
-            "POWER_STATUS": ("system_power", _made(_power_status, topics)),
-            "ESTIMATOR_STATUS": ("estimator_status", _made(_estimator_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
-            "GPS_RAW_INT": ("vehicle_gps_position", _made(_gps_raw_int, topics)),
             "CURRENT_MODE": ("vehicle_status", _made(_current_mode, topics)),
-            "WIND_COV": ("wind", _made(_wind_cov, topics)),
             **{name: (name, _made(_as_logged, topics, name)) for name in OF_PX4},
         }
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
@@ -274,41 +283,20 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
     return selected(together, np.argsort(together["time"], kind="stable"))
 
 
+def _renamed(topics: Topics, message: str) -> dict[str, NDArray[Any]]:
+    rule = _RENAMED[message]
+    topic = next(filter(None, (_first(topics, name) for name in rule["topics"])), {})
+    return {"time": topic["time"], **renamed(topic, rule)}
+
+
 def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
-    """SYS_STATUS.hpp: battery_status, mV and cA, with the decimals the message cuts off.
+    """SYS_STATUS.hpp, with the decimals the message cuts off.
 
     Beside its fields, ``charge_state`` of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
     """
-    battery = _first(topics, "battery_status")
-    field = "voltage_v" if "voltage_v" in battery else "voltage_filtered_v"
-    found = {"time": battery["time"], "voltage_battery": 1000.0 * battery[field].astype(np.float64)}
-    if "current_a" in battery:
-        found["current_battery"] = 100.0 * battery["current_a"].astype(np.float64)
-    if "remaining" in battery:
-        found["battery_remaining"] = 100.0 * battery["remaining"].astype(np.float64)
-    if "warning" in battery:
-        found["charge_state"] = battery["warning"] + 1
-    return found
-
-
-def _power_status(topics: Topics) -> dict[str, NDArray[Any]]:
-    """POWER_STATUS: system_power, what the board gets, mV; PX4 sends no such message."""
-    supply = _first(topics, "system_power")
-    volts = supply.get("voltage5v_v", supply.get("voltage5V_v"))
-    return {} if volts is None else {"time": supply["time"], "Vcc": 1000.0 * volts}
-
-
-def _estimator_status(topics: Topics) -> dict[str, NDArray[Any]]:
-    """ESTIMATOR_STATUS.hpp: estimator_status; the heading's ratio was called the compass's before PX4 1.14."""
-    topic = _first(topics, "estimator_status")
-    return {
-        "time": topic["time"],
-        "flags": topic["solution_status_flags"],
-        "vel_ratio": topic["vel_test_ratio"],
-        "pos_horiz_ratio": topic["pos_test_ratio"],
-        "pos_vert_ratio": topic["hgt_test_ratio"],
-        "mag_ratio": topic["mag_test_ratio" if "mag_test_ratio" in topic else "hdg_test_ratio"],
-    }
+    found = _renamed(topics, "SYS_STATUS")
+    warning = _first(topics, "battery_status").get("warning")
+    return found if warning is None else found | {"charge_state": warning + 1}
 
 
 def _vibration(topics: Topics) -> dict[str, NDArray[Any]]:
@@ -335,18 +323,6 @@ def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:
     gps = _first(topics, "vehicle_gps_position")
     known = selected(gps, gps["time_utc_usec"] > 0)
     return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
-
-
-def _gps_raw_int(topics: Topics) -> dict[str, NDArray[Any]]:
-    """GPS_RAW_INT.hpp: vehicle_gps_position, 1e-7 degrees; from PX4 1.15 on the topic has degrees."""
-    gps = _first(topics, "vehicle_gps_position")
-    fields = {"lat": "latitude_deg", "lon": "longitude_deg"}
-    new = "latitude_deg" in gps
-    quality = {"fix_type": gps["fix_type"], "satellites_visible": gps["satellites_used"]}
-    if "hdop" in gps:
-        quality["eph"] = 100.0 * gps["hdop"]
-    places = {name: 1e7 * gps[deg] if new else gps[name] for name, deg in fields.items()}
-    return {"time": gps["time"], **quality, **places}
 
 
 def _as_logged(topics: Topics, name: str) -> dict[str, NDArray[Any]]:
@@ -420,16 +396,6 @@ def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
     if "xy_reset_counter" in topic:
         columns["resets"] = topic["xy_reset_counter"]
     return selected(columns, _valid(topic, "v_z_valid"))
-
-
-def _wind_cov(topics: Topics) -> dict[str, NDArray[Any]]:
-    """WIND_COV.hpp: wind, the filter's own estimate; m/s."""
-    topic = _first(topics, "wind") or _first(topics, "wind_estimate")
-    return {
-        "time": topic["time"],
-        "wind_x": topic["windspeed_north"],
-        "wind_y": topic["windspeed_east"],
-    }
 
 
 def _valid(topic: Px4Topic, field: str) -> NDArray[np.bool_]:

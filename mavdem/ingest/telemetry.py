@@ -96,6 +96,25 @@ def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
+def renamed(
+    logged: Columns, rule: Mapping[str, Mapping[str, Sequence[tuple[float, str]]]]
+) -> dict[str, NDArray[Any]]:
+    """Returns the columns of a message by a ``rule`` of another's: by field, factors and names; raises ``KeyError``.
+
+    Fields of ``also`` may be lacking, of ``fields`` each must have one of its names.
+    """
+    also = rule.get("also", {})
+    made = {}
+    for name, choices in {**rule["fields"], **also}.items():
+        there = [(factor, logged[own]) for factor, own in choices if own in logged]
+        if there:
+            factor, values = there[0]
+            made[name] = values if factor == 1 else np.asarray(values, np.float64) * factor
+        elif name not in also:
+            raise KeyError(name)
+    return made
+
+
 @dataclass(frozen=True, eq=False)
 class Component:
     """One component that sent messages: a vehicle, a ground station, a gimbal, a radio.

@@ -128,7 +128,7 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
     assert vehicle.called("WIND_COV") == "XKF2"
     estimated = np.array(read["XKF2"]["VWN"])[np.array(read["XKF2"]["C"]) == 0]
     assert np.array_equal(vehicle.messages["WIND_COV"]["wind_x"], estimated)
-    assert np.array_equal(vehicle.messages["VFR_HUD"]["climb"], np.array(read["CTUN"]["CRt"]) / 100)
+    assert np.allclose(vehicle.messages["VFR_HUD"]["climb"], np.array(read["CTUN"]["CRt"]) / 100)
     named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
     assert vehicle.parameters == named
     assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (1, "QUADROTOR", "ARDUPILOTMEGA")

@@ -17,7 +17,10 @@ logged, and the landed state is undefined, as it is after the last. A boot witho
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +30,7 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import MessageTable
-from mavdem.ingest.telemetry import Array, Columns, joined, repair, rows_by, selected
+from mavdem.ingest.telemetry import Array, Columns, joined, renamed, repair, rows_by, selected
 from mavdem.ingest.vocabulary import (
     ARDUPILOT,
     ARMED,
@@ -73,6 +76,7 @@ def stamped(logged: Columns, fields: Mapping[str, NDArray[Any]]) -> Columns:
     return {"time": logged["time"], "boot": logged["boot"], **fields}
 
 
+_RENAMED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 BATTERIES = ("BAT", "CURR")
 LEVELS = ("VibeX", "VibeY", "VibeZ")
 MAX_IMUS = 3  # As many have a counter of clips in VIBRATION
@@ -186,33 +190,15 @@ def _fixes(tables: Mapping[str, Columns]) -> Columns | None:
     )
 
 
-def _supply(tables: Mapping[str, Columns]) -> Columns | None:
-    """POWER_STATUS: the voltage that the board gets, mV."""
-    logged = having(tables, "POWR", ("Vcc",))
-    return (
-        None if logged is None else stamped(logged, {"Vcc": 1000 * values(logged, ("Vcc",))[:, 0]})
-    )
-
-
-def _filter_status(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
+def _filter_status(tables: Mapping[str, Columns]) -> tuple[str, Columns | None]:
     """EKF_STATUS_REPORT; its flags are the first bits of the filter's own (AP_Nav_Common.h), and the glitch of GPS."""
-    found, name = _of_core(tables, "4", {**FILTER_RATIOS, "flags": "SS"})
-    if found is None:  # before ArduCopter 3.3 there was no status
-        return _of_core(tables, "4", FILTER_RATIOS)
+    name, found = _renamed(tables, "EKF_STATUS_REPORT")
+    if found is None or "flags" not in found:  # before ArduCopter 3.3 there was no status
+        return name, found
     own = found["flags"].astype(np.int64)
     alike = own & (dialect.EKF_UNINITIALIZED - 1)
     glitching = np.where(own & OWN_GPS_GLITCH > 0, dialect.EKF_GPS_GLITCHING, 0)
-    return {**found, "flags": alike | glitching}, name
-
-
-def _modes(tables: Mapping[str, Columns]) -> Columns | None:
-    """CURRENT_MODE, with Rsn beside its fields; in text logs of old versions the mode is a name, and is left out."""
-    field = "ModeNum" if "ModeNum" in tables.get("MODE", {}) else "Mode"
-    logged = having(tables, "MODE", (field,))
-    if logged is None:
-        return None
-    cause = {"Rsn": logged["Rsn"]} if "Rsn" in logged else {}
-    return stamped(logged, {"custom_mode": values(logged, (field,))[:, 0], **cause})
+    return name, {**found, "flags": alike | glitching}
 
 
 def _texts(tables: Mapping[str, Columns]) -> Columns | None:
@@ -231,13 +217,6 @@ DEMANDS = ("ROut", "POut", "YOut")
 DESIRED_RATES = ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
-FILTER_RATIOS = {
-    "velocity_variance": "SV",
-    "pos_horiz_variance": "SP",
-    "pos_vert_variance": "SH",
-    "compass_variance": "SM",
-}
-"""EKF_STATUS_REPORT's fields in XKF4: innovations as shares of what the filter accepts."""
 OWN_GPS_GLITCH = (
     1 << 14
 )  # bit of the filter's own status, which below EKF_UNINITIALIZED is that of the message
@@ -287,24 +266,12 @@ def translated(
     demands, scaled = _demands(tables)
     targets, asked = _targets(tables, version)
     volts, measured = battery(tables)
-    position, positioned = _of_core(
-        tables, "1", {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"}
-    )
-    wind, estimated = _of_core(tables, "2", {"wind_x": "VWN", "wind_y": "VWE"})
-    filtered, judged = _filter_status(tables)
-    lanes, lane_of = _of_core(tables, "4", {"primary_instance": "PI"})
-    climb = having(tables, "CTUN", ("CRt",))
     changes = [
         _changes(tables, "EV", "Id", ARMED_EVENTS),
         _changes(tables, "ARM", "ArmState", ARM_STATES),
     ]
     armed = _each_second(tables, max(changes, key=len))
     landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
-    rising = (
-        None if climb is None else stamped(climb, {"climb": values(climb, ("CRt",))[:, 0] / 100})
-    )
-    climbed = having(tables, "CTUN", ("Alt",))
-    height = climbed and stamped(climbed, {"altitude_relative": climbed["Alt"]})
     named_columns: dict[str, tuple[str, Columns | None]] = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
@@ -312,20 +279,14 @@ def translated(
         "ATTITUDE_TARGET": (asked, targets),
         "PID_TUNING": ("RATE", _tuning(tables, attitude)),
         "SYS_STATUS": (measured, volts),
-        "POWER_STATUS": ("POWR", _supply(tables)),
         "VIBRATION": ("VIBE", vibration(tables)),
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
         "GPS_RAW_INT": ("GPS", _fixes(tables)),
-        "CURRENT_MODE": ("MODE", _modes(tables)),
         "STATUSTEXT": ("MSG", _texts(tables)),
         "ERR": ("ERR", having(tables, "ERR", ("Subsys", "ECode"))),
         "EV": ("EV", having(tables, "EV", ("Id",))),
-        "estimator_selector_status": (lane_of, lanes),
-        "LOCAL_POSITION_NED": (positioned, position),
-        "EKF_STATUS_REPORT": (judged, filtered),
-        "WIND_COV": (estimated, wind),
-        "VFR_HUD": ("CTUN", rising),
-        "ALTITUDE": ("CTUN", height),
+        **{message: _renamed(tables, message) for message in _RENAMED},
+        "EKF_STATUS_REPORT": _filter_status(tables),
         "HEARTBEAT": (
             "",
             {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
@@ -479,18 +440,19 @@ def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[Fact,
     return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 
 
-def _of_core(
-    tables: Mapping[str, Columns], part: str, fields: Mapping[str, str]
-) -> tuple[Columns | None, str]:
-    """A part of the filter's states, of the core that is primary, and the name of its messages."""
+def _renamed(tables: Mapping[str, Columns], message: str) -> tuple[str, Columns | None]:
+    """A message of ``translation.toml`` with the name of its own; of the filter's states, of the primary core."""
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
     primary = float(cores[times.argmax()]) if len(cores) else 0
-    for name, core in ((f"XKF{part}", primary), (f"NKF{part}", 0), (f"EKF{part}", 0)):
-        logged = instance(having(tables, name, tuple(fields.values())), "C", core)
-        if logged is not None:
-            return stamped(logged, {ours: logged[theirs] for ours, theirs in fields.items()}), name
-    return None, f"XKF{part}"
+    rule = _RENAMED[message]
+    for name in rule["messages"]:
+        core = primary if name.startswith("XKF") else 0
+        logged = instance(tables.get(name), "C", core)
+        with suppress(KeyError):
+            if logged is not None and count(logged):
+                return name, stamped(logged, renamed(logged, rule))
+    return rule["messages"][0], None
 
 
 def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) -> Array:
