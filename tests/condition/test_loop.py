@@ -55,6 +55,29 @@ PX4 = {
 }
 
 
+def test_gains_have_their_names_and_units_before_arducopter_34():
+    """4500 was full demand, of 0.01 °/s: 1.27 times in radians, of which an X's mixer now turns √2 times as much."""
+    old = {
+        "RATE_RLL_P": 0.13,
+        "RATE_RLL_I": 0.1,
+        "RATE_RLL_D": 0.005,
+        "RATE_RLL_FILT_HZ": 20.0,
+        "STB_RLL_P": 9.0,
+        "FRAME": 1.0,
+        "THR_MIN": 130.0,
+        "MOT_THST_MAX": 0.95,
+        "MOT_THST_EXPO": 0.5,
+    }
+    of_demand = controller_of(old, "roll", (1.0,))
+    assert of_demand.p == pytest.approx(0.13 * np.degrees(100) / 4500, rel=0.003)
+    assert (of_demand.angle, of_demand.error_filter) == (9.0, 20.0)
+    of_motors = controller_of(old, "roll", X_ROLL)
+    assert of_motors.p == pytest.approx(of_demand.p / 2**0.5, rel=0.003)
+    assert of_motors.spin == (0.13, 0.95)
+    assert controller_of({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
+    assert of_motors.changed({"RATE_RLL_P": 0.26}).p == pytest.approx(2 * of_motors.p)
+
+
 def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
     ours = controller_of(ARDUPILOT, "roll", X_ROLL)
     assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)

@@ -37,6 +37,11 @@ RANGES = {
     "expo": (-1.0, 1.0),
 }
 """From the least to the most that each figure of a controller can be; a filter that is on has at least 0.1 Hz."""
+OLD_X_FRAMES = (1.0, 2.0, 3.0)  # FRAME: X, V and H
+OLD_SCALE = 1.27
+OLD_SCALE_X = 0.9
+"""What ArduCopter 3.4 multiplied the rate gains of earlier versions by (``convert_pid_parameters`` in ArduCopter's
+``Parameters.cpp``): they were of 0.01 °/s and of 4500 for full demand, and in an X that turned less."""
 UNMODELLED = {
     "SMAX": Controllers.SLEW_LIMITED,
     "PDMX": Controllers.SUM_LIMITED,
@@ -121,7 +126,7 @@ def controller_of(
         if CONTROL_PARAMETERS.match(name) and isfinite(value)
     }
     given = tuple(map(float, weights))
-    if any(name.startswith("ATC_RAT_") for name in own):
+    if any(name.startswith(("ATC_RAT_", "RATE_RLL_")) for name in own):
         known = _ardupilot(own, axis, given)
     elif any(name.startswith("MC_") for name in own):
         known = _px4(own, axis, len(given) == 1)
@@ -137,16 +142,32 @@ def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) 
     filters = {"target_filter": "FLTT", "error_filter": "FLTE", "derivative_filter": "FLTD"}
     if f"{rate}FILT" in own:  # before ArduCopter 4.0 one filter, of the error, was for all
         filters = {"error_filter": "FILT"}
-    names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": f"ATC_ANG_{short}_P"}
+    angle = f"ATC_ANG_{short}_P"
+    is_old = f"{rate}P" not in own and f"RATE_{short}_P" in own
+    if is_old:
+        rate = f"RATE_{short}_"
+        angle = f"STB_{short}_P"
+        filters = {"error_filter": "FILT_HZ"}
+    names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": angle}
     names |= {name: rate + end for name, end in filters.items()} | {"expo": "MOT_THST_EXPO"}
-    known = _gains(own, names, rate) | {
+    known = _gains(own, names, rate)
+    if is_old:
+        is_x = len(weights) != 1 and own.get("FRAME") in OLD_X_FRAMES
+        scale = OLD_SCALE_X if is_x else OLD_SCALE
+        known |= {gain: scale * known[gain] for gain in "pid"}
+    known |= {
         "gyro_filter": own.get("INS_GYRO_FILTER", 0.0),
         "derivative_of_error": True,
         "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST),
         "mixer": (1.0,),
     }
     if len(weights) != 1:
-        begin, end, frame = _required(own, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS")
+        if is_old:  # of a quadrotor, as its firmware was; THR_MIN is in thousandths
+            begin, end = _required(own, "THR_MIN", "MOT_THST_MAX")
+            begin /= 1000
+            frame = 1.0
+        else:
+            begin, end, frame = _required(own, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS")
         if frame != 1 or len(weights) != MOTORS or not any(weights) or not begin < end:
             raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="ardupilot"))
         largest = max(map(abs, weights))
