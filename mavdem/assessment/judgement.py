@@ -8,9 +8,12 @@ from typing import NamedTuple
 from mavdem.analysis.findings import Finding, next_step
 from mavdem.assessment.estimator import estimator_light
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.grounding import grounds_of
 from mavdem.assessment.log import log_light
+from mavdem.assessment.margins import margins_light
 from mavdem.assessment.motors import motors_light
 from mavdem.assessment.power import power_light
+from mavdem.assessment.tracking import tracking_light
 from mavdem.assessment.vibration import vibration_light
 from mavdem.assessment.wind import wind_light
 from mavdem.facts import Fact, Level
@@ -20,6 +23,8 @@ from mavdem.facts.lights import Light, Unjudged
 LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {
     Light.MOTORS: motors_light,
     Light.VIBRATION: vibration_light,
+    Light.TRACKING: tracking_light,
+    Light.MARGINS: margins_light,
     Light.POWER: power_light,
     Light.ESTIMATOR: estimator_light,
     Light.WIND: wind_light,
@@ -49,14 +54,12 @@ class Judgement(NamedTuple):
 
 def judge(evidence: Evidence, purposes: Sequence[Finding] = ()) -> Judgement:
     """Returns the judgement by the ``evidence``; ``purposes`` are those of a model, graded."""
-    lights = {str(light): LIGHTS.get(light, _unjudged)(evidence) for light in Light}
+    lights = {str(light): LIGHTS[light](evidence) for light in Light}
+    if grounds_of(evidence.condition, evidence.events, evidence.ending):
+        lights = {name: light.grounded for name, light in lights.items()}
     headline = headline_of(evidence, lights)
     of_model = next_step(purposes) if purposes else None
     return Judgement(headline, next_step_of(headline, lights, of_model), lights)
-
-
-def _unjudged(evidence: Evidence) -> Fact:
-    return Fact(Unjudged.NOT_JUDGED, because=None)
 
 
 def unjudged(refusal: Fact) -> Judgement:
