@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.align import Segment, recorded_parts
-from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, of_boot, where
+from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, during, of_boot, where
 from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
 from mavdem.assessment.motion import flights_of, height_above
 from mavdem.assessment.power import LEAST_SUPPLY
@@ -57,7 +57,7 @@ def reported_events(signals: Signals) -> tuple[Fact, ...]:
     """Returns what the autopilot reports, in order of boot and time.
 
     Each has its ``boot``, its ``basis``, the messages it rests on, and its ``height`` above where its flight began, m,
-    None where that is not known.
+    None where that is not known. What is said while disarmed, as of a vehicle that is carried, is never bad.
     """
     words = said(signals.telemetry)
     found = []
@@ -66,8 +66,14 @@ def reported_events(signals: Signals) -> tuple[Fact, ...]:
         faults = [fact for make in FAULTS for fact in make(signals, part)]
         faults += [fact for fact in words if fact.figures["boot"] == part.boot]
         flights = flights_of(signals, part.boot)
+        on = [
+            (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
+            for start, end in armed(signals, part.boot)
+        ]
         for fact in in_order([*own, *once(faults)]):
             time = fact.time or 0.0
+            if fact.level is Level.BAD and not during(np.array([time]), on).any():
+                fact = fact.but(Level.WATCH)
             begun = max((flight for flight in flights if flight[0] <= time), default=(time, inf))
             found.append(fact.but(height=height_above(signals, part.boot, begun, time)))
     return tuple(found)

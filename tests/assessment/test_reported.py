@@ -53,6 +53,7 @@ TEXTS = {
     "Battery 1 is critical 10.1V": (Reported.BATTERY_ALARMED, "watch", ""),
     "Fence Breached": (Reported.FENCE_BREACHED, "watch", ""),
     "Failsafe activated": (Reported.FAILSAFE, "watch", ""),
+    "Internal Error 0x1000": (Reported.AUTOPILOT_ERROR, "watch", "internal error"),
 }
 
 
@@ -182,6 +183,16 @@ def test_what_the_failure_detector_found_is_bad(field):
     found = reported_events(Signals(changed(FLOWN, "failure_detector_status", **detected)))
     (fact,) = (fact for fact in found if fact.level is Level.BAD)
     assert (fact.code, fact.subject) == DETECTED[field]
+
+
+def test_what_is_said_while_disarmed_is_not_bad():
+    telemetry = with_texts(FLOWN, b"Preflight Fail: Attitude failure (roll)")
+    (fact,) = events(telemetry, Reported.ATTITUDE_FAILED)
+    assert fact.level is Level.WATCH
+    late = np.array([HOVER.landed])
+    telemetry = changed(telemetry, "STATUSTEXT", time=late)
+    (fact,) = events(telemetry, Reported.ATTITUDE_FAILED)
+    assert fact.level is Level.BAD
 
 
 def test_a_failsafe_and_a_lane_are_states_too():
