@@ -10,12 +10,13 @@ import json
 from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
+from mavdem.alignment.signals import IGNORED
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
@@ -179,6 +180,14 @@ def attitude(message: Message) -> Values | None:
     possible = all(abs(angle) <= MAX_ANGLE for angle in (roll, pitch))
     possible = possible and all(abs(rate) <= MAX_BODY_RATE for rate in (p, q, r))
     return (roll, pitch, p, q, yaw) if possible else None
+
+
+def attitude_asked(message: Message) -> Values:
+    """Roll and pitch, rad, that an ATTITUDE_TARGET asks for; NaN where it asks for none."""
+    mask, quaternion = message.values
+    with np.errstate(invalid="ignore"):  # NaN stands for none, too
+        roll, pitch, _ = map(float, euler_angles(np.array(quaternion)))
+    return (nan, nan) if mask & IGNORED["attitude"] else (roll, pitch)
 
 
 def outputs(message: Message) -> tuple[int, Values]:

@@ -19,7 +19,14 @@ from mavdem.alignment.drive import (
 )
 from mavdem.alignment.learnability import too_slow
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
-from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
+from mavdem.alignment.signals import (
+    ATTITUDE_MESSAGES,
+    CLIMB_FIELDS,
+    HOLD_SECONDS,
+    MINIMUM_RATE,
+    TARGET_MESSAGE,
+)
+from mavdem.alignment.steadiness import strays
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
 from mavdem.facts import Code, Fact, Level
@@ -40,6 +47,7 @@ from mavdem.live.messages import (
     Message,
     Values,
     attitude,
+    attitude_asked,
     message_of,
     outputs,
     parameters_of,
@@ -98,6 +106,9 @@ class LiveStream:
         self.alarms = MotorAlarms()
         self.air = LiveWind()
         self._attitude: str | None = None
+        self._heading = 0.0
+        # The time, s, and roll and pitch of the latest setpoint
+        self._asked: tuple[float, Values] = -inf, ()
         self._inputs: Inputs | None = None
         self._reviewed = -inf
         self._connected_from = inf
@@ -201,7 +212,11 @@ class LiveStream:
             motion = attitude(message)
             if motion is not None and name == self._attitude and self._phase.settled(time):
                 self.air.attitude(time, (*motion[:2], motion[-1]))
+            if motion is not None:
+                self._look(time, motion)
             yield from self._add(name, 0, time, motion and motion[:4])
+        elif name == TARGET_MESSAGE and placed.stamped:
+            self._asked = time, attitude_asked(message)
         elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
             port, values = outputs(message)
             if not (name == DEMAND_MESSAGE and port):  # group 0 of the demand is flight control
@@ -391,6 +406,13 @@ class LiveStream:
         self._enough = obstacle is None
         self._obstacle = obstacle or self._phase.obstacle
 
+    def _look(self, time: float, motion: Values) -> None:
+        """Where the nose points by an attitude, unless roll and pitch stray from the setpoint that holds."""
+        roll, pitch, *_, self._heading = motion
+        since, asked = self._asked
+        if abs(time - since) <= HOLD_SECONDS and strays(np.array([roll, pitch]), np.array(asked)):
+            self._heading = nan
+
     def _watch_motors(self, time: float, inputs: Inputs) -> None:
         """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
         ports = {port: self._streams[inputs.message, port].values[-1:] for port in inputs.ports}
@@ -399,7 +421,7 @@ class LiveStream:
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
             for fact in self.alarms.take(
-                time, self.boot, inputs, inputs.scale.fraction(sent).tolist()
+                time, self.boot, inputs, inputs.scale.fraction(sent).tolist(), self._heading
             ):
                 self._report(fact)
 
@@ -411,6 +433,7 @@ class LiveStream:
         self.air.restart()
         self._attitude = None
         self._inputs = None
+        self._asked = -inf, ()
         self._phase = Phase()
         self.alarms.standing = ()
         self.alarms.weak_since = nan
@@ -441,8 +464,10 @@ class MotorAlarms:
         self._watched: object = None
         self._reported = set[Code]()  # Reasons why none would be seen
 
-    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> Iterator[Fact]:
-        """What to report of a sample in settled flight; ``commands`` as shares."""
+    def take(
+        self, time: float, boot: int, inputs: Inputs, commands: list[float], heading: float
+    ) -> Iterator[Fact]:
+        """What to report of a sample in settled flight; ``commands`` as shares, ``heading`` as of ``MotorWatch``."""
         if self.landed:
             self.standing = ()
             self.landed = False
@@ -455,7 +480,7 @@ class MotorAlarms:
             if self._watch is None or watched != self._watched:
                 self._watch = MotorWatch(layout, boot)
                 self._watched = watched
-            changes = self._watch.take(time, commands)
+            changes = self._watch.take(time, commands, heading)
             obstacle = self._watch.obstacle
             self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
             for change in changes:

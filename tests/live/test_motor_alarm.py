@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from hover import Hover
-from live_hover import Flight, replay
+from live_hover import Flight, offline, replay
 from mavlink_streams import SHARED, message
 
 from mavdem.alignment.signals import Signals
@@ -61,13 +61,13 @@ def flown(request, tmp_path_factory):
 @pytest.mark.slow
 def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     stream, said = streamed(flown)
-    [alarm], offline = stream.status().alarms, of_log(flown)
+    [alarm], logged = stream.status().alarms, of_log(flown)
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
     assert 27.0 < alarm.time < 32.0 and alarm.since == pytest.approx(27.0, abs=1.5)
     assert [fact.figures["because"] for fact in said if fact.code is Session.ALARM] == [alarm.fact]
-    assert [alarm[:4]] == [one[:4] for one in offline]
-    np.testing.assert_allclose([alarm[4:6]], [one[4:6] for one in offline], atol=0.01)
+    assert [alarm[:4]] == [one[:4] for one in logged]
+    np.testing.assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
     assert status.alarm and _status_line(status, "roll").endswith(str(status.alarm[0]))
     blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")
@@ -123,6 +123,21 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     status = replay(weak[200:], made.stream).stream.status()
     assert [one.boot for one in status.alarms] == [0, 1] and status.alarm != alarm
     assert status.alarm[0].figures["because"].figures["boot"] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mask", [0, 128])
+def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
+    """From 20 s on half a radian of roll is asked for, or, with the attitude masked, nothing."""
+    asked = {"type_mask": mask, "q": [np.cos(0.25), np.sin(0.25), 0.0, 0.0]}
+    targets = [
+        (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **asked))
+        for time in np.arange(20.0, 50.0).tolist()
+    ]
+    frames = sorted(hovering(rise=150.0) + targets, key=lambda frame: frame[0])
+    made = replay(frames)
+    assert len(made.stream.status().alarms) == bool(mask)
+    assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == bool(mask)
 
 
 @pytest.mark.slow
