@@ -22,6 +22,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.assessment.motion import LOST_ANGLE, LOST_SECONDS, attitude_error
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Array
 
 ENDINGS: dict[Code, Ending] = {
@@ -30,6 +31,10 @@ ENDINGS: dict[Code, Ending] = {
     MotionEvent.HIT: Ending.CRASHED,
 }
 """What each event that may lose a vehicle makes of its flight."""
+REPORTS = (Reported.CRASH_DETECTED, Reported.FLIGHT_TERMINATED, Reported.PARACHUTE_RELEASED)
+"""What the autopilot reports of a flight that was lost, where the motion shows nothing of it."""
+TOGETHER = (FailedFirst.ALL_OFF_FIRST, FailedFirst.THRUST_SPENT_FIRST)
+"""What all motors do, so that no word of the autopilot on one of them is clear."""
 TRIM_SECONDS = 5.0  # Of flight before, whose mean commands are the usual ones
 BEFORE_SECONDS = 2.0
 """In which thrust was spent before the attitude left, and in which the opposite of a weak motor is at no stop."""
@@ -49,20 +54,47 @@ def ending_of(signals: Signals, events: Sequence[Fact]) -> Fact | None:
 
     ``events`` are those of ``motion_events`` and ``reported_events``.
     """
-    lost = [event for event in events if event.code in ENDINGS and event.level is Level.BAD]
-    if not lost:
+    bad = sorted((one for one in events if one.level is Level.BAD), key=_when)
+    shown = [event for event in bad if event.code in ENDINGS]
+    reported = [event for event in bad if event.code in REPORTS]
+    if not shown and not reported:
         return None
-    event = lost[-1]
-    cause = None if event.code is MotionEvent.TIPPED else _first(signals, events, event)
+    event = (shown or reported)[-1]
+    cause = _first(signals, events, event) if shown else event
+    if event.code is MotionEvent.TIPPED:
+        cause = None
+    word = _word(signals, bad, event.figures["boot"])
+    names = {fact.subject for fact in (cause, word) if fact and fact.subject}
+    is_clear = len(names) == 1 and (cause is None or cause.code not in TOGETHER)
     return Fact(
-        ENDINGS[event.code],
+        ENDINGS.get(event.code, Ending.LOSS_REPORTED),
         Level.BAD,
         time=event.time,
         until=event.until,
-        subject=cause.subject if cause else "",
+        subject=names.pop() if is_clear else "",
         cause=cause,
-        **{name: event.figures[name] for name in ("height", "speed", "boot")},
+        word=word if word and (cause is None or cause.subject != word.subject) else None,
+        **{name: event.figures.get(name) for name in ("height", "speed", "boot")},
     )
+
+
+def _when(event: Fact) -> tuple[int, float]:
+    return event.figures.get("boot", 0), event.time or 0.0
+
+
+def _word(signals: Signals, bad: Sequence[Fact], boot: int) -> Fact | None:
+    """The last word of the autopilot on a motor that failed in a ``boot``, with the motor's whole name."""
+    if signals.motors is None:
+        return None
+    names = {name.partition(" (")[0]: name for name in signals.motors.layout.names}
+    words = [
+        Fact(event.code, event.level, time=event.time, subject=names[event.subject], boot=boot)
+        for event in bad
+        if event.code in (Reported.THRUST_LOST, Reported.MOTOR_FAILED)
+        and event.subject in names
+        and event.figures["boot"] == boot
+    ]
+    return words[-1] if words else None
 
 
 def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
@@ -81,13 +113,19 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     at_stop = _during(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset)
     idle = airborne_collective(signals.telemetry.parameters)
     if "angle" not in lost.figures:
-        since = min((event.time or 0.0 for event in at_stop), default=onset)
+        began = at_stop or _during(events, MotionEvent.FELL, boot, onset)
+        since = min((event.time or 0.0 for event in began), default=onset)
         commands = _commands(signals.motors, boot, since, onset)
         return commands and _of_commands(commands, idle, at_stop, None)
     at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
     commands = _commands(signals.motors, boot, onset, float(error.time[at]))
     fell = complex(-error.pitch[at], error.roll[at])
-    return commands and _of_commands(commands, idle, at_stop, fell)
+    cause = commands and _of_commands(commands, idle, at_stop, fell)
+    # What lies on the ground is switched off.
+    is_switched_off = (
+        lost.code is MotionEvent.HIT and cause and cause.code is FailedFirst.ALL_OFF_FIRST
+    )
+    return None if is_switched_off else cause
 
 
 def _during(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:

@@ -195,10 +195,11 @@ def _loss(
         code = MotionEvent.TIPPED
     elif height is not None and height < GROUND_HEIGHT:
         code = MotionEvent.HIT
-    harmless = angle < 2 * LOST_ANGLE and speed < FALL_SPEED
+    asked = bool(error.asked[here].all())
+    harmless = speed < FALL_SPEED and (angle < 2 * LOST_ANGLE or not asked)
     if harmless or _is_caught(signals, boot, flight, end):
         code = MotionEvent.ATTITUDE_CAUGHT
-        level = Level.WATCH if error.asked[here].all() else Level.UNKNOWN
+        level = Level.WATCH if asked else Level.UNKNOWN
     return Fact(
         code,
         level,

@@ -25,6 +25,7 @@ class Ending(Code):
     CONTROL_LOST = auto()
     TIPPED_OVER = auto()
     CRASHED = auto()
+    LOSS_REPORTED = auto()
 
 
 class FailedFirst(Code):

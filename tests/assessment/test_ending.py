@@ -13,6 +13,7 @@ from mavdem.assessment.ending import ending_of
 from mavdem.assessment.motion import motion_events
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry, selected
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
@@ -71,10 +72,10 @@ def lost(motor: int, rate: float = 10.0) -> Telemetry:
     return driven(driven(made, motor, 2000.0), OPPOSITE[motor], 1100.0)
 
 
-def judged(made: Telemetry) -> tuple[dict[object, Fact], Fact | None]:
+def judged(made: Telemetry, *reported: Fact) -> tuple[dict[object, Fact], Fact | None]:
     """The last event of each code, and the ending."""
     signals = Signals(made, inputs="motors")
-    events = motion_events(signals)
+    events = *motion_events(signals), *reported
     return {event.code: event for event in events}, ending_of(signals, events)
 
 
@@ -205,6 +206,42 @@ def test_a_fall_that_stops_at_once_is_a_crash_also_with_the_attitude_held():
     assert events[MotionEvent.HIT].time == pytest.approx(FAILS + 2.0, abs=0.4)
     assert ending.code is Ending.CRASHED
     assert ending.figures["speed"] == pytest.approx(9.0, abs=1.5)
+
+
+def test_a_fall_with_all_motors_idle_says_so():
+    made = falling(flight())
+    for motor in range(4):
+        made = driven(made, motor, 1100.0)
+    _, ending = judged(only(made, lambda time: time < FAILS + 4.0))
+    assert ending.code is Ending.CRASHED
+    assert ending.figures["cause"].code is FailedFirst.ALL_OFF_FIRST
+
+
+def thrust_lost(motor: int) -> Fact:
+    subject = f"motor {motor}"
+    return Fact(Reported.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=subject, boot=0)
+
+
+def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
+    _, agreed = judged(lost(1), thrust_lost(2))
+    assert agreed.subject == NAMES[1]
+    assert agreed.figures["word"] is None
+    _, apart = judged(lost(1), thrust_lost(3))
+    assert apart.subject == ""
+    assert apart.figures["cause"].subject == NAMES[1]
+    assert apart.figures["word"].subject == NAMES[2]
+    between = leaning(lost(1), np.array([-1.0, 0.0]), 120.0, 100.0)
+    _, alone = judged(between, thrust_lost(4))
+    assert alone.figures["cause"] is None
+    assert alone.subject == alone.figures["word"].subject == NAMES[3]
+
+
+def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
+    crash = Fact(Reported.CRASH_DETECTED, Level.BAD, time=FAILS, height=2.0, boot=0)
+    _, ending = judged(flight(), crash)
+    assert ending.code is Ending.LOSS_REPORTED
+    assert ending.figures["cause"] is crash
+    assert judged(flight(), crash.but(Level.WATCH))[1] is None
 
 
 def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
