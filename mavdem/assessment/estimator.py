@@ -35,6 +35,8 @@ DOUBT_SECONDS = 1.0  # as long it lasts there until the failsafe
 POOR_DILUTION = 2.5
 FEW_SATELLITES = 6
 """HDOP above, satellites below which PX4's filter does not start with GPS: EKF2_REQ_HDOP, EKF2_REQ_NSATS."""
+FIELD_CHANGE = 0.3  # of the compass's field, by motors and currents, up to which ArduPilot's pages take it for good
+LEAST_ROWS = 5  # of a median on the ground
 OF_ESTIMATOR = {
     Reported.ESTIMATOR_DIVERGED,
     Reported.ESTIMATOR_SWITCHED,
@@ -48,7 +50,12 @@ OF_ESTIMATOR = {
 def estimator_light(evidence: Evidence) -> Fact:
     """Returns the worst of filter and GPS in flight; unknown where the log has neither."""
     innovations = sorted(_filter(evidence), key=lambda fact: -fact.figures["duration"])
-    found = [*innovations, *_fixes(evidence), *reported(evidence, OF_ESTIMATOR)]
+    found = [
+        *innovations,
+        *_fixes(evidence),
+        *_compass(evidence),
+        *reported(evidence, OF_ESTIMATOR),
+    ]
     return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED)
 
 
@@ -118,3 +125,22 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
         }
         if figures["satellites"] < FEW_SATELLITES or figures["dilution"] > POOR_DILUTION:
             yield Fact(EstimatorLight.FIX_POOR, Level.WATCH, **figures)
+
+
+def _compass(evidence: Evidence) -> Iterator[Fact]:
+    """Of its field, where it is another in the first flight than on the ground before."""
+    messages = evidence.signals.telemetry.messages
+    fields = ("xmag", "ymag", "zmag")
+    for report in (messages.get("SCALED_IMU", {}), messages.get("RAW_IMU", {})):
+        if not all(field in report for field in fields):
+            continue
+        size = np.linalg.norm([floats(report, field) for field in fields], axis=0)
+        field = series(report, size, size > 0)
+        for flight in flown(evidence, field):
+            before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
+            if np.count_nonzero(before) < LEAST_ROWS:
+                return
+            change = float(np.median(flight.values) / np.median(field.values[before])) - 1
+            if abs(change) > FIELD_CHANGE:
+                yield Fact(EstimatorLight.COMPASS_DISTURBED, Level.WATCH, change=change)
+            return

@@ -12,4 +12,5 @@ class EstimatorLight(Code):
     FILTER_DOUBTED = auto()
     FIX_POOR = auto()
     GPS_GLITCHED = auto()
+    COMPASS_DISTURBED = auto()
     ESTIMATOR_UNMEASURED = auto()

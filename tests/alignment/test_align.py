@@ -218,6 +218,10 @@ def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_re
         # on the ground for 6 s after the reported take-off
         ("px4_default_rates_learnable.ulg", (121.6, 190.6), 78.3),
         ("ardupilot33_rate_in_centidegrees.bin", (96.0, 231.7), 159.1),  # crashes at 237 s
+        # It hovers at 12 % of its range; its land detector says that it flies from 49 to 114 s.
+        ("px4_crash_hovers_at_12_percent.ulg", (54.2, 108.9), 64.8),
+        # One message has a vertical speed of 0 throughout, another measures it.
+        ("low_flight_climb_channel_zero.tlog", (172.2, 243.2), 86.3),
     ],
 )
 def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):

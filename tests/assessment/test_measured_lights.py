@@ -9,7 +9,7 @@ from recorded_flights import recorded
 
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, estimator_light
+from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, FIELD_CHANGE, estimator_light
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.log import LONG_GAP, log_light, simulated_of
 from mavdem.assessment.power import (
@@ -179,6 +179,21 @@ def test_gps(satellites, dilution, code):
     figures = {"satellites_visible": satellites + 0 * TIME, "eph": 100 * dilution + 0 * TIME}
     report = columns(TIME, fix_type=3 + 0 * TIME, **figures)
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (FIELD_CHANGE + 0.05, EstimatorLight.COMPASS_DISTURBED),
+        (FIELD_CHANGE - 0.05, EstimatorLight.FILTER_AGREED),
+        (-FIELD_CHANGE - 0.05, EstimatorLight.COMPASS_DISTURBED),
+    ],
+)
+def test_a_compass_whose_field_is_another_in_flight(change, code):
+    field = 400.0 * np.where(TIME > 6.0, 1 + change, 1.0)
+    report = columns(TIME, xmag=0.6 * field, ymag=0 * field, zmag=0.8 * field)
+    fact = estimator_light(evidence(changed(filtered(), "RAW_IMU", **report)))
+    assert fact.code is code and fact.figures.get("change", change) == pytest.approx(change)
 
 
 @pytest.mark.parametrize(("time", "level"), [(30.0, Level.WATCH), (2.0, Level.GOOD)])

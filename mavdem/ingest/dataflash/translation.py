@@ -225,6 +225,7 @@ NEEDED = (
     *OF_FLIGHT,
     *BATTERIES,
     "VIBE",
+    "MAG",
     "GPS",
     "POWR",
     "XKF2",
