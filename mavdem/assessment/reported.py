@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.align import Segment, recorded_parts
+from mavdem.alignment.drive import DEMAND_MESSAGE
 from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, during, of_boot, where
 from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
 from mavdem.assessment.motion import flights_of, height_above
@@ -109,7 +110,7 @@ def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
             Reported.OFF_GROUND: time[changes & in_air],
             Reported.ON_GROUND: time[changes & ~in_air],
         }
-    by_motors = "" if signals.motors is None else signals.motors.message
+    by_motors = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
     for flight in flights_of(signals, boot):
         for (code, times), end in zip(reports.items(), flight, strict=True):
             if not isfinite(end):
@@ -227,7 +228,7 @@ def _lasting(
             code,
             level,
             time=start,
-            until=end,
+            until=end if end < part.end else None,
             subject=subject,
             boot=part.boot,
             basis=(signals.telemetry.called(name),),

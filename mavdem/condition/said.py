@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -23,6 +24,10 @@ SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
 PRIMARY_FILTER = 24  # Subsystem of ERR whose code is a lane, also 0
 AGAIN_SECONDS = 30.0
 """s after which what is said again is another event: autopilots repeat a standing warning every 5 to 30 s."""
+
+
+QUOTED = (Reported.AUTOPILOT_SAID, Reported.ARMING_REFUSED)
+"""What quotes the autopilot, and is another with another text."""
 
 
 class Text(NamedTuple):
@@ -153,9 +158,13 @@ def in_order(facts: Iterable[Fact]) -> list[Fact]:
 def once(facts: Iterable[Fact]) -> list[Fact]:
     """Returns facts in order, those that say the same again soon as one, with its ``count`` and until when."""
     kept: list[Fact] = []
+    of_kind = defaultdict[tuple[Any, ...], list[int]](list)
     for fact in in_order(facts):
-        at = next((at for at in range(len(kept))[::-1] if _is_again(kept[at], fact)), None)
+        quoted = fact.figures["text"] if fact.code in QUOTED else ""
+        before = of_kind[fact.figures["boot"], fact.code, quoted]
+        at = next((at for at in reversed(before) if _is_again(kept[at], fact)), None)
         if at is None:
+            before.append(len(kept))
             kept.append(fact.but(count=1))
         else:
             kept[at] = _joined(kept[at], fact)
@@ -167,12 +176,8 @@ def _last(fact: Fact) -> float:
 
 
 def _is_again(first: Fact, fact: Fact) -> bool:
-    alike = first.code is fact.code and first.figures["boot"] == fact.figures["boot"]
     one_subject = first.subject == fact.subject or not (first.subject and fact.subject)
-    texts_of = {each.figures.get("text") for each in (first, fact)}
-    by_text = fact.code in (Reported.AUTOPILOT_SAID, Reported.ARMING_REFUSED)
-    soon = (fact.time or 0.0) - _last(first) <= AGAIN_SECONDS
-    return alike and one_subject and soon and (len(texts_of) == 1 or not by_text)
+    return one_subject and (fact.time or 0.0) - _last(first) <= AGAIN_SECONDS
 
 
 def _joined(first: Fact, fact: Fact) -> Fact:

@@ -41,7 +41,7 @@ TEXTS = {
     "Parachute: Released": (Reported.PARACHUTE_RELEASED, "bad", ""),
     "Critical failure detected: terminating flight": (Reported.FLIGHT_TERMINATED, "bad", ""),
     "Kill-switch engaged": (Reported.MOTORS_STOPPED, "watch", ""),
-    "EKF3 lane switch 1": (Reported.ESTIMATOR_SWITCHED, "watch", "lane 1"),
+    "EKF3 primary changed:1": (Reported.ESTIMATOR_SWITCHED, "watch", "lane 1"),
     "EKF variance": (Reported.ESTIMATOR_DIVERGED, "watch", ""),
     "EKF3 IMU0 emergency yaw reset": (Reported.ESTIMATOR_RESET, "watch", ""),
     "GPS Glitch": (Reported.GPS_JUMPED, "watch", ""),

@@ -289,7 +289,7 @@ def translated(
         **{message: _renamed(tables, message) for message in _RENAMED},
         "EKF_STATUS_REPORT": _filter_status(tables),
         "HEARTBEAT": (
-            "",
+            "EV",
             {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
         ),
         "EXTENDED_SYS_STATE": (
