@@ -263,9 +263,11 @@ def translated(
 
     ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
     """
-    attitude, named, notes = _attitude(tables, version)
+    notes = _in_centidegrees(tables, version)
+    per_degree = 100.0 if notes else 1.0
+    attitude, named = _attitude(tables, per_degree)
     demands, scaled = _demands(tables)
-    targets, asked = _targets(tables, version)
+    targets, asked = _targets(tables, per_degree)
     volts, measured = battery(tables)
     changes = [
         _changes(tables, "EV", "Id", ARMED_EVENTS),
@@ -305,18 +307,14 @@ def translated(
     return there, {name: own for name, (own, _) in named_columns.items() if own}, (*notes, *scaled)
 
 
-def _attitude(
-    tables: Mapping[str, Columns], version: tuple[int, int] | None
-) -> tuple[Columns | None, str, tuple[Fact, ...]]:
-    """At the stamps of the slower of angles and rates; with the name of that message, and what is odd about RATE."""
+def _attitude(tables: Mapping[str, Columns], per_degree: float) -> tuple[Columns | None, str]:
+    """At the stamps of the slower of angles and rates; with the name of that message."""
     named = _faster_angles(tables, ANGLES)
     angles = having(tables, named, ANGLES)
     gyros = instance(having(tables, "IMU", GYROS), "I", 0)
     rates = having(tables, "RATE", RATES)
     if angles is None or (rates is None and gyros is None):
-        return None, named, ()
-    angles_rad = np.radians(values(angles, ANGLES))
-    notes: tuple[Fact, ...] = ()
+        return None, named
     if rates is None or (
         count(rates) < SLOWER_SHARE * count(angles) and count(rates) < count(gyros)
     ):
@@ -325,14 +323,12 @@ def _attitude(
         speeds = values(gyros, GYROS)
         source = "IMU"
     else:
-        speeds = np.radians(values(rates, RATES))
+        speeds = np.radians(values(rates, RATES)) / per_degree
         source = "RATE"
-        notes = _in_centidegrees(rates, speeds, gyros, version)
-        speeds = speeds / 100 if notes else speeds
     base, named = (
         (rates, source) if count(rates) < SLOWER_SHARE * count(angles) else (angles, named)
     )
-    angles_rad = _onto(base, angles, angles_rad, turning=True)
+    angles_rad = _onto(base, angles, np.radians(values(angles, ANGLES)), turning=True)
     speeds = _onto(base, rates, speeds)
     # To one turn about zero, as MAVLink has it.
     angles_rad = np.where(
@@ -340,7 +336,7 @@ def _attitude(
     )
     fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
     turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
-    return stamped(base, turned), named, notes
+    return stamped(base, turned), named
 
 
 def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> str:
@@ -348,15 +344,20 @@ def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> st
 
 
 def _in_centidegrees(
-    rates: Columns, speeds: Array, gyros: Columns | None, version: tuple[int, int] | None
+    tables: Mapping[str, Columns], version: tuple[int, int] | None
 ) -> tuple[Fact, ...]:
-    """Why ``speeds`` (N, 3), from degrees, were centidegrees: by the gyro where it turns, else by version; or empty."""
+    """Why RATE is in centidegrees/s: by the gyro where that turns, else by version; or empty."""
+    rates = having(tables, "RATE", RATES)
+    gyros = instance(having(tables, "IMU", GYROS), "I", 0)
     code = Repair.CENTIDEGREES_CONVERTED
+    if rates is None:
+        return ()
     if gyros is not None:
         turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
         moving = turning > MOVING_RATE
         if np.count_nonzero(moving) >= MIN_MOVING:
-            ratio = float(np.median(np.linalg.norm(speeds[moving], axis=1) / turning[moving]))
+            speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
+            ratio = float(np.median(speeds / turning[moving]))
             low, high = CENTIDEGREES
             return repair(code, ratio=ratio, version=None) if low < ratio < high else ()
     if version is not None and version < (3, 4):  # the first whose releases log RATE in degrees/s
@@ -386,17 +387,13 @@ def _servos(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {"port": none.astype(np.uint8), **outputs})
 
 
-def _targets(
-    tables: Mapping[str, Columns], version: tuple[int, int] | None
-) -> tuple[Columns | None, str]:
-    """With the names of its messages; RATE is in the unit of the rates beside what was asked for."""
+def _targets(tables: Mapping[str, Columns], per_degree: float) -> tuple[Columns | None, str]:
+    """With the names of its messages."""
     parts = []
     names = []
     named = _faster_angles(tables, DESIRED_ANGLES)
-    if (rates := having(tables, "RATE", (*DESIRED_RATES, *RATES))) is not None:
-        gyros = instance(having(tables, "IMU", GYROS), "I", 0)
-        centidegrees = _in_centidegrees(rates, np.radians(values(rates, RATES)), gyros, version)
-        asked = np.radians(values(rates, DESIRED_RATES)) / (100 if centidegrees else 1)
+    if (rates := having(tables, "RATE", DESIRED_RATES)) is not None:
+        asked = np.radians(values(rates, DESIRED_RATES)) / per_degree
         parts.append(stamped(rates, attitude_target(rates=asked)))
         names.append("RATE")
     angles = having(tables, named, DESIRED_ANGLES)

@@ -40,6 +40,7 @@ from mavdem.ingest.telemetry import (
     Telemetry,
     joined,
     log_of_vehicles,
+    renamed,
     repair,
     selected,
 )
@@ -127,21 +128,23 @@ Fields = Mapping[str, NDArray[np.float64]]  # The numbers of a topic's messages 
 
 
 class MavrosTopic(NamedTuple):
-    """A topic: its MAVLink ``message``, its own ``schema``, and the fields with ``numbers`` and with ``texts``."""
+    """A topic: its MAVLink ``message``, its own ``schema``, and the fields with ``numbers`` and with ``texts``.
+
+    ``fields`` are rules of ``renamed``.
+    """
 
     message: str
     schema: str
     numbers: list[str]
     texts: Sequence[str] = ()
+    fields: Mapping[str, Sequence[tuple[float, str]]] = {}
 
 
 MAVROS_STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
-_QUATERNION = ("w", "x", "y", "z")
-_RATES = ("x", "y", "z")
 _TOPICS = tomllib.loads(Path(__file__).with_name("mavros_topics.toml").read_text(encoding="utf-8"))
 MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
-MAVROS_PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
+MAVROS_PERIODS = {"rc/out": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
 _PX4_MODES = frozenset({"ALTCTL", "POSCTL", "OFFBOARD", "STABILIZED", "RATTITUDE"})
 _ARDUPILOT_MODES = frozenset(
@@ -183,36 +186,22 @@ def mavros_autopilot(modes: Counter[str]) -> int:
     return PX4 if px4 > ardupilot else ARDUPILOT
 
 
-def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str, NDArray[Any]]:
-    """Returns the fields of one MAVLink message of ``MAVROS_TOPICS``, without its stamps, from those of its topic."""
-    if message == "ATTITUDE_QUATERNION":  # plugins/imu.cpp, lib/ftf_frame_conversions.cpp
-        names = ("q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed")
-        return dict(
-            zip(
-                names, (*_quaternion(fields), *_body_rates(fields, "angular_velocity")), strict=True
-            )
-        )
-    if message == "SYS_STATUS":
-        return {"voltage_battery": 1000.0 * fields["voltage"]}  # plugins/sys_status.cpp
-    # plugins/setpoint_raw.cpp, which turns the setpoint as it does the attitude
-    if message == "ATTITUDE_TARGET":
-        asked = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
-        rates = dict(zip(asked, _body_rates(fields, "body_rate"), strict=True))
-        return {"type_mask": fields["type_mask"], "q": _quaternion(fields).T, **rates}
-    if message == "SERVO_OUTPUT_RAW":
-        return {f"servo{n + 1}_raw": fields[f"channels[{n}]"] for n in range(16)}
-    if message == "ACTUATOR_CONTROL_TARGET":
-        # plugins/actuator_control.cpp passes it on unchanged.
-        controls = np.column_stack([fields[f"controls[{n}]"] for n in range(8)])
-        return {"group_mlx": fields["group_mix"], "controls": controls}
-    if message == "HEARTBEAT":
+def mavros_message(topic: str, fields: Fields, vehicle_autopilot: int) -> dict[str, NDArray[Any]]:
+    """Returns the fields of the MAVLink message of one of ``MAVROS_TOPICS``, without its stamps."""
+    kind = MAVROS_TOPICS[topic]
+    made = renamed(fields, {"fields": kind.fields})
+    if kind.message == "ATTITUDE_QUATERNION":
+        made |= dict(zip(("q1", "q2", "q3", "q4"), _quaternion(fields), strict=True))
+    elif kind.message == "ATTITUDE_TARGET":
+        made["q"] = _quaternion(fields).T
+    elif kind.message == "SERVO_OUTPUT_RAW":
+        made |= {f"servo{n + 1}_raw": fields[f"channels[{n}]"] for n in range(16)}
+    elif kind.message == "ACTUATOR_CONTROL_TARGET":
+        made["controls"] = np.column_stack([fields[f"controls[{n}]"] for n in range(8)])
+    elif kind.message == "HEARTBEAT":
         # plugins/sys_status.cpp; the type of vehicle is not known: 0, GENERIC.
-        return heartbeat_fields(0, vehicle_autopilot, fields["armed"])
-    if message == "LOCAL_POSITION_NED":
-        # plugins/local_position.cpp: north is y, east x, and down the other way from up.
-        east, north, up = (fields[f"twist.linear.{n}"] for n in _RATES)
-        return {"vx": north, "vy": east, "vz": -up}
-    return {"landed_state": fields["landed_state"]}
+        made = heartbeat_fields(0, vehicle_autopilot, fields["armed"])
+    return made
 
 
 def _quaternion(fields: Fields) -> NDArray[np.float64]:
@@ -221,15 +210,10 @@ def _quaternion(fields: Fields) -> NDArray[np.float64]:
     q_n = (i + j)/√2 swaps north and east and turns down up, q_b = i turns right left and down up. Both are their own
     inverses but for the sign, which an attitude does not have: q_NED,FRD = q_n q_ENU,FLU q_b, multiplied out here.
     """
-    w, x, y, z = (fields[f"orientation.{n}"] for n in _QUATERNION)
+    w, x, y, z = (fields[f"orientation.{n}"] for n in "wxyz")
     # infinities of a broken estimator: their readers leave them out
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z]))
-
-
-def _body_rates(fields: Fields, name: str) -> tuple[NDArray[np.float64], ...]:
-    p, q, r = (fields[f"{name}.{n}"] for n in _RATES)
-    return p, -q, -r
 
 
 PX4_STAMP = "timestamp"  # µs: when a message was published
@@ -372,20 +356,23 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
 
 
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    named = {MAVROS_TOPICS[name].message: table for name, table in tables.items()}
     parts = {
-        name: [table.columns[field] for field in MAVROS_STAMP] for name, table in named.items()
+        name: [table.columns[field] for field in MAVROS_STAMP] for name, table in tables.items()
     }
     stamps = {
         name: _nanoseconds(whole, SECOND) + _nanoseconds(rest, 1)
         for name, (whole, rest) in parts.items()
     }
-    placed, repairs = _on_one_clock(named, stamps)
+    placed, repairs = _on_one_clock(tables, stamps)
     autopilot = mavros_autopilot(sum((table.texts for table in tables.values()), Counter()))
-    messages: dict[str, Columns] = {}
-    for name, columns in placed.items():
-        on_clock = {"time": columns["time"], "boot": columns["boot"]}
-        messages[name] = {**on_clock, **mavros_message(name, columns, autopilot)}
+    messages: dict[str, Columns] = {
+        MAVROS_TOPICS[name].message: {
+            "time": columns["time"],
+            "boot": columns["boot"],
+            **mavros_message(name, columns, autopilot),
+        }
+        for name, columns in placed.items()
+    }
     if not messages:
         return None
     who = 0, AUTOPILOT_COMPONENT, UNNAMED, enum_name("MAV_AUTOPILOT", autopilot)
