@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import radians
 
@@ -11,7 +10,7 @@ from mavdem.alignment.signals import MINIMUM_RATE, usual_rate
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import settled, worst
 from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating
-from mavdem.condition.resonance import Resonance, resonance_of
+from mavdem.condition.resonance import Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import MarginsLight
@@ -28,27 +27,37 @@ class AxisMargins:
     axis: str
     loop: Loop | Fact | None
     """Identified, or why not."""
-    resonance: Resonance | None
-    """The largest response of the rate to its setpoint, or a peak of the rate's spectrum."""
+    response: Resonance | None
+    """The largest response of the rate to its setpoint."""
+    peak: Resonance | None
+    """A peak of the rate's own spectrum, which the motors share."""
 
     @property
-    def facts(self) -> Iterator[Fact]:
-        """What is said of it: of the loops, of the response, and else of the spectrum."""
-        is_known = isinstance(self.loop, Loop) and self.loop.agrees is not False
-        if is_known and isinstance(self.loop, Loop):
-            yield _of_loop(self.loop)
-        found = self.resonance
-        if found is not None and (found.by_setpoint or not is_known):
-            yield _of_resonance(found)
+    def facts(self) -> list[Fact]:
+        """What is said of it: of the loops and of the response, and else of the spectrum."""
+        found = []
+        if isinstance(self.loop, Loop) and self.loop.agrees is not False:
+            found.append(_of_loop(self.loop))
+        if self.response is not None:
+            found.append(_of_response(self.response))
+        known = [fact for fact in found if fact.level is not Level.UNKNOWN]
+        if not known and self.peak is not None:
+            known = [_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak)]
+        return known
 
 
 def margins_of(evidence: Evidence) -> tuple[AxisMargins, ...]:
     """Returns what is known of the margins of roll, pitch and yaw."""
-    signals = evidence.signals
     parts = settled(evidence)
+    axes = map(evidence.signals.about, AXES)
     return tuple(
-        AxisMargins(axis, evidence.loops.get(axis), resonance_of(signals.about(axis), parts))
-        for axis in AXES
+        AxisMargins(
+            one.axis,
+            evidence.loops.get(one.axis),
+            response_of(one, parts),
+            peak_of(one, parts),
+        )
+        for one in axes
     )
 
 
@@ -95,20 +104,21 @@ def _of_loop(loop: Loop) -> Fact:
     )
 
 
-def _of_resonance(found: Resonance) -> Fact:
+def _of_response(found: Resonance) -> Fact:
     """Unknown where the response was not seen far enough, or not surely enough."""
-    code = MarginsLight.RATE_STANDS_OUT
-    level = Level.WATCH
-    if found.ms_interval is not None:
-        low, high = found.ms_interval
-        code = MarginsLight.RESONATES
-        if low > LEAST.ms:
-            level = Level.BAD
-        elif high < USUAL.ms and found.whole:
-            code = MarginsLight.NO_RESONANCE
-            level = Level.GOOD
-        elif low <= USUAL.ms:
-            level = Level.UNKNOWN
+    assert found.ms_interval is not None
+    low, high = found.ms_interval
+    code = MarginsLight.RESONATES
+    level = Level.UNKNOWN
+    if low > USUAL.ms:
+        level = Level.BAD if low > LEAST.ms else Level.WATCH
+    elif high < USUAL.ms and found.whole:
+        code = MarginsLight.NO_RESONANCE
+        level = Level.GOOD
+    return _of_resonance(code, level, found)
+
+
+def _of_resonance(code: MarginsLight, level: Level, found: Resonance) -> Fact:
     return Fact(
         code,
         level,

@@ -34,8 +34,14 @@ FEWEST_WINDOWS = 10
 LEAST_COHERENCE = 0.5
 # times the lowest frequency, up to which T is known without a gap between
 LEAST_BAND = 2.0
-# times the amplitude of the frequencies about it: what Ms of 2, the most that is advised, makes of even noise
-PROMINENT = 2.0
+STILL = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
+PROMINENT = 3.0
+SIDES = 1.5
+"""Times the straight line between the frequencies so many times lower and higher: a largest sensitivity of 1.8 makes
+2.0 of it, 2.3 makes 2.4 and 4.9 makes 5 to 7."""
+FASTEST_LOOP = (
+    40.0  # Hz: rate loops of multirotors cross over below, motors and propellers turn above
+)
 FOLLOWED = (
     0.9  # coherence of the rate with the motors, from which it is motion and no noise of the sensor
 )
@@ -56,7 +62,7 @@ class Resonance:
     by_setpoint: bool
     """Whether of the response to the setpoint, or of the rate's own spectrum."""
     peak: float
-    """The largest |T|; or how many times the amplitude of the spectrum on both sides of it."""
+    """The largest |T|; or how many times a straight line under it, about the largest sensitivity."""
     frequency: float
     """Hz, of the peak."""
     coherence: float
@@ -87,21 +93,29 @@ class Spectra(NamedTuple):
         return np.asarray(np.abs(self.across) ** 2 / both_powers)
 
 
-def resonance_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
-    """Returns the largest response of the rate to its setpoint, or else a peak of its spectrum, in ``parts`` of flight.
+def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
+    """Returns the largest response of the rate to its setpoint in ``parts`` of a flight.
 
-    None where the messages are slower than ``MINIMUM_RATE``, or show neither.
+    None where the messages are slower than ``MINIMUM_RATE``, or too little of the rate is by the setpoint.
     """
-    found = None
-    if signals.rates is not None:
-        rate, asked = signals.rates
-        found = _response(signals, spectra(asked, rate, parts))
+    if signals.rates is None:
+        return None
+    rate, asked = signals.rates
+    return _response(signals, spectra(asked, rate, parts))
+
+
+def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
+    """Returns the peak of the rate's spectrum over a straight line, in ``parts`` of a flight, that the motors share.
+
+    Wind, noise and the plant make a spectrum that is straight over the logarithm of the frequency; the loop multiplies
+    it by its sensitivity. None where the messages are slow, or nothing is as much over the line as ``PROMINENT``.
+    """
     attitude = signals.attitude
     drive = signals.drive
-    if found is None and attitude is not None and drive is not None:
-        rate = Signal(attitude.time, attitude.boot, attitude.rate)
-        found = _peak(signals.axis, spectra(_command(drive, signals.axis), rate, parts))
-    return found
+    if attitude is None or drive is None:
+        return None
+    rate = Signal(attitude.time, attitude.boot, attitude.rate)
+    return _peak(signals.axis, spectra(_command(drive, signals.axis), rate, parts))
 
 
 def _command(drive: Motors, axis: str) -> Signal:
@@ -189,7 +203,7 @@ def _response(signals: Signals, spectra: Spectra | None) -> Resonance | None:
     rows = _longest(known, hertz)
     size = np.abs(response[rows])
     # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
-    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > PROMINENT:
+    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL:
         return None
     at = rows[np.argmax(size)]
     error = np.sqrt((1 - coherence[rows]) / (2 * coherence[rows] * spectra.windows))
@@ -218,25 +232,26 @@ def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:
     )
 
 
-def _peak(axis: str, spectra: Spectra | None) -> Resonance | None:
-    """The peak of the rate that stands out most from the lowest points on both sides, if the motors share it."""
-    if spectra is None or not spectra.rate.all():
+def _peak(axis: str, found: Spectra | None) -> Resonance | None:
+    if found is None or not found.rate.all():
         return None
-    top = HIGHEST * spectra.frequency[-1]
-    rows = np.flatnonzero((spectra.frequency >= SLOWEST_PEAK) & (spectra.frequency <= top))
-    size = np.sqrt(spectra.rate[rows])
-    before = np.minimum.accumulate(size)
-    after = np.minimum.accumulate(size[::-1])[::-1]
-    stands_out = size / np.maximum(before, after)
-    best = int(np.argmax(stands_out))
-    coherence = float(spectra.coherence[rows[best]])
-    if not (stands_out[best] >= PROMINENT and coherence >= FOLLOWED):
+    top = min(HIGHEST * found.frequency[-1], FASTEST_LOOP)
+    rows = np.flatnonzero((found.frequency >= SLOWEST_PEAK) & (found.frequency <= top / SIDES))
+    if not len(rows):
+        return None
+    hertz = found.frequency[rows]
+    size = np.log(found.rate) / 2
+    beside = (np.interp(side, found.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
+    over = np.exp(size[rows] - sum(beside) / 2)
+    best = int(np.argmax(over))
+    coherence = float(found.coherence[rows[best]])
+    if not (over[best] >= PROMINENT and coherence >= FOLLOWED):
         return None
     return Resonance(
         axis=axis,
         by_setpoint=False,
-        peak=float(stands_out[best]),
-        frequency=float(spectra.frequency[rows[best]]),
+        peak=float(over[best]),
+        frequency=float(hertz[best]),
         coherence=coherence,
         highest=float(top),
     )

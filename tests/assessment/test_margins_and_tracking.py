@@ -17,7 +17,7 @@ from mavdem.assessment.margins import margins_light, margins_of
 from mavdem.assessment.tracking import BAD_ERROR, WATCHED_ERROR, tracking_light, tracking_of
 from mavdem.condition.condition import condition_of, settled_parts
 from mavdem.condition.oscillation import Oscillation
-from mavdem.condition.resonance import resonance_of
+from mavdem.condition.resonance import response_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
@@ -86,7 +86,7 @@ def test_a_resonance_is_seen_by_the_response_to_the_setpoint(margin, code, level
     found = evidence(flight(*closed_loop(margin)))
     light = margins_light(found)
     assert (light.code, light.level, light.figures["axis"]) == (code, level, "roll")
-    seen = margins_of(found)[0].resonance
+    seen = margins_of(found)[0].response
     assert seen is not None and seen.by_setpoint
     if level is Level.BAD:
         assert seen.frequency == pytest.approx(10.0, abs=1.0) and seen.coherence > 0.9
@@ -104,14 +104,19 @@ def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
     assert light.code is MarginsLight.MARGINS_UNKNOWN and light.level is Level.UNKNOWN
 
 
-def test_a_peak_that_the_motors_share_stands_out_without_a_setpoint():
-    rate = closed_loop(12.0)[0]
+@pytest.mark.parametrize(("damping", "stands_out"), [(0.1, True), (0.19, False)])
+def test_a_peak_that_the_motors_share_stands_out_without_a_setpoint(damping, stands_out):
+    """Over the line between 2/3 and 3/2 of its frequency it is 1 / (2.4 damping): 4.2 and 2.2, where 3 is much."""
+    rate = closed_loop(np.degrees(np.arctan(2 * damping)))[0]
     telemetry = changed(HOVER.telemetry(parameters=X_QUAD_PARAMETERS), "ATTITUDE", rollspeed=rate)
     flying = (TIME > 6.0) & (HOVER.landed > TIME)
     pulses = np.where(flying, (1500.0 + X_QUAD * 20 * rate[:, None]).T, 1000.0)
     light = margins_light(evidence(with_pulses(telemetry, pulses)))
-    assert (light.code, light.level) == (MarginsLight.RATE_STANDS_OUT, Level.WATCH)
-    assert light.figures["frequency"] == pytest.approx(10.0, abs=1.0)
+    assert (light.code is MarginsLight.RATE_STANDS_OUT) is stands_out
+    if stands_out:
+        assert light.level is Level.WATCH
+        assert light.figures["frequency"] == pytest.approx(10.0, abs=1.0)
+        assert light.figures["ratio"] == pytest.approx(1 / (2.4 * damping), rel=0.25)
 
 
 def test_a_limit_cycle_goes_before_all():
@@ -145,7 +150,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
 def test_the_response_of_ardupilots_rate_loop_is_measured_at_its_own_rate(name, peak, ms):
     """RATE comes at 200 Hz, ATT at 5; the sensitivity by its plant is 4.88."""
     signals = Signals(recorded(f"sitl_raw/{name}.BIN.xz"))
-    seen = resonance_of(signals, settled_parts(signals))
+    seen = response_of(signals, settled_parts(signals))
     assert seen is not None and seen.ms_interval is not None
     assert seen.peak == pytest.approx(peak, rel=0.05)
     assert np.mean(seen.ms_interval) == pytest.approx(ms, rel=0.05)
