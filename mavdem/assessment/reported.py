@@ -145,6 +145,12 @@ def _modes(signals: Signals, part: Segment) -> Iterator[Fact]:
         )
 
 
+def _restarts(signals: Signals, part: Segment) -> Iterator[Fact]:
+    if part.boot > 0:
+        basis = (signals.telemetry.called("ATTITUDE"),)
+        yield Fact(Reported.RESTARTED, Level.WATCH, time=part.start, boot=part.boot, basis=basis)
+
+
 def _failsafes(signals: Signals, part: Segment) -> Iterator[Fact]:
     columns = signals.heartbeats or {}
     if "system_status" in columns:
@@ -236,4 +242,4 @@ def _lasting(
 
 
 STATES = (_arming, _in_the_air, _modes)
-FAULTS = (_failsafes, _detected, _changes, _losses)
+FAULTS = (_restarts, _failsafes, _detected, _changes, _losses)

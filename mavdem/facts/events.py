@@ -40,6 +40,7 @@ class Reported(Code):
     BATTERY_WARNED = auto()
     BATTERY_ALARMED = auto()
     BOARD_VOLTAGE_LOW = auto()
+    RESTARTED = auto()
     FENCE_BREACHED = auto()
     FAILSAFE = auto()
     AUTOPILOT_ERROR = auto()

@@ -225,6 +225,14 @@ def test_a_sensor_that_is_used_and_not_healthy_failed():
     assert (fact.subject, fact.time, fact.until) == ("barometer", 20.0, 24.0)
 
 
+def test_a_second_boot_is_a_restart():
+    beats = FLOWN.messages["HEARTBEAT"]
+    later = {name: np.append(column, column) for name, column in beats.items()}
+    later["boot"] = np.repeat([0, 1], len(beats["time"]))
+    (fact,) = events(changed(FLOWN, "HEARTBEAT", **later), Reported.RESTARTED)
+    assert (fact.time, fact.figures["boot"], fact.level) == (0.0, 1, Level.WATCH)
+
+
 # As pymavlink and pyulog read them.
 RECORDED = {
     "crash_errors_without_time.BIN": (203.69, Reported.CRASH_DETECTED, ""),
