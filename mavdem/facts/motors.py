@@ -75,5 +75,6 @@ class Trim(Code):
     TRIM_OF_CENTRE = auto()
     TRIM_OF_ONE_MOTOR = auto()
     TRIM_OF_SEVERAL = auto()
+    TRIM_UNSURE = auto()
     TRIM_UNKNOWN = auto()
     TRIM_OF_UNKNOWN_PLACES = auto()

@@ -114,8 +114,9 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     runs = []
     seconds = 0.0
     segments = sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start))
+    steady_of = {boot: steady(signals, boot) for boot in {segment.boot for segment in segments}}
     for segment in segments:
-        spans = both([(segment.start, segment.end)], steady(signals, segment.boot))
+        spans = both([(segment.start, segment.end)], steady_of[segment.boot])
         seconds += total(spans)
         here = within(motors, *(Segment(segment.boot, *span) for span in spans))
         time = motors.time[here]

@@ -40,7 +40,10 @@ def trim_of_signals(signals: Signals) -> Fact | None:
 
 
 def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
-    """Returns by which pattern the motors of a ``layout`` work unevenly: GOOD where surely none does by ``UNEVEN``."""
+    """Returns by which pattern the motors of a ``layout`` surely work unevenly, by ``UNEVEN``; GOOD where none does.
+
+    UNKNOWN where that would not show.
+    """
     if balance is None or balance.seconds < LEAST_SECONDS:
         return Fact(Trim.TRIM_UNKNOWN, least_duration=LEAST_SECONDS)
     if not np.isfinite(balance.mean).all():
@@ -55,6 +58,8 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     most = int(np.argmax(np.abs(apart) - half))
     known = {"shift": level, "deviation": apart[most], "half": half[most]}
     known["assumed"] = layout.positions_assumed
+    if half.max() > UNEVEN >= abs(apart[most]) - half[most]:
+        return Fact(Trim.TRIM_UNSURE, **known)
     if abs(apart[most]) - half[most] <= UNEVEN:
         return Fact(Trim.TRIM_EVEN, Level.GOOD, **known)
     scale = np.sqrt(SCATTER**2 + error**2)

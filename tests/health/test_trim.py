@@ -77,7 +77,12 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
     sure = trim_of(flown((0, 0, UNEVEN + 1.1 * np.sqrt(3) * half), error=1e-2), layout())
     assert sure.level is Level.WATCH
     # Steady wind leans the vehicle, and asks for torque too.
-    assert trim_of(flown((0.0, 0.12, 0.0), lean=(0, -9)), layout()).code is Trim.TRIM_EVEN
+    wind = trim_of(flown((0.0, 0.12, 0.0), lean=(0, -9)), layout())
+    assert (wind.code, wind.level) == (Trim.TRIM_UNSURE, Level.UNKNOWN)
+    # What is known to 8 % is even.
+    known = UNEVEN / 1.645 / np.sqrt(3)
+    for share, code in ((0.99, Trim.TRIM_EVEN), (1.01, Trim.TRIM_UNSURE)):
+        assert trim_of(flown((0, 0, 0), error=share * known), layout()).code is code
 
 
 def test_nothing_is_said_of_little_flight_or_without_the_places():
