@@ -111,6 +111,14 @@ class LogAnalysis:
     signals: Signals | None = None
 
     @property
+    def axis_figures(self) -> dict[str, AxisFigures]:
+        """The physical parameters of each axis that they were estimated of, with the model or for all axes."""
+        if self.vehicle.axes or self.learned is None:
+            return self.vehicle.axes
+        known = self.learned.physical, self.learned.wind_torque, self.learned.physical_reason
+        return {self.verdict.axis: AxisFigures(self.flights, *known)}
+
+    @property
     def model(self) -> str | None:
         """Which model can be learned: "full", "slow motion", or None."""
         return "full" if self.verdict.learnable else None if self.learned is None else "slow motion"

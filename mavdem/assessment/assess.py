@@ -16,8 +16,9 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.analysis.analysis import StepProgress, silent
-from mavdem.analysis.figures import ALL, axis_figures
+from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
+from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge, unjudged
@@ -203,11 +204,13 @@ def assess_signals(
     for name in further:
         analyses[name] = analyse(log, name, options, signals=signals, other_axis=analysis)
     loops = dict[str, Loop | Fact]()
-    with progress("Identifying the loops") as done:
-        for name in AXES:
-            figures = _figures(log, signals, name, analyses)
+    for one in analyses.values():
+        for name, figures in one.axis_figures.items():
             loops[name] = loop_by(figures, Record.of(figures.flights) if figures.flights else None)
-            done(len(loops) / len(AXES))
+    options = options or Options()
+    with progress("Identifying the loops", measured=False):
+        rest = [name for name in AXES if name not in loops]
+        loops |= loops_of_axes(log, signals.about(AXES[0], options.inputs), rest, options.start)
     events = [*reported_events(signals), *motion_events(signals)]
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
@@ -225,20 +228,6 @@ def assess_signals(
     )
     judgement = judge(evidence, analysis.findings.purposes)
     return Assessment(log, judgement, evidence, analyses)
-
-
-def _figures(
-    log: Log, signals: Signals, axis: str, analyses: Mapping[str, LogAnalysis]
-) -> AxisFigures:
-    """The physical parameters of an axis, by the analyses where they have them."""
-    for name, analysis in analyses.items():
-        learned = analysis.learned
-        if axis in analysis.vehicle.axes:
-            return analysis.vehicle.axes[axis]
-        if learned is not None and name == axis:
-            known = learned.physical, learned.wind_torque, learned.physical_reason
-            return AxisFigures(analysis.flights, *known)
-    return axis_figures(signals.about(axis), log.components)
 
 
 def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:

@@ -10,16 +10,13 @@ import click
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
+from mavdem.analysis import Options
 from mavdem.analysis.figures import ALL
-from mavdem.analysis.loops import loops_of_axes
-from mavdem.assessment.ending import ending_of
+from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.grounding import grounds_of
-from mavdem.assessment.motion import motion_events
-from mavdem.assessment.reported import reported_events
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
-from mavdem.condition.condition import condition_of
 from mavdem.condition.loop.loop import TARGETS, Advice, Loop, advise
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -27,6 +24,7 @@ from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
+from mavdem.report.screen import conclusion
 
 REAL32 = 9  # MAV_PARAM_TYPE_REAL32
 
@@ -78,12 +76,14 @@ def tune_command(
     if out is not None:
         check_folder(out, names)
     signals = Signals(telemetry, inputs=inputs)
-    with progress("Identifying the loops", measured=False):
-        loops = loops_of_axes(log, signals, AXES if axis == ALL else (axis,), start)
-    events = *reported_events(signals), *motion_events(signals)
-    grounds = grounds_of(condition_of(signals), events, ending_of(signals, events))
+    options = Options(vehicle, inputs, start=start, whole=False)
+    assessment = assess_signals(log, signals, AXES[0], options, progress=progress)
+    evidence = assessment.evidence
+    assert evidence is not None
+    grounds = grounds_of(evidence.condition, evidence.events, evidence.ending)
     found = dict[str, Advice | Fact]()
-    for one, loop in loops.items():
+    for one in AXES if axis == ALL else (axis,):
+        loop = evidence.loops[one]
         if isinstance(loop, Loop):
             found[one] = advise(loop, margins, grounds)
         elif grounds or axis == ALL:
@@ -101,8 +101,10 @@ def tune_command(
         "axes": {name: axis_document(one) for name, one in found.items()},
         "parameters": gains,
     }
+    document |= assessment.judgement._asdict()
     document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
-    print_result(document, tune_blocks(found), as_json)
+    blocks = [*conclusion(assessment.judgement), *tune_blocks(found)]
+    print_result(document, blocks, as_json)
     if out is not None:
         texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
         with files_in(out, names) as paths:

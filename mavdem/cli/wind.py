@@ -6,8 +6,11 @@ from pathlib import Path
 
 import click
 
+from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
+from mavdem.analysis import Options
+from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import file_option, read_source, vehicle_option
 from mavdem.cli.output import print_result
 from mavdem.condition.inventory import identity_of
@@ -16,6 +19,7 @@ from mavdem.facts.online import DragSource
 from mavdem.fleet.priors import earlier_drag
 from mavdem.report.blocks import Table
 from mavdem.report.condition import wind_blocks
+from mavdem.report.screen import conclusion
 
 SOURCES = {
     DragSource.POPULATION: "other vehicles",
@@ -39,12 +43,15 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
     --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
     """
-    signals = Signals(choose_vehicle(read_source(source).vehicles, vehicle))
+    log = read_source(source)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle))
     wind = wind_of(signals)
+    assessment = assess_signals(log, signals, AXES[0], Options(whole=False))
     if prior is not None:
         wind = wind_of(signals, earlier_drag(prior, identity_of(signals).name, wind.speed))
     drag = wind.drag
-    blocks = wind_blocks((wind, signals.autopilot_wind, None))
+    blocks = conclusion(assessment.judgement)
+    blocks += wind_blocks((wind, signals.autopilot_wind, None))
     for header, name, rows in (
         ("Time (s)", "start", wind.minutes),
         ("Height (m)", "height", wind.profile),
@@ -63,4 +70,5 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     }
     table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
     blocks += [Table([f"Drag, from {SOURCES[drag.source]}", "value", "from", "to"], table)]
-    print_result(wind.as_dict() | {"parameters": settings}, blocks, as_json)
+    document = assessment.judgement._asdict() | wind.as_dict() | {"parameters": settings}
+    print_result(document, blocks, as_json)

@@ -116,6 +116,21 @@ OneFact = Annotated[Sentence | None, BeforeValidator(_fact)]
 Facts = Annotated[list[Sentence], BeforeValidator(_facts)]
 
 
+class Judged(Document):
+    """What is judged of the flight."""
+
+    headline: Said
+    """the worst that was found, or how the flight was lost, one sentence"""
+    headline_fact: OneFact = fact_in("headline")
+    """headline as a fact; null where there is none"""
+    lights: dict[str, Sentence]
+    """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
+    next_step: Said
+    """what to do next, one sentence"""
+    next_step_fact: OneFact = fact_in("next_step")
+    """next_step as a fact; null where there is none"""
+
+
 class Error(Document):
     """Why there is no result."""
 

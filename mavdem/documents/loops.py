@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Error, Facts, OneFact, Said, fact_in, facts_in
+from mavdem.documents.document import (
+    Document,
+    Error,
+    Facts,
+    Judged,
+    OneFact,
+    Said,
+    fact_in,
+    facts_in,
+)
 from mavdem.documents.wind import Drag
 from mavdem.units import (
     AngularRate,
@@ -158,7 +167,7 @@ class AxisAdvice(Document):
     """noise of the gyro in the demand"""
 
 
-class Tune(Document):
+class Tune(Judged):
     """`--json` of tune."""
 
     source: str

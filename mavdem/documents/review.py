@@ -6,7 +6,7 @@ from typing import Any
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop
-from mavdem.condition.loop.loop import Loop as LoopFigures
+from mavdem.assessment.margins import margins_of
 from mavdem.documents.document import Document, OneFact, Sentence
 from mavdem.documents.flight import Report, report_of
 from mavdem.documents.loops import Loop
@@ -28,9 +28,11 @@ class Resonance(Document):
     """The strongest resonance of the rate."""
 
     peak: Number
-    """largest gain from setpoint to rate"""
+    """largest gain from setpoint to rate or, without a setpoint, of the spectrum over what surrounds it"""
     frequency: Hertz
     """where that is"""
+    coherence: Number
+    """there, of the rate with its setpoint or with the motors"""
 
 
 class Axis(Document):
@@ -55,6 +57,8 @@ class Review(Document):
     """the worst that was found, or how the flight was lost"""
     next_step: Sentence
     """what to do about it"""
+    simulated: OneFact
+    """that the flight was simulated; null where nothing in the log shows it"""
     lights: dict[str, Sentence]
     """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
     events: list[Sentence]
@@ -82,9 +86,10 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
     return {
         "source": assessment.log.source,
         **assessment.of_documents,
+        "simulated": assessment.simulated,
         "identity": analysis and analysis.identity,
         "condition": analysis and analysis.condition,
-        "axes": {axis: _axis(loop) for axis, loop in assessment.loops.items()},
+        "axes": axes_of(assessment),
         "wind": wind,
         "model": None if assessment.model is None else report_of(assessment),
         "spectra": assessment.spectra,
@@ -92,7 +97,16 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
     }
 
 
-def _axis(loop: LoopFigures | NoLoop) -> dict[str, Any]:
-    if isinstance(loop, NoLoop):
-        return {"loop": None, "refusal": loop.refusal, "step_response": None, "resonance": None}
-    return {"loop": loop, "refusal": None, "step_response": loop.measured, "resonance": None}
+def axes_of(assessment: Assessment) -> dict[str, Any]:
+    """Returns what is known of each axis."""
+    margins = () if assessment.evidence is None else margins_of(assessment.evidence)
+    resonances = {one.axis: one.resonance for one in margins}
+    axes = {}
+    for axis, loop in assessment.loops.items():
+        known: dict[str, Any] = {"loop": None, "refusal": None, "step_response": None}
+        if isinstance(loop, NoLoop):
+            known["refusal"] = loop.refusal
+        else:
+            known |= {"loop": loop, "step_response": loop.measured}
+        axes[axis] = known | {"resonance": resonances.get(axis)}
+    return axes

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Facts, OneFact, Said, Sentence, fact_in, facts_in
+from mavdem.documents.document import (
+    Document,
+    Facts,
+    Judged,
+    OneFact,
+    Said,
+    Sentence,
+    fact_in,
+    facts_in,
+)
 from mavdem.units import (
     Acceleration,
     Amperes,
@@ -397,15 +406,9 @@ class Finding(Document):
     """reason as a fact; null where there is none"""
 
 
-class Findings(Document):
+class Findings(Judged):
     """Findings."""
 
-    headline: Said
-    """the worst that was found, or how the flight was lost, one sentence"""
-    headline_fact: OneFact = fact_in("headline")
-    """headline as a fact; null where there is none"""
-    lights: dict[str, Sentence]
-    """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
     events: list[Sentence]
     """what happened, in order"""
     overrides: list[Override]
@@ -416,7 +419,3 @@ class Findings(Document):
     """what must be known before the model is used"""
     warnings_facts: Facts = facts_in("warnings")
     """warnings as facts"""
-    next_step: Said
-    """what to do next, one sentence"""
-    next_step_fact: OneFact = fact_in("next_step")
-    """next_step as a fact; null where there is none"""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Said
+from mavdem.documents.document import Document, Judged, Said
 from mavdem.units import Degrees, Metres, Number, OfParameter, PerMetre, PerSecond, Seconds, Speed
 
 
@@ -92,7 +92,7 @@ class WindVelocity(Document):
     """whether still air is likely as well"""
 
 
-class Wind(WindVelocity):
+class Wind(Judged, WindVelocity):
     """`--json` of wind."""
 
     parameters: dict[str, list[OfParameter]]

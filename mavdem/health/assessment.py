@@ -13,7 +13,6 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
@@ -270,7 +269,9 @@ class Candidates:
         spread[shifted, 2] = spread[shifted, 0] * away.lean
         scale = np.sqrt(away.scale**2 + changed[:, None] * away.centre_error**2 + spread**2)
         scales = (away.change - self.change - self.centre * away.centre_error) / scale
-        likelihood = (stats.t.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)
+        from scipy.stats import t as student  # it takes half a second to import
+
+        likelihood = (student.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)
         likelihood[weak][(np.abs(scales[weak]) > MAX_MISFIT).any(axis=1)] = -np.inf
         posterior = prior * np.exp(likelihood - likelihood.max())
         posterior /= posterior.sum()
@@ -367,7 +368,9 @@ def effort_change(
     # All flights share the error of the mean: without a change it is a candidate, as in the balance.
     expected = np.append(CENTRE_ERRORS * centre_error, np.zeros_like(sizes))
     scale = np.sqrt(scatter + np.append(np.zeros_like(CENTRE_ERRORS), centre_error**2 + sizes**2))
-    posterior = prior * stats.t.pdf((more - expected) / scale, freedom) / scale
+    from scipy.stats import t as student  # it takes half a second to import
+
+    posterior = prior * student.pdf((more - expected) / scale, freedom) / scale
     posterior /= posterior.sum()
     usual = float(quantile(LEVEL, freedom) * np.hypot(np.sqrt(scatter), centre_error))
     return EffortChange(

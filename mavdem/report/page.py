@@ -325,14 +325,17 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> I
 
 
 def _loop_chapters(loops: Mapping[str, Loop | NoLoop]) -> Iterator[Chapter]:
-    """The margins of each axis, with a picture of its loops, or why they are not known."""
+    """The margins of each axis, or why they are not known; a picture of the loops with the least."""
+    known = [loop for loop in loops.values() if isinstance(loop, Loop)]
+    weakest = min(known, key=lambda loop: loop.rate.phase_margin, default=None)
     for axis, loop in loops.items():
         title = f"Control loops of {axis}"
         if isinstance(loop, NoLoop):
             yield Chapter(title, [Sentence(advised(loop.refusal), "No margins:")])
-        else:
-            blocks = [Sentence(str(margin_rating(loop)), "Margins:"), *margin_tables({"now": loop})]
-            yield Chapter(title, blocks, [loop_picture(loop)._replace(printed=False)])
+            continue
+        blocks = [Sentence(str(margin_rating(loop)), "Margins:"), *margin_tables({"now": loop})]
+        pictures = [loop_picture(loop)._replace(printed=False)] if loop is weakest else []
+        yield Chapter(title, blocks, pictures)
 
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
