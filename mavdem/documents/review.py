@@ -100,7 +100,7 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
 def axes_of(assessment: Assessment) -> dict[str, Any]:
     """Returns what is known of each axis."""
     margins = () if assessment.evidence is None else margins_of(assessment.evidence)
-    resonances = {one.axis: one.resonance for one in margins}
+    resonances = {one.axis: one.response or one.peak for one in margins}
     axes = {}
     for axis, loop in assessment.loops.items():
         known: dict[str, Any] = {"loop": None, "refusal": None, "step_response": None}
