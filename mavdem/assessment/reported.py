@@ -25,11 +25,11 @@ FIX_3D = 3  # of GPS_FIX_TYPE
 CHARGE_STATES = {2: Reported.BATTERY_WARNED, 3: Reported.BATTERY_ALARMED}
 """Of MAV_BATTERY_CHARGE_STATE, and what is worse is critical too."""
 DETECTED = {
-    "fd_roll": (Reported.ATTITUDE_FAILED, "roll"),
-    "fd_pitch": (Reported.ATTITUDE_FAILED, "pitch"),
-    "fd_alt": (Reported.ALTITUDE_FAILED, ""),
-    "fd_motor": (Reported.MOTOR_FAILED, ""),
-    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, ""),
+    "fd_roll": (Reported.ATTITUDE_FAILED, Level.BAD, "roll"),
+    "fd_pitch": (Reported.ATTITUDE_FAILED, Level.BAD, "pitch"),
+    "fd_alt": (Reported.ALTITUDE_FAILED, Level.BAD, ""),
+    "fd_motor": (Reported.MOTOR_FAILED, Level.BAD, ""),
+    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, Level.WATCH, ""),
 }
 HEALTH = {
     0: (Reported.SENSOR_FAILED, "gyro"),
@@ -162,10 +162,15 @@ def _detected(signals: Signals, part: Segment) -> Iterator[Fact]:
     """What PX4's failure detector found."""
     name = "failure_detector_status"
     columns = signals.telemetry.messages.get(name, {})
-    for field, (code, subject) in DETECTED.items():
+    for field, meant in DETECTED.items():
         if field in columns:
-            failed = columns[field] > 0
-            yield from _lasting(signals, part, name, columns, failed, code, Level.BAD, subject)
+            yield from _lasting(signals, part, name, columns, columns[field] > 0, *meant)
+    if "motor_failure_mask" in columns:
+        mask = columns["motor_failure_mask"].astype(np.int64)
+        for motor in np.flatnonzero(np.bitwise_or.reduce(mask) >> np.arange(16) & 1).tolist():
+            failed = mask >> motor & 1 > 0
+            meant = (Reported.MOTOR_FAILED, Level.BAD, f"motor {motor + 1}")
+            yield from _lasting(signals, part, name, columns, failed, *meant)
 
 
 def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:

@@ -162,8 +162,9 @@ STATES = {
     "BATTERY_STATUS": ("charge_state", 1, 4, Reported.BATTERY_ALARMED),
 }
 DETECTED = {
-    "fd_pitch": (Reported.ATTITUDE_FAILED, "pitch"),
-    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, ""),
+    "fd_pitch": (Reported.ATTITUDE_FAILED, Level.BAD, "pitch"),
+    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, Level.WATCH, ""),
+    "motor_failure_mask": (Reported.MOTOR_FAILED, Level.BAD, "motor 3"),
 }
 
 
@@ -178,11 +179,11 @@ def test_what_is_lost_or_low_while_armed_has_its_span(message):
 
 
 @pytest.mark.parametrize("field", DETECTED)
-def test_what_the_failure_detector_found_is_bad(field):
-    detected = columns(TIMES, **{field: LOST})
-    found = reported_events(Signals(changed(FLOWN, "failure_detector_status", **detected)))
-    (fact,) = (fact for fact in found if fact.level is Level.BAD)
-    assert (fact.code, fact.subject) == DETECTED[field]
+def test_what_the_failure_detector_found(field):
+    code, level, subject = DETECTED[field]
+    detected = columns(TIMES, **{field: np.where(LOST, 4, 0)})
+    (fact,) = events(changed(FLOWN, "failure_detector_status", **detected), code)
+    assert (fact.level, fact.subject, fact.time, fact.until) == (level, subject, 20.0, 24.0)
 
 
 def test_what_is_said_while_disarmed_is_not_bad():
