@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
-from mavdem.dem.engine.free_energy import add_blocks, state_curvature, theta_curvature
+from mavdem.dem.engine.free_energy import state_curvature, theta_curvature
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, derivative_operator
 from mavdem.dem.engine.linalg import solve
+from mavdem.dem.engine.model import unpack
 
 Array = NDArray[np.float64]
 
@@ -81,10 +82,8 @@ def internal_slope(
     model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array
 ) -> Array:
     """Ū_θ (k,)."""
-    slope, curvature = _regression(model, at.joint, weights)
-    return (
-        slope + curvature @ theta - model.prior.theta_precision @ (theta - model.prior.theta_mean)
-    )
+    pull = model.prior.theta_precision @ (theta - model.prior.theta_mean)
+    return model.parameter_slope(weights, at.products(theta)) - pull
 
 
 def mean_field(
@@ -93,24 +92,8 @@ def mean_field(
     """Their gradient (k,) and curvature (k, k) in θ of one sample's W of the states: half of what they are."""
     spread = np.zeros((model.hidden.start + len(state_precision),) * 2)
     spread[model.hidden, model.hidden] = truncated_inverse(state_precision)
-    slope, curvature = _regression(model, spread, weights)
-    return 0.5 * (slope + curvature @ theta), 0.5 * curvature
-
-
-def _regression(model: GenerativeModel, joint: Array, weights: Array) -> tuple[Array, Array]:
-    """−½ Σ ε̃ᵀΠ̃ε̃ as a function of θ: its slope at θ = 0 and its curvature, of second moments ``joint``."""
-    regression = model.regression(joint)
-    rows = model.parameter_rows
-    k = len(model.prior.theta_mean)
-    of_w = weights[model.state_groups]
-    of_z = weights[model.output_groups]
-    slope = np.zeros(k)
-    curvature = np.zeros((k, k))
-    slope[rows.dynamics] = of_w[:, None] * regression.slopes
-    slope[rows.observation] = of_z[:, None] * regression.outputs
-    add_blocks(curvature, rows.dynamics, -np.multiply.outer(of_w, regression.regressors))
-    add_blocks(curvature, rows.observation, -np.multiply.outer(of_z, regression.states))
-    return slope, curvature
+    slope = model.parameter_slope(weights, model.error_operator(theta) @ spread)
+    return 0.5 * slope, -0.5 * model.parameter_precision(weights, spread)
 
 
 def e_step(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array) -> Array:
@@ -139,8 +122,9 @@ def expected_errors(
     x = X[:, : n * (p + 1)].reshape(number, p + 1, n)
     v = np.zeros((number, p + 1, model.r))
     v[:, : d + 1] = X[:, n * (p + 1) :].reshape(number, d + 1, model.r)
-    of_w = (model.parameter_rows.dynamics, np.dstack([x, v]))
-    of_z = (model.parameter_rows.observation, x)
+    A, B, C = unpack(np.arange(len(theta)), *model.sizes)
+    of_w = (np.hstack([A, B]), np.dstack([x, v]))
+    of_z = (C, x)
     precision = np.zeros((number, len(theta), len(theta)))
     for (rows, regressors), S, noise in (
         (of_w, model.state_correlation, weights[model.state_groups]),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
-from mavdem.dem.engine.linalg import Array, Indices, logdet
+from mavdem.dem.engine.linalg import Array, logdet
 from mavdem.facts.fact import InWords
 
 
@@ -75,7 +75,7 @@ class SampleEnergy(NamedTuple):
         prior = model.prior
         # W^λ and W^θ of a sample are quadratic in its errors and in its X.
         precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
-        uncertainty = parameter_uncertainty(model, belief.theta_covariance, np.exp(lambda_))
+        uncertainty = model.state_uncertainty(np.exp(lambda_), belief.theta_covariance)
         priors = 0.0
         for mean, covariance, about, certainty in (
             (theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
@@ -134,65 +134,8 @@ def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Arr
 
 
 def theta_curvature(model: GenerativeModel, moments: GeneralizedMoments, weights: Array) -> Array:
-    """Ū_θθ (k, k): each row of [A B] and of C is a regression of its own, coupled only by the prior."""
-    curvature = -model.prior.theta_precision
-    regression = moments.regression
-    rows = model.parameter_rows
-    add_blocks(
-        curvature,
-        rows.dynamics,
-        -np.multiply.outer(weights[model.state_groups], regression.regressors),
-    )
-    add_blocks(
-        curvature,
-        rows.observation,
-        -np.multiply.outer(weights[model.output_groups], regression.states),
-    )
-    return curvature
-
-
-def parameter_uncertainty(model: GenerativeModel, theta_covariance: Array, weights: Array) -> Array:
-    """M with −½ XᵀM X the data's share of W^θ: an uncertain parameter makes the states it multiplies expensive."""
-    n = model.n
-    r = model.r
-    rows = model.parameter_rows
-    dynamics = _sum(weights[model.state_groups], blocks(theta_covariance, rows.dynamics))
-    observation = _sum(weights[model.output_groups], blocks(theta_covariance, rows.observation))
-    x = n * (model.p + 1)
-    v = r * (model.d + 1)
-    curvature = np.zeros((x + v, x + v))
-    curvature[:x, :x] = _kron(model.output_correlation, observation)
-    S = model.state_correlation
-    both = min(model.q, model.d) + 1
-    at_x = slice(0, n * (model.q + 1))
-    at_v = slice(x, x + r * both)
-    curvature[at_x, at_x] += _kron(S, dynamics[:n, :n])
-    cross = _kron(S[:, :both], dynamics[:n, n:])
-    curvature[at_x, at_v] += cross
-    curvature[at_v, at_x] += cross.T
-    curvature[at_v, at_v] += _kron(S[:both, :both], dynamics[n:, n:])
-    return curvature
-
-
-def _sum(weights: Array, matrices: Array) -> Array:
-    """Σⱼ weights[j] · matrices[j]."""
-    return (weights @ matrices.reshape(len(weights), -1)).reshape(matrices.shape[1:])
-
-
-def _kron(left: Array, right: Array) -> Array:
-    """``numpy.kron`` of two matrices, without the generality that takes ten times as long."""
-    product = left[:, None, :, None] * right[None, :, None, :]
-    return product.reshape(left.shape[0] * right.shape[0], left.shape[1] * right.shape[1])
-
-
-def blocks(matrix: Array, rows: Indices) -> Array:
-    """The square blocks of ``matrix`` at the places ``rows`` (j, size): (j, size, size)."""
-    return matrix[rows[:, :, None], rows[:, None, :]]
-
-
-def add_blocks(matrix: Array, rows: Indices, added: Array) -> None:
-    """Adds ``added[j]`` to ``matrix`` at the places ``rows[j]``, for every j."""
-    matrix[rows[:, :, None], rows[:, None, :]] += added
+    """Ū_θθ (k, k)."""
+    return -model.prior.theta_precision - model.parameter_precision(weights, moments.joint)
 
 
 def lambda_curvature(

@@ -202,14 +202,14 @@ class GenerativeModel:
 
     def error_operator(self, theta: Array) -> Array:
         """E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the three prediction errors below Eq. ``free_E``, stacked."""
-        fixed, places, parameters = self._operator_parts
+        fixed, (rows, columns, parameters) = self._operator_parts
         operator = fixed.copy()
-        operator.flat[places] = -theta[parameters]
+        operator[rows, columns] = -theta[parameters]
         return operator
 
     @cached_property
-    def _operator_parts(self) -> tuple[Array, Indices, Indices]:
-        """E at θ = 0, the flat places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
+    def _operator_parts(self) -> tuple[Array, tuple[Indices, Indices, Indices]]:
+        """E at θ = 0; rows and columns of the places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
         n, r, m = self.sizes
         of_y, of_v, of_x = self.errors
         y, v = of_y.stop, of_v.stop - of_v.start
@@ -232,8 +232,45 @@ class GenerativeModel:
         number[of_y, at_x] = np.kron(np.eye(p, dtype=int), C)
         number[of_x, at_x] = np.kron(np.eye(q, p, dtype=int), A)
         number[of_x, at_v] = np.kron(np.eye(q, d, dtype=int), B)
-        places = np.flatnonzero(number)
-        return fixed, places, number.flat[places] - 1
+        rows, columns = np.nonzero(number)
+        return fixed, (rows, columns, number[rows, columns] - 1)
+
+    def _pairs(self, precision: Array, moments: Array) -> Array:
+        """(P, P) precision of the errors times moments of what parameters multiply, of each pair of places in E."""
+        _, (rows, columns, _) = self._operator_parts
+        return precision[np.ix_(rows, rows)] * moments[np.ix_(columns, columns)]
+
+    @cached_property
+    def _of_parameters(self) -> Array:
+        """(P, k) 1 where a place in E holds a parameter: adds up places by parameter."""
+        _, (_, _, parameters) = self._operator_parts
+        return np.eye(len(self.prior.theta_mean))[parameters]
+
+    def parameter_precision(self, weights: Array, joint: Array) -> Array:
+        """(k, k) curvature by θ of ½ Σ ε̃ᵀ Π̃ ε̃, for noise precisions e^λ and second moments of [ỹ; η̃; X]."""
+        each = self._pairs(self.precision(weights), joint)
+        return np.asarray(self._of_parameters.T @ each @ self._of_parameters)
+
+    def parameter_slope(self, weights: Array, products: Array) -> Array:
+        """(k,) slope by θ of −½ Σ ε̃ᵀ Π̃ ε̃, for noise precisions e^λ and second moments of ε̃ with [ỹ; η̃; X]."""
+        _, (rows, columns, _) = self._operator_parts
+        return np.asarray((self.precision(weights) @ products)[rows, columns] @ self._of_parameters)
+
+    def state_uncertainty(self, weights: Array, theta_covariance: Array) -> Array:
+        """(dim X, dim X) M with −½ XᵀM X the share of W^θ that a sample's X makes."""
+        _, (rows, columns, parameters) = self._operator_parts
+        unit = self.precision(weights)[np.ix_(rows, rows)]
+        each = unit * theta_covariance[np.ix_(parameters, parameters)]
+        size = self.n * (self.p + 1) + self.r * (self.d + 1)
+        of_states = np.eye(size)[columns - self.hidden.start]
+        return np.asarray(of_states.T @ each @ of_states)
+
+    def parameter_spread(self, joint: Array, theta_covariance: Array) -> Array:
+        """Σ ε̃ᵀ (S⊗Ω_g) ε̃ that the uncertainty of θ adds for each λ, (g,), for second moments of [ỹ; η̃; X]."""
+        unit, groups = self._precision_parts
+        _, (rows, _, parameters) = self._operator_parts
+        each = self._pairs(unit, joint) * theta_covariance[np.ix_(parameters, parameters)]
+        return np.asarray(np.bincount(groups[rows], each.sum(axis=0)), np.float64)
 
     def precision(self, weights: Array) -> Array:
         """Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
@@ -257,17 +294,10 @@ class GenerativeModel:
         return unit, groups
 
     @cached_property
-    def group_sum(self) -> Array:
-        """(g, m + n): 1 where an output's or a state's noise has that entry of λ; adds up components by λ."""
-        groups = np.concatenate([self.output_groups, self.state_groups])
-        return np.asarray(groups == np.arange(groups.max() + 1)[:, None], float)
-
-    @cached_property
     def log_precision_slope(self) -> Array:
         """∂ ln|Π̃| / ∂λ, (g,): ln|Π̃| is linear in λ."""
-        return np.asarray(
-            self.group_sum @ np.repeat([self.p + 1.0, self.q + 1.0], [self.m, self.n])
-        )
+        _, groups = self._precision_parts
+        return np.bincount(groups[groups >= 0]).astype(np.float64)
 
     @cached_property
     def log_precision_at_zero(self) -> float:
@@ -281,54 +311,10 @@ class GenerativeModel:
 
     def squared_errors(self, moments: Array) -> Array:
         """Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,), of second moments Σ ε̃ε̃ᵀ of the errors."""
-        of_y, _, of_x = self.errors
-        outputs = _by_component(self.output_correlation, moments[of_y, of_y], self.m)
-        states = _by_component(self.state_correlation, moments[of_x, of_x], self.n)
-        return np.asarray(self.group_sum @ np.concatenate([outputs, states]))
-
-    def regression(self, joint: Array) -> Regression:
-        """What the regressions of Dx̃ on [x̃; ṽ] and of ỹ on x̃ need of second moments of [ỹ; η̃; X]."""
-        # One row and column of zeros stands for every derivative beyond the embedding.
-        padded = np.zeros((len(joint) + 1, len(joint) + 1))
-        padded[:-1, :-1] = joint
-        both, slope, states, outputs = self.orders
-        S = self.state_correlation
-        dynamics = _contract(S, padded, np.hstack([both, slope]), both)
-        S = self.output_correlation
-        observation = _contract(S, padded, np.hstack([states, outputs]), states)
-        n = self.n
-        size = n + self.r
-        return Regression(dynamics[:size], dynamics[size:], observation[:n], observation[n:])
-
-    @cached_property
-    def parameter_rows(self) -> ParameterRows:
-        """Where θ holds the parameters of each noise component."""
-        n, r, m = self.sizes
-        A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
-        return ParameterRows(np.hstack([A, B]), C)
-
-    @cached_property
-    def orders(self) -> tuple[Indices, ...]:
-        """Places, in the joint vector, of [x; v], x′, x and y of each order: (orders, components) each."""
-        start = self.hidden.start
-        x = start + np.arange(self.n * (self.p + 1)).reshape(-1, self.n)
-        v = start + x.size + np.arange(self.r * (self.d + 1)).reshape(-1, self.r)
-        beyond = start + x.size + v.size
-        x_and_beyond = np.vstack([x, np.full((1, self.n), beyond)])
-        v_and_beyond = np.vstack([v, np.full((max(self.q - self.d, 0), self.r), beyond)])
-        q = self.q + 1
-        both = np.hstack([x[:q], v_and_beyond[:q]])
-        y = np.arange(self.m * (self.p + 1)).reshape(-1, self.m)
-        return both, x_and_beyond[1 : q + 1], x, y
-
-
-class Regression(NamedTuple):
-    """S-weighted second moments over orders; each noise component's parameters are one row of a regression."""
-
-    regressors: Array  # (n + r, n + r) of [x; v], for the rows of [A B]
-    slopes: Array  # (n, n + r) of x′ with [x; v]
-    states: Array  # (n, n) of x, for the rows of C
-    outputs: Array  # (m, n) of y with x
+        unit, groups = self._precision_parts
+        noisy = groups >= 0
+        squares = np.bincount(groups[noisy], (unit * moments).sum(axis=0)[noisy])
+        return np.asarray(squares, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,10 +338,9 @@ class GeneralizedMoments:
         """The matrix of moments."""
         return self.stack @ self.gram @ self.stack.T
 
-    @cached_property
-    def regression(self) -> Regression:
-        """The regressions' part of them; made once, for all steps until X moves again."""
-        return self.model.regression(self.joint)
+    def products(self, theta: Array) -> Array:
+        """Σ_t ε̃ [ỹ; η̃; X]ᵀ."""
+        return self.model.error_operator(theta) @ self.stack @ self.gram @ self.stack.T
 
     def errors(self, theta: Array) -> Array:
         """Σ_t ε̃ε̃ᵀ; the errors are taken before the moments, since they are far smaller than what they lie between."""
@@ -375,25 +360,3 @@ class GeneralizedMoments:
             )
         assert self._latest is not None
         return self._latest[1:]
-
-
-class ParameterRows(NamedTuple):
-    """Places in θ of each row of [A B], (n, n + r), and of each row of C, (m, n)."""
-
-    dynamics: Indices
-    observation: Indices
-
-
-def _contract(correlation: Array, joint: Array, left: Indices, right: Indices) -> Array:
-    """Σᵢⱼ Sᵢⱼ · moments between the components of order i on the left and of order j on the right."""
-    blocks = joint[left.ravel()[:, None], right.ravel()[None, :]].reshape(*left.shape, *right.shape)
-    return np.asarray(np.einsum("ij,iajb->ab", correlation, blocks))
-
-
-def _by_component(correlation: Array, moments: Array, components: int) -> Array:
-    orders = len(correlation)
-    return np.asarray(
-        np.einsum(
-            "ij,iaja->a", correlation, moments.reshape(orders, components, orders, components)
-        )
-    )

@@ -15,11 +15,8 @@ from scipy.linalg import block_diag
 
 from mavdem.dem.engine.free_energy import (
     Belief,
-    add_blocks,
-    blocks,
     expected_weights,
     lambda_curvature,
-    parameter_uncertainty,
     state_curvature,
     theta_curvature,
 )
@@ -67,9 +64,8 @@ def state_slope(
     data = E[:, : model.hidden.start]
     X = E[:, model.hidden]
     weighted = X.T @ model.precision(expected_weights(lambda_, lambda_covariance))
-    return -weighted @ data, weighted @ X + parameter_uncertainty(
-        model, theta_covariance, np.exp(lambda_)
-    )
+    uncertainty = model.state_uncertainty(np.exp(lambda_), theta_covariance)
+    return -weighted @ data, weighted @ X + uncertainty
 
 
 def e_step(
@@ -88,24 +84,21 @@ def theta_slope(
 ) -> tuple[Array, Array]:
     """∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
     prior = model.prior
-    of_errors = expected_weights(belief.lambda_, belief.lambda_covariance)
-    of_states = np.exp(belief.lambda_)
+    weights = np.exp(belief.lambda_)
+    expected = expected_weights(belief.lambda_, belief.lambda_covariance)
     spread = np.zeros_like(belief.moments.joint)
     spread[model.hidden, model.hidden] = samples.number * belief.state_covariance
-    precision = prior.theta_precision.copy()
-    pull = prior.theta_precision @ prior.theta_mean
-    rows = model.parameter_rows
-    for weights, regression in (
-        (of_errors, belief.moments.regression),
-        (of_states, model.regression(spread)),
-    ):
-        of_w = weights[model.state_groups]
-        of_z = weights[model.output_groups]
-        add_blocks(precision, rows.dynamics, np.multiply.outer(of_w, regression.regressors))
-        add_blocks(precision, rows.observation, np.multiply.outer(of_z, regression.states))
-        pull[rows.dynamics] += of_w[:, None] * regression.slopes
-        pull[rows.observation] += of_z[:, None] * regression.outputs
-    return pull - precision @ belief.theta, precision
+    gradient = (
+        prior.theta_precision @ (prior.theta_mean - belief.theta)
+        + model.parameter_slope(expected, belief.moments.products(belief.theta))
+        + model.parameter_slope(weights, model.error_operator(belief.theta) @ spread)
+    )
+    precision = (
+        prior.theta_precision
+        + model.parameter_precision(expected, belief.moments.joint)
+        + model.parameter_precision(weights, spread)
+    )
+    return gradient, precision
 
 
 def m_step(
@@ -159,7 +152,7 @@ class _FreeEnergyOfLambda(NamedTuple):
         cost = (
             squares * (1.0 + 0.5 * belief.lambda_covariance.diagonal())
             + spread
-            + _parameter_spread(model, belief)
+            + model.parameter_spread(belief.moments.joint, belief.theta_covariance)
         )
         gain = 0.5 * samples.number * model.log_precision_slope
         return cls(cost, gain, model.prior.lambda_mean, model.prior.lambda_precision)
@@ -187,19 +180,6 @@ def _flow(gradient: Array, precision: Array, rate: float | None) -> Array:
     # Rounding may take the least of very unequal eigenvalues below zero; with none, the flow runs straight on.
     values = np.maximum(values, np.finfo(np.float64).tiny)
     return np.asarray(modes @ (-np.expm1(-rate * values) / values * (modes.T @ gradient)))
-
-
-def _parameter_spread(model: GenerativeModel, belief: Belief) -> Array:
-    """tr(Σ^θ Ū_θθ) of the data, apart by λ: how much squared error the uncertainty of θ adds, (g,)."""
-    regression = belief.moments.regression
-    rows = model.parameter_rows
-    states = np.sum(
-        blocks(belief.theta_covariance, rows.dynamics) * regression.regressors, axis=(1, 2)
-    )
-    outputs = np.sum(
-        blocks(belief.theta_covariance, rows.observation) * regression.states, axis=(1, 2)
-    )
-    return np.asarray(model.group_sum @ np.concatenate([outputs, states]))
 
 
 def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
