@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,26 +63,15 @@ class Fit:
         )
 
 
-class Start(NamedTuple):
-    """Where a fit starts: at the estimates of an earlier one."""
-
-    theta: Array  # (k,) of DEM, physical, the constant input's column of B included
-    lambda_: Array  # (g,)
-    simulated_theta: Array | None  # (k,) of the simulation-error fit, likewise, where there was one
-
-
 @raise_on_overflow()
-def fit(record: Record, settings: CompleteSettings, start: Start | None = None) -> Fit:
-    """Fits a record from ``start`` or the priors' means; ``LinAlgError`` where the fit breaks down."""
+def fit(record: Record, settings: CompleteSettings) -> Fit:
+    """Fits a record from the priors' means; ``LinAlgError`` where the fit breaks down."""
     scaling = Scaling.of(record, settings)
     model = generative_model(settings, scaling, record)
     segments = generalized(settings, scaling, record)
     samples = SufficientStatistics.of(*segments)
     rates = Rates(*(settings.learning_rates or (None, None, None)), segments, record.dt)
-    begin = (
-        None if start is None else (start.theta / scaling.parameter_scale(model.n), start.lambda_)
-    )
-    ascent = ascend(model, samples, settings.iterations, rates, begin)
+    ascent = ascend(model, samples, settings.iterations, rates)
     gain = gain_of(model, ascent.belief, smoothness_of(settings, record.dt), record.dt)
     predictor = predictor_of(ascent.belief.theta, model.sizes, gain, record.dt)
     return Fit(settings, scaling, model, ascent, gain, predictor)

@@ -14,7 +14,6 @@ from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
 from mavdem.dem.fitting import (
     Fit,
-    Start,
     fit,
     generalized,
     held_by_prior,
@@ -31,11 +30,8 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, ModelRefusal
 
-Job = (
-    tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
-    | tuple[UniformRecord | Sequence[UniformRecord], Settings | None, Learned | None]
-)
-"""What ``learn`` takes: a flight, settings or ``None`` for the default ones, perhaps an earlier result to start at."""
+Job = tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
+"""What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
 # beside the outputs, unless the order is given: the lag between motor output and torque
@@ -48,9 +44,7 @@ PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the uni
 
 
 def learn(
-    train: UniformRecord | Sequence[UniformRecord],
-    settings: Settings | None = None,
-    start: Learned | None = None,
+    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
 ) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
@@ -62,22 +56,18 @@ def learn(
             them, segments with gaps between: nothing is differentiated or forecast across a gap, and forecasts begin
             at the end of the last. Three inputs or more are taken for a multirotor's motors, unless a prior is given.
         settings: what decides the fit; ``Settings()``, for real flights, unless given.
-        start: an earlier result for similar data, at whose estimates the fit begins, and takes a fraction of the time.
 
     Raises:
-        ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a
-            ``start`` of other numbers of states, inputs or outputs; or data that no model can forecast.
+        ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; or data
+            that no model can forecast.
     """
     with one_thread():
         record, settings = checked(train, settings)
-        begin = None if start is None else _start(record, settings, start)
         try:
-            fitted = fit(record, settings, begin)
+            fitted = fit(record, settings)
         except np.linalg.LinAlgError:
-            if start is not None:
-                return learn(record, settings)
             raise NotLearnable(Fact(ModelRefusal.FIT_BREAKS_DOWN)) from None
-        return _learned(fitted, record, begin)
+        return _learned(fitted, record)
 
 
 def learn_forecasts(
@@ -155,36 +145,13 @@ def _odd(samples: float, fewest: int) -> int:
     return window + 1 - window % 2
 
 
-def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
-    """The estimates of an earlier result; ``ValueError`` where these settings and this record have others."""
-    n = settings.order
-    r = record.inputs.shape[1]
-    m = record.outputs.shape[1]
-    sizes = n, r, m, settings.scaling == "channel"
-    given = *before.model.B.shape, len(before.model.C), before.scaling.constant
-    if given != sizes:
-        raise ValueError(
-            f"start must have the states, inputs, outputs and constant input of this fit, {sizes}, not {given}"
-        )
-    last = before.theta * before.scaling.parameter_scale(n)
-    theta = last.copy()
-    theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
-    return Start(
-        theta, before.learning.lambda_[-1], None if before.simulation_fit is None else last
-    )
-
-
-def _with_simulation_fit(
-    fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None
-) -> Fit:
+def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics) -> Fit:
     """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
     model = fitted.model
     ascent = fitted.ascent
     settings = fitted.settings
     scaling = fitted.scaling
     theta = ascent.belief.theta
-    if start is not None and start.simulated_theta is not None:
-        theta = start.simulated_theta / scaling.parameter_scale(model.n)
     try:
         with raise_on_overflow():
             refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record)
@@ -198,10 +165,10 @@ def _with_simulation_fit(
     return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
 
 
-def _learned(fitted: Fit, record: Record, start: Start | None) -> Learned:
+def _learned(fitted: Fit, record: Record) -> Learned:
     """The result, in physical units, of a fit in the engine's, with the simulation-error fit where there can be one."""
     segments = generalized(fitted.settings, fitted.scaling, record)
-    fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start)
+    fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments))
     order = fit.model.n
     ascent = fit.ascent
     scaling = fit.scaling
@@ -282,7 +249,7 @@ def learn_many(
     "__main__":``. They end with the generator; a given ``executor``, say a cluster's (docs/python.md), does not.
 
     Args:
-        jobs: tuples of what ``learn`` takes: a flight or its segments, settings or ``None``, and, if you like, a start.
+        jobs: pairs of what ``learn`` takes: a flight or its segments, and settings or ``None``.
             For an executor of other processes they must pickle, as ``Flight`` and ``Settings`` do.
         executor: does the work; any ``concurrent.futures.Executor``. Threads of a process take turns.
 
@@ -295,10 +262,8 @@ def learn_many(
 
 def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
     for job in jobs:
-        if not (isinstance(job, tuple | list) and len(job) in (2, 3)):
-            raise ValueError(
-                f"jobs must be pairs of a flight and its settings, and maybe a start, not {job!r}"
-            )
+        if not (isinstance(job, tuple | list) and len(job) == 2):
+            raise ValueError(f"jobs must be pairs of a flight and its settings, not {job!r}")
         yield job
 
 

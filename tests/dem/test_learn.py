@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
-from mavdem import Flight, Forecaster, Learned, Settings, evaluate, learn
+from mavdem import Flight, Forecaster, Settings, evaluate, learn
 from mavdem.dem.engine.model import discretize
 from mavdem.dem.learning import complete
 from mavdem.dem.priors import derivative_pairs
@@ -205,18 +205,6 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physica
     forecast = learned.forecast(inputs, from_zero=True)
     np.testing.assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
-
-
-@pytest.mark.slow
-def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():
-    flight = simulated(samples=2000, wind=0.5)
-    whole = learn(flight)
-    cold = learn(flight[:1600])
-    warm = learn(flight[:1600], start=Learned.from_json(whole.to_json()))
-    assert len(warm.free_energy) < len(cold.free_energy)
-    assert warm.free_energy[-1] == pytest.approx(cold.free_energy[-1], abs=1.0)
-    with pytest.raises(ValueError, match="start must have the states, inputs, outputs"):
-        learn(flight[:700], replace(QUICK, order=2), start=cold)
 
 
 CLEAN = Settings(order=2, parameter_precision=0.01, window=5)

@@ -1,7 +1,7 @@
 """OnlineLearner: the same model on a stream, learned again from the latest samples whenever that is due.
 
-``learn`` runs in an executor, from the last result on, whenever its last call is done and two seconds have passed. In
-between every sample is filtered and predicted by the newest model.
+``learn`` runs in an executor, whenever its last call is done and two seconds have passed. In between every sample is
+filtered and predicted by the newest model.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class _Result(NamedTuple):
     until: float
 
 
-def _learn(record: Record, settings: Settings, start: Learned | None, until: float) -> _Result:
-    learned = learn(record, settings, start)
+def _learn(record: Record, settings: Settings, until: float) -> _Result:
+    learned = learn(record, settings)
     learned.joint  # noqa: B018  here, not where samples come
     return _Result(learned, Tracking.of(learned), until)
 
@@ -149,11 +149,9 @@ class OnlineLearner:
                 f"effect_directions must be {n_inputs} finite numbers, not {effect_directions!r}"
             )
         self._memory = Memory(dt, block, most, n_inputs, n_outputs, directions)
-        self._most = most * block
         self._samples = 0
         self._first = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
-        # The settings are chosen anew with twice as many samples, and when all samples in the memory are new.
-        self._next = self._next_choice = self._first
+        self._next = self._first
         self._pending: Future[_Result] | None = None
         self._tracker: Tracker | None = None
         self._last: float | None = None
@@ -232,10 +230,10 @@ class OnlineLearner:
             self._pending.cancel()
             self._pending = None
         # Without a sample left there is nothing to learn from: as in the beginning, but the model stays.
-        self._next = self._next_choice = self._samples + (0 if self._memory.blocks else self._first)
+        self._next = self._samples + (0 if self._memory.blocks else self._first)
 
     def learn_now(self, timeout: float | None = None) -> Learned:
-        """Returns the result of ``learn`` on the samples in the memory, with the settings in use.
+        """Returns the result of ``learn`` on the samples in the memory.
 
         Raises:
             ValueError: they do not support one, or there is no full block of samples yet.
@@ -243,15 +241,10 @@ class OnlineLearner:
         """
         if not self._memory.blocks:
             raise NotLearnable(TOO_FEW)
-        given = (
-            self._memory.record(),
-            self._settings if self.learned is None else self.learned.settings,
-        )
-        return (
-            learn(*given)
-            if self._executor is None
-            else self._executor.submit(learn, *given).result(timeout)
-        )
+        record = self._memory.record()
+        if self._executor is None:
+            return learn(record, self._settings)
+        return self._executor.submit(learn, record, self._settings).result(timeout)
 
     def _checked(
         self, time: float, inputs: ArrayLike, outputs: ArrayLike
@@ -335,18 +328,11 @@ class OnlineLearner:
         record = self._memory.record()
         until = self._memory.blocks[-1].until
         self._next = self._samples + round(LEARNING_SECONDS / self._dt)
-        settings = self._settings
-        start = None
-        if self.learned is not None and self._samples < self._next_choice:
-            settings = self.learned.settings
-            start = self.learned
-        else:
-            self._next_choice = self._samples + min(len(record), self._most)
         if self._executor is None:
-            self._adopt(lambda: _learn(record, settings, start, until))
+            self._adopt(lambda: _learn(record, self._settings, until))
             return
         try:
-            self._pending = self._executor.submit(_learn, record, settings, start, until)
+            self._pending = self._executor.submit(_learn, record, self._settings, until)
         except RuntimeError as error:  # the executor's processes are gone
             self._put_off(error)
         if self.obstacle == TOO_FEW:
@@ -375,7 +361,7 @@ class OnlineLearner:
             because=fact_of(error) if str(error) else None,
             kept=self._tracker is not None,
         )
-        self._next = self._next_choice = self._samples + self._first
+        self._next = self._samples + self._first
         if isinstance(error, ValueError) and self._tracker is None:
             for _ in range(len(self._memory.blocks) // 2):
                 self._memory.blocks.popleft()
