@@ -27,7 +27,7 @@ from pydantic import (
     create_model,
 )
 
-from mavdem.dem.record import LABELS, STRICT, first_problem
+from mavdem.dem.record import STRICT, first_problem
 from mavdem.dem.settings import Settings
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
@@ -42,9 +42,6 @@ vehicle, K of the engine, which may have a constant input more."""
 VERSION = 1
 """Of the document's schema."""
 UNITS = {"record.dt": "s", "settings.horizon": "s"}
-POSITIVE = {"scaling.input_scale", "scaling.output_scale"}
-# of a covariance: how far below zero its least variance may be, relative to the largest
-ROUNDING = 1e-9
 
 Kind = TypeVar("Kind")
 
@@ -191,12 +188,6 @@ def _require_shapes(result: Any) -> None:
         )
         if array.shape != expected:
             raise ValueError(f"{path} must be of shape {expected}, not {array.shape}")
-        if path in POSITIVE and not (array > 0).all():
-            raise ValueError(f"{path} must be positive")
-        if path.endswith("covariance"):
-            variances = np.linalg.eigvalsh(array)
-            if not (variances[0] >= -ROUNDING * variances[-1] and (array.diagonal() > 0).all()):
-                raise ValueError(f"{path} must be positive definite")
     n, r, m = (sizes[name] for name in "nrm")
     settings = result.settings
     record = result.record
@@ -210,13 +201,6 @@ def _require_shapes(result: Any) -> None:
         "T": sum(record.lengths),
         "windows": record.windows(settings.window),
     }
-    for label in LABELS:
-        if len(getattr(record, label)) not in (0, sizes["r" if label.startswith("input") else "m"]):
-            raise ValueError(
-                f"record.{label} must be one for each column, or none, not {getattr(record, label)}"
-            )
     for name, size in expected_sizes.items():
         if sizes[name] != size or not size:
             raise ValueError(f"the document's arrays must have {name} = {size}, not {sizes[name]}")
-    if not (min(n, r, m, sizes.get("iterations", 0)) and sizes["carried"] == n):
-        raise ValueError("the document's arrays must not be empty")

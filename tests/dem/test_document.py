@@ -75,13 +75,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         (("model", "A"), [[1.0]], r"^model.B must be of shape \(1, 4\), not \(2, 4\)"),
         (("model", "offset"), [None, 2.0], r"^model.offset must be finite and of shape \(n\)"),
         (("converged",), "yes", "converged must be a valid boolean, not 'yes'"),
-        (
-            ("theta_covariance",),
-            (-np.eye(16)).tolist(),
-            "^theta_covariance must be positive definite",
-        ),
         (("record", "lengths"), [100, 99], "must have T = 199, not 200"),
-        (("record", "input_names"), ["one"], "^record.input_names must be one for each column"),
     ],
 )
 def test_what_does_not_fit_is_named(path, value, message, document):

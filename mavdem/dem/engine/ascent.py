@@ -167,9 +167,8 @@ def ascend(
     samples: SufficientStatistics,
     iterations: int,
     rates: Rates = EXACT_RATES,
-    start: tuple[Array, Array] | None = None,
 ) -> Ascent:
-    """Maximises F̄ by at most ``iterations`` rounds, from ``start``, θ (k,) and λ (g,), or the priors' means.
+    """Maximises F̄ by at most ``iterations`` rounds from the priors' means.
 
     After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. After every two rounds a
     third starts from an extrapolation, and is kept if F̄ᵒ increases. When rounds gain less than ``CONVERGED_NATS``, the
@@ -179,7 +178,7 @@ def ascend(
     not negative definite.
     """
     ascent = CoordinateAscent(model, samples, rates)
-    iterates = [ascent.start(start)]
+    iterates = [ascent.start()]
     converged = False
     while not converged and len(iterates) <= iterations:
         before = iterates[-1].free_energy
