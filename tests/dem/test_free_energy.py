@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from simulated import simulated
 
 from mavdem import Settings
-from mavdem.dem.engine.ascent import Rates, ascend, newton_step
+from mavdem.dem.engine.ascent import Rates, ascend, plain_rounds
 from mavdem.dem.engine.free_energy import (
     free_energy,
     free_energy_action,
@@ -380,35 +380,10 @@ def problem(**settings):
     return model, SufficientStatistics.of(*generalized(complete, scaling, record))
 
 
-def height(model, samples, belief):
-    return sum(optimal_terms(model, samples, with_optimal_precisions(model, belief)).values())
-
-
-def following(model, samples, belief, theta):
-    """The belief with θ elsewhere and X at its maximum there."""
-    state_map = d_step(
-        model, theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance
-    )
-    return belief._replace(theta=theta, moments=GeneralizedMoments.of(model, samples, state_map))
-
-
-def test_the_step_leads_back_and_promises_what_it_brings():
-    model, samples = problem(order=2, window=3)
-    belief = ascend(model, samples, 200).belief
-    rng = np.random.default_rng(0)
-    away = 3 * np.sqrt(belief.theta_covariance.diagonal()) * rng.standard_normal(len(belief.theta))
-    displaced = following(model, samples, belief, belief.theta + away)
-    step = newton_step(model, samples, with_optimal_precisions(model, displaced))
-    back = following(model, samples, belief, displaced.theta + step.theta)
-    gained = height(model, samples, back) - height(model, samples, displaced)
-    assert gained > 1
-    assert step.gain == pytest.approx(gained, rel=0.1)
-    assert newton_step(model, samples, belief).gain < 0.1
-
-
 @pytest.mark.parametrize("settings", [{}, {"order": 2, "window": 3}])
 def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     model, samples = problem(**settings)
     finished = ascend(model, samples, 300)
     assert finished.converged
-    assert newton_step(model, samples, finished.belief).gain < 0.1
+    belief = plain_rounds(model, samples, 300)[-1]
+    assert sum(optimal_terms(model, samples, belief).values()) < finished.free_energy[-1] + 1

@@ -174,7 +174,7 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
 
 
 def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
-    """Unforgotten, but for the units: here of all samples, there of those with a past. To 0.001 of the deviation."""
+    """Unforgotten, but for the units: here of all samples, there of the first second. To 0.05 of the deviation."""
     monkeypatch.setattr("mavdem.dem.online.ahead.MEMORY_SECONDS", 1e9)
     flight = replace(in_closed_loop(2500), effect_directions=X_FRAME)
     learnt = JointModel.learn(Record.of(flight[:2450]))
@@ -191,7 +191,7 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
             ]
             expected = learnt.one_step(Record.of(flight[row - 30 : row + 1]))[-1]
             offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
-            np.testing.assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=1e-3)
+            np.testing.assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
         if closed:
             ahead.add(memory.blocks[-1])
         for _ in range(8):  # all pieces of a fit

@@ -173,18 +173,6 @@ def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     np.testing.assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))
 
 
-def test_statistics_forgotten_and_in_their_own_units_give_the_same_model():
-    samples = run(model(), 400) * np.linspace(1, 5, CHANNELS) + 7
-    statistics = LagStatistics.of([samples], LAGS)
-    left = statistics.forgotten(0.25)
-    assert left.rows == statistics.rows / 4
-    scaled, units = left.in_own_units(LAGS, 1e-9)
-    np.testing.assert_allclose(units.center, samples[LAGS:].mean(axis=0))
-    np.testing.assert_allclose(units.scale, samples[LAGS:].std(axis=0))
-    expected = LagStatistics.of([units.scaled(samples)], LAGS)
-    np.testing.assert_allclose(scaled.gram, 0.25 * expected.gram, atol=1e-8 * expected.rows)
-
-
 def test_the_maps_ahead_are_the_model_s_own_steps():
     true = model()
     samples = run(true, 40)

@@ -1,7 +1,6 @@
 """Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges.
 
-Coordinate steps converge slowly where X and θ are strongly coupled. So rounds are extrapolated, and at their end a
-Newton step is taken on the profile: F̄ as a function of θ and λ alone, with X following them to its maximum.
+Coordinate steps converge slowly where X and θ are strongly coupled. So rounds are extrapolated.
 """
 
 from __future__ import annotations
@@ -16,62 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.engine import steps
-from mavdem.dem.engine.free_energy import Belief, optimal_terms, state_curvature
+from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, solve
 
-MIN_CURVATURE = 1e-6
-"""Least curvature of a direction, in units of the posterior's own: it limits the step along flatter ones."""
-
-
-class Newton(NamedTuple):
-    """The Newton step of the profile, of θ and λ to the maximum of the quadratic, and the nats it predicts."""
-
-    theta: Array
-    lambda_: Array
-    gain: float
-
-
-def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Newton:
-    """Returns the step from a belief; it increases F̄ also where that is not concave."""
-    unit = np.sqrt(
-        np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()])
-    )
-    here = _slope(model, samples, belief, np.zeros(len(unit)))
-    # Over a posterior standard deviation F̄ is nearly quadratic, and rounding is negligible.
-    columns = [(here - _slope(model, samples, belief, step)) * unit for step in np.diag(unit)]
-    curvature = np.array(columns)
-    values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
-    along = modes.T @ (unit * here)
-    # Along a direction in which F̄ is convex, the step is that of a concave F̄ with the same curvature.
-    length = along / np.maximum(np.abs(values), MIN_CURVATURE)
-    theta, lambda_ = np.split(unit * (modes @ length), [len(belief.theta)])
-    return Newton(theta, lambda_, 0.5 * float(along @ length))
-
-
-def _slope(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, step: Array
-) -> Array:
-    """∂F̄/∂(θ, λ), (k + g,), a step from the belief, X and its covariance at their maximum there, the others held."""
-    theta = belief.theta + step[: len(belief.theta)]
-    lambda_ = belief.lambda_ + step[len(belief.theta) :]
-    state_map = steps.d_step(
-        model, theta, belief.theta_covariance, lambda_, belief.lambda_covariance
-    )
-    there = belief._replace(
-        moments=GeneralizedMoments.of(model, samples, state_map),
-        state_covariance=inverse(-state_curvature(model, theta, np.exp(lambda_))),
-        theta=theta,
-        lambda_=lambda_,
-    )
-    return np.concatenate(
-        [steps.theta_slope(model, samples, there)[0], steps.lambda_slope(model, samples, there)[0]]
-    )
-
-
-# F̄ has converged when less than this is left to gain: so little does not separate two models
+# F̄ has converged when two rounds and their extrapolation gain less: so little does not separate two models
 CONVERGED_NATS = 0.1
-NEWTON_SHARES = (1.0, 0.25, 0.0625)  # shares of a Newton step that are tried in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +80,7 @@ class Ascent:
     state_map: Array  # L with X = L [ỹ; η̃], of the last D step's exact limit
     free_energy: FreeEnergy
     learning: Learning
-    # whether less than ``CONVERGED_NATS`` were left to gain before the iterations ran out
+    # whether rounds gained less than ``CONVERGED_NATS`` before the iterations ran out
     converged: bool
     # (I + 1,) whether the D step followed its flow, stable and not lowering F̄, or its limit
     flowed: NDArray[np.bool_]
@@ -171,11 +120,10 @@ def ascend(
     """Maximises F̄ by at most ``iterations`` rounds from the priors' means.
 
     After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. After every two rounds a
-    third starts from an extrapolation, and is kept if F̄ᵒ increases. When rounds gain less than ``CONVERGED_NATS``, the
-    Newton step of the profile gives what is left: less than that, and F̄ has converged; or more, and the next round
-    starts from there. With finite rates there is no extrapolation and no Newton step; a flow of X that is unstable, or
-    that would lower F̄, is replaced by its exact limit in that round. ``LinAlgError`` where at the start a curvature is
-    not negative definite.
+    third starts from an extrapolation, and is kept if F̄ᵒ increases. When they gain less than ``CONVERGED_NATS``, F̄ has
+    converged. With finite rates there is no extrapolation and no convergence; a flow of X that is unstable, or that
+    would lower F̄, is replaced by its exact limit in that round. ``LinAlgError`` where at the start a curvature is not
+    negative definite.
     """
     ascent = CoordinateAscent(model, samples, rates)
     iterates = [ascent.start()]
@@ -183,15 +131,8 @@ def ascend(
     while not converged and len(iterates) <= iterations:
         before = iterates[-1].free_energy
         iterates += islice(ascent.rounds(iterates[-1]), iterations + 1 - len(iterates))
-        if iterates[-1].free_energy - before < CONVERGED_NATS:
-            newton = ascent.newton(iterates[-1])
-            converged = newton is not None and newton.gain < CONVERGED_NATS
-            if newton is None or converged or not rates.exact:
-                continue
-            if len(iterates) <= iterations:
-                iterates.append(ascent.along(iterates[-1], newton))
-                if iterates[-1].free_energy - before < CONVERGED_NATS:
-                    break
+        gained = iterates[-1].free_energy - before
+        converged = rates.exact and gained < CONVERGED_NATS
     beliefs = [iterate.belief for iterate in iterates]
     return Ascent(
         belief=beliefs[-1],
@@ -309,25 +250,6 @@ class CoordinateAscent:
                 # An unstable flow, or noise so small, or an extrapolation so far, that the rest is lost in rounding.
                 continue
             if then.free_energy >= now.free_energy:
-                return then
-        return now
-
-    def newton(self, now: Iterate) -> Newton | None:
-        """The Newton step and the gain it predicts; None where rounding hides it."""
-        try:
-            return newton_step(self.model, self.samples, now.belief)
-        except (np.linalg.LinAlgError, FloatingPointError):
-            return None
-
-    def along(self, now: Iterate, newton: Newton) -> Iterate:
-        """A round from the largest share of the Newton step that increases F̄ᵒ; ``now`` if none does."""
-        for share in NEWTON_SHARES:
-            ahead = now.belief._replace(
-                theta=now.belief.theta + share * newton.theta,
-                lambda_=now.belief.lambda_ + share * newton.lambda_,
-            )
-            then = self.round(now, ahead)
-            if then is not now:
                 return then
         return now
 

@@ -124,20 +124,6 @@ class LagStatistics(NamedTuple):
         places = np.r_[: fewer * k, one : len(self.gram)]
         return np.asarray(self.gram[np.ix_(places, places)])
 
-    def in_own_units(self, lags: int, least: float) -> tuple[LagStatistics, ChannelUnits]:
-        """Returns them in units in which channels have mean 0 and deviation 1, no scale below ``least``; and these."""
-        one = len(self.gram) * lags // (lags + 1)
-        center = self.gram[one, one + 1 :] / self.gram[one, one]
-        variance = self.gram.diagonal()[one + 1 :] / self.gram[one, one] - center**2
-        scale = np.sqrt(np.maximum(variance, least**2))
-        shift, unit = np.concatenate(
-            [np.tile([center, scale], lags), [[0.0], [1.0]], [center, scale]], axis=1
-        )
-        rows = (self.gram - np.outer(shift, self.gram[one])) / unit[:, None]
-        return LagStatistics(
-            self.rows, (rows - np.outer(rows[:, one], shift)) / unit
-        ), ChannelUnits(center, scale)
-
 
 class Regression(NamedTuple):
     """The posterior of the coefficients (q, t) of t channels on [lag 1 … lag p, 1]: matrix normal, exact given Σ."""

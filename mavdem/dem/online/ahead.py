@@ -24,7 +24,6 @@ MEMORY_SECONDS = 30.0  # time constant of forgetting
 # of samples before the first fit, and from one fit to the next
 FIRST_SECONDS = 1.0
 REFIT_SECONDS = 0.5
-SMALLEST_SCALE = 1e-6  # of a channel that became still, in units of its first second
 LONG = Choice(LAGS[-1], 1e-4, False)  # of the second form
 FORMS = 2
 ERROR_SECONDS = np.array([10.0] * 3 + [3.0] * FORMS)
@@ -72,7 +71,7 @@ class OnlineJoint:
         self._statistics: LagStatistics | None = None
         self._before, self._waiting = np.empty((0, 0)), deque(blocks)
         # of the first second, in which rows are summed
-        self._units: tuple[Array, Array] | None = None
+        self._units: ChannelUnits | None = None
         self._uncounted = 0
         self._fitting: Iterator[None] | None = None  # what of it is done, a piece at a time
         self._errors.clear()
@@ -148,10 +147,9 @@ class OnlineJoint:
                 [self._channels(block.inputs, block.outputs) for block in self._waiting]
             )
             scale = channels.std(axis=0)
-            self._units = channels.mean(axis=0), np.where(scale > 0, scale, 1.0)
-        center, scale = self._units
+            self._units = ChannelUnits(channels.mean(axis=0), np.where(scale > 0, scale, 1.0))
         block = self._waiting.popleft()
-        channels = (self._channels(block.inputs, block.outputs) - center) / scale
+        channels = self._units.scaled(self._channels(block.inputs, block.outputs))
         if not block.begins and len(self._before):
             channels = np.vstack([self._before, channels])
         self._before = channels[-LAGS[-1] :]
@@ -162,17 +160,15 @@ class OnlineJoint:
         self._statistics = new
         due = self._uncounted * self._dt >= REFIT_SECONDS and new.rows >= 1
         if due and not self._waiting and self._fitting is None:
-            self._uncounted, self._fitting = 0, self._fit(new, center, scale)
+            self._uncounted, self._fitting = 0, self._fit(new, self._units)
 
     def _channels(self, inputs: Array, outputs: Array) -> Array:
         assert self.combinations is not None
         return np.hstack([outputs, inputs @ self.combinations])
 
-    def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> Iterator[None]:
+    def _fit(self, statistics: LagStatistics, units: ChannelUnits) -> Iterator[None]:
         """Fits two of the forms, in pieces of some milliseconds."""
         assert self.combinations is not None
-        scaled, units = statistics.in_own_units(LAGS[-1], SMALLEST_SCALE)
-        units = ChannelUnits(center + scale * units.center, scale * units.scale)
         if self._maps is None:  # a form without a fit holds the last sample
             samples = (LAGS[-1] + 1) * (self._outputs + len(self.combinations))
             self._maps = np.zeros((*self._constants.shape, samples))
@@ -183,8 +179,8 @@ class OnlineJoint:
                 fits = []
                 for one in choices:
                     yield
-                    gram = scaled.shortened(LAGS[-1], one.lags)
-                    fits.append(regress(gram, scaled.rows, one.prior))
+                    gram = statistics.shortened(LAGS[-1], one.lags)
+                    fits.append(regress(gram, statistics.rows, one.prior))
             except np.linalg.LinAlgError:  # of these fits; the next have other samples
                 continue
             yield
