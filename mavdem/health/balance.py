@@ -138,7 +138,7 @@ def balance_figures(
     where not known.
     """
     blocks = [block for run in runs for block in _blocks(*run, signatures)]
-    if len(blocks) < FEWEST_BLOCKS or len(signatures.axes) == 1:
+    if len(blocks) < FEWEST_BLOCKS or seconds < LEAST_SECONDS or len(signatures.axes) == 1:
         return None
     balance, lean = (np.array(means) for means in zip(*blocks, strict=True))
     rest = balance - balance.mean(axis=0)
@@ -222,7 +222,7 @@ class HealthFigures:
     @property
     def missing(self) -> Fact | None:
         """What the judgement of a motor needs and the flight does not have; None if it has all."""
-        if self.signatures is None or self.balance is None or self.balance.seconds < LEAST_SECONDS:
+        if self.signatures is None or self.balance is None:
             return Fact(HealthUnknown.BALANCE_UNKNOWN)
         if not self.signatures.names_a_motor:
             return Fact(HealthUnknown.GEOMETRY_UNKNOWN)

@@ -44,7 +44,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
 
     UNKNOWN where that would not show.
     """
-    if balance is None or balance.seconds < LEAST_SECONDS:
+    if balance is None:
         return Fact(Trim.TRIM_UNKNOWN, least_duration=LEAST_SECONDS)
     if not np.isfinite(balance.mean).all():
         return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)

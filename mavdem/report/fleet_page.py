@@ -129,9 +129,7 @@ def _number(
 
 
 def _largest_share(row: FlightRow) -> str:
-    if not row.trim_share:
-        return ""
-    return f"{max(row.trim_share):.3f} (motor {row.trim_share.index(max(row.trim_share)) + 1})"
+    return f"{max(row.trim_share):.3f}" if row.trim_share else ""
 
 
 def _effectiveness(row: FlightRow) -> str:
