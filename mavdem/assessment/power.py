@@ -16,9 +16,9 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
 
-CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 14])
-FULL_CELL = (3.5, 4.36)
-"""V of a cell with which flights begin: above storage, and a full cell of the highest kind, 4.35 V."""
+CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14])
+FULL_CELL = (3.65, 4.36)
+"""V of a cell with which flights begin: half charged, and a full cell of the highest kind, 4.35 V."""
 EMPTY_CELL = 3.0
 LOW_CELL = 3.3
 """V of a cell under load: below the first a lithium cell is damaged, near the second little charge is left."""
@@ -96,7 +96,8 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
         "voltage_limit": LOW_SUPPLY,
     }
     if least < LOW_SUPPLY:
-        level = Level.BAD if least < LEAST_SUPPLY else Level.WATCH
+        # where it is always so low, the vehicle flies, and the scale may be wrong
+        level = Level.BAD if least < LEAST_SUPPLY <= usual else Level.WATCH
         yield Fact(PowerLight.SUPPLY_LOW, level, **figures)
     elif usual - least > SUPPLY_FALL:
         yield Fact(PowerLight.SUPPLY_FELL, Level.WATCH, **figures)

@@ -80,9 +80,10 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
         (held(EMPTY_CELL - 0.05, LOW_SECONDS / 2), {}, Level.GOOD),
         (held(3.6), {"BATT_LOW_VOLT": 14.5}, Level.WATCH),
         (held(3.6), {"BATT_CRT_VOLT": 14.5}, Level.BAD),
-        # It can have five cells, and six.
-        (np.full(len(TIME), 6 * FULL_CELL[0] + 0.2), {}, Level.UNKNOWN),
-        (np.full(len(TIME), 6 * FULL_CELL[0] + 0.2), {"BAT1_N_CELLS": 6.0}, Level.GOOD),
+        # It can have seven cells, and eight.
+        (np.full(len(TIME), 8 * FULL_CELL[0] + 0.2), {}, Level.UNKNOWN),
+        (np.full(len(TIME), 7 * FULL_CELL[1] - 0.2), {}, Level.UNKNOWN),
+        (np.full(len(TIME), 8 * FULL_CELL[0] + 0.2), {"BAT1_N_CELLS": 8.0}, Level.GOOD),
     ],
 )
 def test_levels_of_the_battery(volts, parameters, level):
@@ -113,6 +114,7 @@ def test_charge_that_the_autopilot_estimates():
         (5.3, 5.25 - SUPPLY_FALL, PowerLight.SUPPLY_FELL, Level.WATCH),
         (5.0, LOW_SUPPLY - 0.05, PowerLight.SUPPLY_LOW, Level.WATCH),
         (5.0, LEAST_SUPPLY - 0.05, PowerLight.SUPPLY_LOW, Level.BAD),
+        (LEAST_SUPPLY - 0.1, LEAST_SUPPLY - 0.2, PowerLight.SUPPLY_LOW, Level.WATCH),
         # It never changes: it is not measured.
         (5.0, 5.0, PowerLight.POWER_UNMEASURED, Level.UNKNOWN),
     ],
