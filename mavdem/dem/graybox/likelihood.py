@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gain
+from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gains
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
 from mavdem.dem.graybox.identifiability import RESOLVED_LAG
@@ -201,14 +201,12 @@ class Parameters(NamedTuple):
         transition = discretize(A, B, dt)
         process = step_covariance(A, drive, dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
-        rate = np.eye(1, n)
-        filters = [
-            steady_gain(state, rate, noises, np.array([[variance]]))
-            for state, noises, variance in zip(transition.state, process, noise, strict=True)
-        ]
-        gain = np.array([gain[:, 0] for gain, _ in filters])
-        variance = np.array([P[0, 0] for _, P in filters]) + noise
-        return Transition(*(part[which] for part in transition)), gain[which], variance[which]
+        gain, variance = steady_gains(transition.state, process, noise)
+        return (
+            Transition(*(part[which] for part in transition)),
+            gain[which],
+            (variance + noise)[which],
+        )
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
