@@ -11,7 +11,6 @@ class LinkError(StrEnum):
     CLOSED = auto()  # by the other side
     FAILED = auto()  # as the system says
     NOT_OPEN = auto()
-    SILENT = auto()  # and another client waits
     IN_USE = auto()  # the port, by another program
     NOT_LOCAL = auto()  # the address is of another machine
     NO_HOST = auto()

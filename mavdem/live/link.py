@@ -34,17 +34,14 @@ MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must no
 SENDER_SECONDS = 10.0
 MAX_PEERS = 16
 CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
-# After which a silent client gives way to another, and a silent connection is probed
+# After which a silent connection is probed
 SILENCE_SECONDS = 5
 # Between two probes, and probes without a reply until the connection is lost
 PROBE_SECONDS = 2
 MAX_PROBES = 3
-STABLE_SECONDS = 10.0  # A connection that lasted this long is opened again at once when it is lost
 # Since an autopilot's first address was heard last, until another may take its place
 HEARD_SECONDS = 3.0
-# Before a lost link is opened again; doubled each time
-FIRST_PAUSE_SECONDS = 0.25
-MAX_PAUSE_SECONDS = 8.0
+PAUSE_SECONDS = 1.0  # Before a lost link is opened again
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
 
@@ -73,9 +70,7 @@ class Link:
         self._events: list[Fact] = []
         # By MAVLink ids: address, when it was heard, and one that was refused, or the first again once that is said.
         self._first: dict[bytes, tuple[Any, float, Any]] = {}
-        self._pause = FIRST_PAUSE_SECONDS
-        self._not_before = 0.0
-        self._opened = self._came = 0.0
+        self._not_before = self._came = 0.0
         # datagrams that this machine's buffer had no room for: nobody read them in time
         self.dropped = 0
         # UNIX s of the latest piece; until then everything was read
@@ -109,27 +104,16 @@ class Link:
             raise LinkLost(self.name, LinkError.NOT_OPEN)
         received: list[tuple[float, bytes]] = []
         try:
-            # A silent client may be gone; while it sends, others wait.
-            replaceable = (
-                [self._server]
-                if self._server and time.monotonic() - self._came > SILENCE_SECONDS
-                else []
-            )
             self._arrival = self._emptied
-            readable = [waiting_on, *replaceable]
-            ready = select.select(readable, [], [], 0.0)[0]
-            if not ready:
-                ready = select.select(readable, [], [], max(timeout, 0.0))[0]
+            if not select.select([waiting_on], [], [], 0.0)[0]:
+                ready = select.select([waiting_on], [], [], max(timeout, 0.0))[0]
                 self._arrival = self._emptied = time.time()
-            if not ready:
-                return received
+                if not ready:
+                    return received
             if self._server is not None and self._socket is None:
                 self._socket, _ = self._server.accept()
                 _probe(self._socket)
                 self._socket.setblocking(False)
-                self._came = time.monotonic()
-            elif ready == [self._server]:
-                self._lose(LinkError.SILENT)
             while len(received) < MAX_PIECES and (piece := self._take()) is not None:
                 if not piece and not self.datagrams:
                     if received:
@@ -176,8 +160,7 @@ class Link:
     def reopen(self) -> bool:
         """Opens a lost link, once its pause is over; returns whether it is open.
 
-        The pause doubles with each attempt, and with each link that is lost within ``STABLE_SECONDS``. An attempt takes
-        at most ``CONNECT_SECONDS``.
+        An attempt takes at most ``CONNECT_SECONDS``.
         """
         if self._waiting_on() is None and time.monotonic() >= self._not_before:
             try:
@@ -196,7 +179,6 @@ class Link:
         self._socket = self._server = self._serial = None
 
     def _open(self) -> None:
-        self._opened = time.monotonic()
         if self._kind == "serial":
             self._serial = _serial(self.name)
             return
@@ -281,16 +263,13 @@ class Link:
             self._socket.close()
             self._socket = None  # the next client may connect at once
         else:
-            if time.monotonic() - self._opened >= STABLE_SECONDS:
-                self._pause = FIRST_PAUSE_SECONDS
             self._shut()
         raise LinkLost(self.name, cause, error)
 
     def _shut(self) -> None:
-        """Closes it until a pause is over, which doubles each time."""
+        """Closes it until a pause is over."""
         self.close()
-        self._not_before = time.monotonic() + self._pause
-        self._pause = min(2 * self._pause, MAX_PAUSE_SECONDS)
+        self._not_before = time.monotonic() + PAUSE_SECONDS
 
     def _refuse(self, error: OSError) -> NoReturn:
         host, port = self._address

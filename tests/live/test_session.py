@@ -120,14 +120,6 @@ def now(monkeypatch):
     return clock
 
 
-def recorded(path: Path, every: float, start: float) -> list[list[tuple[float, bytes]]]:
-    """The frames of a log in batches of ``every`` s, from ``start`` s on."""
-    frames = [(stamp / 1e6, frame) for stamp, frame in read_stream(path).stamped_frames()]
-    return together(
-        [each for each in frames if each[0] >= frames[0][0] + start], frames[0][0] + start, every
-    )
-
-
 def run(one: LiveSession) -> None:
     while one.link.script:  # type: ignore[attr-defined]
         one.step(0.0)

@@ -14,6 +14,7 @@ Usage: tools/validation/physical.py simulated|loops|advice|crazyflie [--seed N] 
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -48,20 +49,11 @@ PARAMETERS = ("effect", "damping", "lag")
 # and how it marks an estimate
 STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
 SPEEDS = {"iris": 1.0, "ardrone2": 0.6, "crazyflie": 0.3}  # of the winds, relative to those below
-WINDS = ("calm", "light", "Dryden, light", "Dryden, moderate", "jet", "gusts", "slow")
-STEERING: dict[str, dict[str, Any] | None] = {
-    "none": None,
-    "multisine, 3°": {
-        "kind": "multisine",
-        "sd": 3.0,
-        "lowest": 0.2,
-        "highest": 4.0,
-        "period": 10.0,
-    },
-    "doublets, 6°": {"kind": "doublets", "amplitude": 6.0, "width": 0.4, "period": 3.0},
-    "side steps, 2 m": {"kind": "steps", "distance": 2.0, "period": 5.0},
-    "pilot's sticks, 4°": {"kind": "sticks"},
-}
+FLOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+WINDS = tuple(FLOWN["winds"])
+STEERING: dict[str, dict[str, Any]] = FLOWN["steering"]
+SCALED = ("speed", "sd", "wind_at_20_feet")  # with the vehicle's of ``SPEEDS``
+MOMENTS = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}  # N m, sd
 RATES = (50.0, 100.0, 200.0)  # Hz
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
@@ -109,48 +101,21 @@ def _varied(rng: np.random.Generator) -> dict[str, float]:
 
 
 def scenario(case: Case) -> Scenario:
-    # N m, sd
-    k = SPEEDS[case.vehicle]
-    moment = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}[case.vehicle]
-    winds: dict[str, list[dict[str, Any]]] = {
-        "calm": [],
-        "light": [{"kind": "gaussian", "sd": 0.5 * k, "s": 0.2}],
-        "Dryden, light": [
-            {"kind": "dryden", "speed": 5 * k, "direction": 90.0, "wind_at_20_feet": 7.7 * k}
-        ],
-        "Dryden, moderate": [
-            {"kind": "dryden", "speed": 5 * k, "direction": 70.0, "wind_at_20_feet": 15.4 * k}
-        ],
-        "jet": [
-            {
-                "kind": "jet",
-                "speed": 6 * k,
-                "distance": 3.0,
-                "diameter": 0.5,
-                "turbulence": 0.3,
-                "s": 0.1,
-            }
-        ],
-        "gusts": [
-            {"kind": "steady", "speed": 5 * k, "direction": 80.0},
-            {"kind": "gaussian", "sd": 1.5 * k, "s": 0.3},
-        ],
-        "slow": [
-            {"kind": "von_karman", "speed": 4 * k, "direction": 120.0, "wind_at_20_feet": 10 * k}
-        ],
-    }
-    moments = {"gusts": [{"sd": moment, "s": 0.05}], "slow": [{"sd": moment / 2, "s": 0.3}]}
-    steering = STEERING[case.steering]
-    values: dict[str, Any] = {
+    values = {
         "duration": 60.0,
         "seed": case.seed,
         "height": 1.5 if case.wind == "jet" else 8.0,
         "vehicle": {"model": case.vehicle, **case.varied},
-        "wind": winds[case.wind],
-        "moments": moments.get(case.wind, []),
+        "wind": _scaled(FLOWN["winds"][case.wind], SPEEDS[case.vehicle]),
+        "moments": _scaled(FLOWN["moments"].get(case.wind, []), MOMENTS[case.vehicle]),
         "stream": {"rate": case.rate, "autopilot": case.autopilot},
     }
+    steering = STEERING[case.steering]
     return scenario_of(values | ({"excitation": steering} if steering else {}))
+
+
+def _scaled(sections: Sequence[dict[str, Any]], factor: float) -> list[dict[str, Any]]:
+    return [one | {name: factor * one[name] for name in SCALED if name in one} for one in sections]
 
 
 def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
