@@ -101,15 +101,13 @@ def message(
     """One frame of a named message; fields that are not given are zero."""
     kind = next(kind for kind in dialect.mavlink_map.values() if kind.msgname == name)
     sizes = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
-    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
-    flat: list[Any] = []
-    for field in kind.ordered_fieldnames:
-        if types[field] == "char":
-            flat.append(values.get(field, b""))
-        else:
-            value = values.get(field, [0] * sizes[field] if sizes[field] else 0)
-            flat += value if sizes[field] else [value]
-    return frame(kind.id, kind.unpacker.pack(*flat), system, component, sequence, version)
+    zeros = {
+        field: b"" if of == "char" else [0] * sizes[field] or 0
+        for field, of in zip(kind.fieldnames, kind.fieldtypes, strict=True)
+    }
+    sender = dialect.MAVLink(None, system, component)
+    sender.seq = sequence
+    return bytes(kind(**zeros | values).pack(sender, version == 1))
 
 
 def tlog(frames: list[bytes]) -> bytes:
