@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import inf, isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,11 @@ from mavdem.assessment.power import LEAST_SUPPLY
 from mavdem.condition.said import in_order, once, reason, said
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
-from mavdem.facts.fact import Code
-from mavdem.ingest.telemetry import Columns
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND
 
 FIX_3D = 3  # of GPS_FIX_TYPE
-CHARGE_STATES = {2: Reported.BATTERY_WARNED, 3: Reported.BATTERY_ALARMED}
-"""Of MAV_BATTERY_CHARGE_STATE, and what is worse is critical too."""
+LOW_CHARGE = 2  # of MAV_BATTERY_CHARGE_STATE; what is more is worse
+SENSOR_BITS = ("health", "present", "enabled")
 DETECTED = {
     "fd_roll": (Reported.ATTITUDE_FAILED, Level.BAD, "roll"),
     "fd_pitch": (Reported.ATTITUDE_FAILED, Level.BAD, "pitch"),
@@ -54,6 +53,16 @@ COUNTED = (
 """Message and field, and what a change of it means."""
 
 
+class Complaint(NamedTuple):
+    """A ``message``, where each of it (N,) says that something is wrong, and what that is."""
+
+    message: str
+    holds: NDArray[np.bool_]
+    code: Reported
+    level: Level = Level.WATCH
+    subject: str = ""
+
+
 def reported_events(signals: Signals) -> tuple[Fact, ...]:
     """Returns what the autopilot reports, in order of boot and time.
 
@@ -63,7 +72,7 @@ def reported_events(signals: Signals) -> tuple[Fact, ...]:
     words = said(signals.telemetry)
     found = []
     for part in recorded_parts(signals):
-        own = [fact for make in STATES for fact in make(signals, part)]
+        states = [fact for make in STATES for fact in make(signals, part)]
         faults = [fact for make in FAULTS for fact in make(signals, part)]
         faults += [fact for fact in words if fact.figures["boot"] == part.boot]
         flights = flights_of(signals, part.boot)
@@ -71,7 +80,7 @@ def reported_events(signals: Signals) -> tuple[Fact, ...]:
             (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
             for start, end in armed(signals, part.boot)
         ]
-        for fact in in_order([*own, *once(faults)]):
+        for fact in in_order([*states, *once(faults)]):
             time = fact.time or 0.0
             if fact.level is Level.BAD and not during(np.array([time]), on).any():
                 fact = fact.but(Level.WATCH)
@@ -80,97 +89,67 @@ def reported_events(signals: Signals) -> tuple[Fact, ...]:
     return tuple(found)
 
 
+def _event(
+    signals: Signals,
+    part: Segment,
+    source: str,
+    code: Reported,
+    time: float,
+    level: Level = Level.GOOD,
+    **known: Any,
+) -> Fact:
+    """A fact of one boot, by the message ``source``."""
+    basis = (signals.telemetry.called(source),)
+    return Fact(code, level, time=time, boot=part.boot, basis=basis, **known)
+
+
 def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:
     state = of_boot(signals.armed, part.boot)
     if state is None:
         return
     on = state.values > 0
     for row in np.flatnonzero(np.diff(on, prepend=False)):
-        yield Fact(
-            Reported.MOTORS_ARMED if on[row] else Reported.MOTORS_DISARMED,
-            Level.GOOD,
-            time=state.time[row],
-            is_begun=row == 0,
-            boot=part.boot,
-            basis=(signals.telemetry.called("HEARTBEAT"),),
-        )
+        code = Reported.MOTORS_ARMED if on[row] else Reported.MOTORS_DISARMED
+        yield _event(signals, part, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
 
 
 def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
     """Take-offs and landings: when the land detector says so or, where it says nothing, as the motors show them."""
-    boot = part.boot
-    landed = of_boot(signals.landed_state, boot)
+    landed = of_boot(signals.landed_state, part.boot)
     reports = {Reported.OFF_GROUND: np.zeros(0), Reported.ON_GROUND: np.zeros(0)}
     if landed is not None:
         defined = landed.values > 0
+        time = landed.time[defined]
         in_air = np.isin(landed.values[defined], OFF_GROUND)
         changes = np.diff(in_air, prepend=in_air[:1])
-        time = landed.time[defined]
-        reports = {
-            Reported.OFF_GROUND: time[changes & in_air],
-            Reported.ON_GROUND: time[changes & ~in_air],
-        }
+        reports[Reported.OFF_GROUND] = time[changes & in_air]
+        reports[Reported.ON_GROUND] = time[changes & ~in_air]
     by_motors = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
-    for flight in flights_of(signals, boot):
+    for flight in flights_of(signals, part.boot):
         for (code, times), end in zip(reports.items(), flight, strict=True):
-            if not isfinite(end):
-                continue
             near = times[np.abs(times - end) <= AVERAGING_SECONDS]
             source = "EXTENDED_SYS_STATE" if len(near) else by_motors
-            yield Fact(
-                code,
-                Level.GOOD,
-                time=min(near, key=lambda time: abs(time - end), default=end),
-                boot=boot,
-                basis=(signals.telemetry.called(source),),
-            )
+            at = float(near[np.argmin(np.abs(near - end))]) if len(near) else end
+            if isfinite(end):
+                yield _event(signals, part, source, code, at)
 
 
 def _modes(signals: Signals, part: Segment) -> Iterator[Fact]:
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
+    source = "CURRENT_MODE" if columns else "HEARTBEAT"
     causes = {}
     if "Rsn" in columns:
         here = columns["boot"] == part.boot
-        causes = dict(zip(*(columns[name][here].tolist() for name in ("time", "Rsn")), strict=True))
+        causes = dict(zip(columns["time"][here].tolist(), columns["Rsn"][here], strict=True))
     for time, mode in signals.modes(part.boot):
         cause, level = reason(causes.get(time))
-        yield Fact(
-            Reported.MODE_CHANGED,
-            level,
-            time=time,
-            subject=mode,
-            cause=cause,
-            boot=part.boot,
-            basis=(signals.telemetry.called("CURRENT_MODE" if columns else "HEARTBEAT"),),
-        )
+        code = Reported.MODE_CHANGED
+        yield _event(signals, part, source, code, time, level, subject=mode, cause=cause)
 
 
 def _restarts(signals: Signals, part: Segment) -> Iterator[Fact]:
     if part.boot > 0:
-        basis = (signals.telemetry.called("ATTITUDE"),)
-        yield Fact(Reported.RESTARTED, Level.WATCH, time=part.start, boot=part.boot, basis=basis)
-
-
-def _failsafes(signals: Signals, part: Segment) -> Iterator[Fact]:
-    columns = signals.heartbeats or {}
-    if "system_status" in columns:
-        critical = columns["system_status"] >= CRITICAL
-        yield from _lasting(signals, part, "HEARTBEAT", columns, critical, Reported.FAILSAFE)
-
-
-def _detected(signals: Signals, part: Segment) -> Iterator[Fact]:
-    """What PX4's failure detector found."""
-    name = "failure_detector_status"
-    columns = signals.telemetry.messages.get(name, {})
-    for field, meant in DETECTED.items():
-        if field in columns:
-            yield from _lasting(signals, part, name, columns, columns[field] > 0, *meant)
-    if "motor_failure_mask" in columns:
-        mask = columns["motor_failure_mask"].astype(np.int64)
-        for motor in np.flatnonzero(np.bitwise_or.reduce(mask) >> np.arange(16) & 1).tolist():
-            failed = mask >> motor & 1 > 0
-            meant = (Reported.MOTOR_FAILED, Level.BAD, f"motor {motor + 1}")
-            yield from _lasting(signals, part, name, columns, failed, *meant)
+        yield _event(signals, part, "ATTITUDE", Reported.RESTARTED, part.start, Level.WATCH)
 
 
 def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:
@@ -182,69 +161,58 @@ def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:
         here = columns["boot"] == part.boot
         values = columns[field][here]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
-            yield Fact(
-                code,
-                level,
-                time=columns["time"][here][row],
-                subject=subject.format(int(values[row])),
-                boot=part.boot,
-                basis=(signals.telemetry.called(name),),
-            )
+            time = columns["time"][here][row]
+            about = subject.format(int(values[row]))
+            yield _event(signals, part, name, code, time, level, subject=about)
 
 
-def _losses(signals: Signals, part: Segment) -> Iterator[Fact]:
-    """GPS without a fix after it had one, a remote control that is lost, and a supply or a battery that is low."""
-    messages = signals.telemetry.messages
-    if "fix_type" in (columns := messages.get("GPS_RAW_INT", {})):
-        fixed = columns["fix_type"] >= FIX_3D
-        lost = np.logical_or.accumulate(fixed) & ~fixed
-        yield from _lasting(signals, part, "GPS_RAW_INT", columns, lost, Reported.GPS_LOST)
-    if columns := messages.get("input_rc", {}):
-        lost = columns["rc_lost"] > 0
-        yield from _lasting(signals, part, "input_rc", columns, lost, Reported.RADIO_LOST)
-    if "onboard_control_sensors_health" in (columns := messages.get("SYS_STATUS", {})):
-        sensors = "onboard_control_sensors_"
-        used = columns[f"{sensors}present"] & columns[f"{sensors}enabled"]
-        failed = (used & ~columns[f"{sensors}health"]).astype(np.int64)
-        for bit, (code, subject) in HEALTH.items():
-            failing = failed >> bit & 1 > 0
-            yield from _lasting(
-                signals, part, "SYS_STATUS", columns, failing, code, subject=subject
-            )
-    if columns := messages.get("POWER_STATUS", {}):
-        low = (columns["Vcc"] > 0) & (columns["Vcc"] < 1000 * LEAST_SUPPLY)
-        yield from _lasting(signals, part, "POWER_STATUS", columns, low, Reported.BOARD_VOLTAGE_LOW)
-    for name in BATTERY_MESSAGES:
-        if "charge_state" in (columns := messages.get(name, {})):
-            state = np.minimum(columns["charge_state"], max(CHARGE_STATES))
-            for number, code in CHARGE_STATES.items():
-                yield from _lasting(signals, part, name, columns, state == number, code)
-
-
-def _lasting(
-    signals: Signals,
-    part: Segment,
-    name: str,
-    columns: Columns,
-    true: NDArray[np.bool_],
-    code: Code,
-    level: Level = Level.WATCH,
-    subject: str = "",
-) -> Iterator[Fact]:
-    """A fact for each time for which it was ``true`` (N,) of a message while armed."""
-    here = columns["boot"] == part.boot
+def _lasting(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """What a message says for a time while armed."""
     inside = both(armed(signals, part.boot), [(part.start, part.end)])
-    for start, end in both(where(columns["time"][here], true[here]), inside):
-        yield Fact(
-            code,
-            level,
-            time=start,
-            until=end if end < part.end else None,
-            subject=subject,
-            boot=part.boot,
-            basis=(signals.telemetry.called(name),),
-        )
+    for name, true, code, level, subject in _complaints(signals):
+        columns = signals.telemetry.messages[name]
+        here = columns["boot"] == part.boot
+        for start, end in both(where(columns["time"][here], true[here]), inside):
+            until = end if end < part.end else None
+            yield _event(signals, part, name, code, start, level, until=until, subject=subject)
+
+
+def _complaints(signals: Signals) -> Iterator[Complaint]:
+    """What may last, of the messages that there are."""
+
+    def values(message: str, field: str) -> NDArray[Any] | None:
+        return signals.telemetry.messages.get(message, {}).get(field)
+
+    if (status := values("HEARTBEAT", "system_status")) is not None:
+        yield Complaint("HEARTBEAT", status >= CRITICAL, Reported.FAILSAFE)
+    if (fix := values("GPS_RAW_INT", "fix_type")) is not None:
+        lost = np.logical_or.accumulate(fix >= FIX_3D) & (fix < FIX_3D)
+        yield Complaint("GPS_RAW_INT", lost, Reported.GPS_LOST)
+    if (no_radio := values("input_rc", "rc_lost")) is not None:
+        yield Complaint("input_rc", no_radio > 0, Reported.RADIO_LOST)
+    if (supply := values("POWER_STATUS", "Vcc")) is not None:
+        low = (supply > 0) & (supply < 1000 * LEAST_SUPPLY)
+        yield Complaint("POWER_STATUS", low, Reported.BOARD_VOLTAGE_LOW)
+    for name in BATTERY_MESSAGES:
+        if (charge := values(name, "charge_state")) is not None:
+            yield Complaint(name, charge == LOW_CHARGE, Reported.BATTERY_WARNED)
+            yield Complaint(name, charge > LOW_CHARGE, Reported.BATTERY_ALARMED)
+    sensors = signals.telemetry.messages.get("SYS_STATUS", {})
+    if "onboard_control_sensors_health" in sensors:
+        health, *used = (sensors[f"onboard_control_sensors_{name}"] for name in SENSOR_BITS)
+        failed = np.bitwise_and.reduce([~health, *used]).astype(np.int64)
+        for bit, (code, subject) in HEALTH.items():
+            yield Complaint("SYS_STATUS", failed >> bit & 1 > 0, code, subject=subject)
+    name = "failure_detector_status"
+    for field, meant in DETECTED.items():
+        if (detected := values(name, field)) is not None:
+            yield Complaint(name, detected > 0, *meant)
+    if (motors := values(name, "motor_failure_mask")) is not None:
+        for motor in np.flatnonzero(np.bitwise_or.reduce(motors) >> np.arange(16) & 1).tolist():
+            failing = motors.astype(np.int64) >> motor & 1 > 0
+            subject = f"motor {motor + 1}"
+            yield Complaint(name, failing, Reported.MOTOR_FAILED, Level.BAD, subject)
 
 
 STATES = (_arming, _in_the_air, _modes)
-FAULTS = (_restarts, _failsafes, _detected, _changes, _losses)
+FAULTS = (_restarts, _changes, _lasting)
