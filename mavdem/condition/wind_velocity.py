@@ -113,12 +113,13 @@ class WindVelocity:
     @property
     def directed(self) -> bool:
         """Whether the direction means something: it is identifiable, and the air is not still."""
-        return not self.calm and self.status["direction"] != Status.NOT_IDENTIFIABLE
+        still = not self.speed_interval[0]
+        return not still and self.status["direction"] != Status.NOT_IDENTIFIABLE
 
     @property
     def calm(self) -> bool:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
-        return not self.speed_interval[0]
+        return self.sized and not self.speed_interval[0]
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain JSON values; no speeds where the flight does not identify the wind's."""
@@ -127,6 +128,7 @@ class WindVelocity:
         values |= {name: values[name].round(4).tolist() for name in ("time", "velocity", "band")}
         if not self.sized:
             values |= dict.fromkeys(("speed", "gust")) | dict.fromkeys(COURSES, [])
+            values["speed_interval"] = [None, None]
         return values | {"drag": self.drag.as_dict()}
 
 
