@@ -61,6 +61,6 @@ def vibration_light(evidence: Evidence) -> Fact:
         subject=f"IMU {imu + 1}",
         axis=measured.axes[axis],
         vibration=mean[most],
-        acceptable_vibration=limits.watch,
+        acceptable_vibration=limits.bad if mean[most] > limits.bad else limits.watch,
         clips=clips,
     )

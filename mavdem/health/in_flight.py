@@ -198,11 +198,6 @@ class MotorAlarm(NamedTuple):
         return self.motor is not None and self.size > 0
 
     @property
-    def lost(self) -> str:
-        """The loss of thrust, as in "17 to 39 %"."""
-        return " to ".join(f"{100 * end:.0f}" for end in self.loss) + " %"
-
-    @property
     def fact(self) -> Fact:
         """What changed since when, and what that means: bad where a motor lost thrust."""
         code, level = InFlight.MOTOR_RECOVERED, Level.GOOD

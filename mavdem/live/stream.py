@@ -408,9 +408,10 @@ class LiveStream:
 
     def _look(self, time: float, motion: Values) -> None:
         """Where the nose points by an attitude, unless roll and pitch stray from the setpoint that holds."""
-        roll, pitch, *_, self._heading = motion
+        *tilts, _, _, self._heading = motion
         since, asked = self._asked
-        if abs(time - since) <= HOLD_SECONDS and strays(np.array([roll, pitch]), np.array(asked)):
+        strayed = abs(time - since) <= HOLD_SECONDS and strays(np.array(tilts), np.array(asked))
+        if strayed or max(map(abs, tilts)) >= MAX_TILT:
             self._heading = nan
 
     def _watch_motors(self, time: float, inputs: Inputs) -> None:

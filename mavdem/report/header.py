@@ -14,7 +14,7 @@ from mavdem.evaluate.held_out import FORECAST
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Purpose
 from mavdem.facts.event import Event
-from mavdem.health.in_flight import MotorAlarm
+from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import TORQUE, readable, rounded, with_unit
 from mavdem.report.timeline import Timeline
@@ -97,12 +97,13 @@ def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:
 
 
 def _lost(alarms: Sequence[MotorAlarm]) -> Iterator[KeyFigure]:
-    if weak := max(
-        (alarm for alarm in alarms if alarm.weak), key=lambda alarm: alarm.size, default=None
-    ):
+    """The worst that lasts, or else the worst that a motor lost."""
+    for lost in losses_of(alarms)[:1]:
+        low, high = lost.figures["loss"]
+        until = "" if lost.until is None else f", until {lost.until:.0f} s"
         yield KeyFigure(
-            f"{weak.name.capitalize()} lost",
-            weak.lost,
-            f"of its thrust at {weak.since:.0f} s",
-            Level.BAD,
+            f"{lost.subject.capitalize()} lost",
+            f"{100 * low:.0f} to {100 * high:.0f} %",
+            f"of its thrust at {lost.time:.0f} s{until}",
+            lost.level,
         )
