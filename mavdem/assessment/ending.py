@@ -112,7 +112,7 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
         return None
     at_stop = _during(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset)
     idle = airborne_collective(signals.telemetry.parameters)
-    if "angle" not in lost.figures:
+    if lost.code is MotionEvent.HIT:  # what is commanded after it says nothing
         began = at_stop or _during(events, MotionEvent.FELL, boot, onset)
         since = min((event.time or 0.0 for event in began), default=onset)
         commands = _commands(signals.motors, boot, since, onset)
@@ -120,12 +120,7 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
     commands = _commands(signals.motors, boot, onset, float(error.time[at]))
     fell = complex(-error.pitch[at], error.roll[at])
-    cause = commands and _of_commands(commands, idle, at_stop, fell)
-    # What lies on the ground is switched off.
-    is_switched_off = (
-        lost.code is MotionEvent.HIT and cause and cause.code is FailedFirst.ALL_OFF_FIRST
-    )
-    return None if is_switched_off else cause
+    return commands and _of_commands(commands, idle, at_stop, fell)
 
 
 def _during(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:

@@ -47,6 +47,10 @@ GROUND_HEIGHT = (
 FALL_SPEED = 5.0  # m/s down: autopilots descend by themselves at 1.5 to 4
 HIT_SPEED = 3.0
 """m/s by which a fall is braked within ``LOST_SECONDS`` by the ground only: it takes three times the weight."""
+HIT_FORCE = 30.0
+"""m/s², three times the weight: what accelerometers feel when the vehicle hits something, and not in flight."""
+FORCES = {"HIGHRES_IMU": 1.0, "RAW_IMU": 9.80665e-3}
+"""Messages with the acceleration that is felt, the preferred first, and the factor that makes it m/s²."""
 BELOW_RANGE = -0.02
 """Share of the range below which PX4 sends motors that are off; ArduPilot's run above 0 as long as they are armed."""
 
@@ -91,12 +95,12 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     yield from _switched_off(signals, boot, flights)
     yield from _clipped(signals, boot, flights)
     for flight in flights:
-        lost: float | None = None
+        lost: Fact | None = None
         for span in _losses(error, flight):
             loss = _loss(signals, boot, error, flight, span)
             yield loss
             if loss.level is Level.BAD:
-                lost = loss.time
+                lost = loss
                 break
         yield from _fall(signals, boot, flight, lost)
     last = float(error.time[-1])
@@ -189,11 +193,12 @@ def _loss(
     if climb is not None:
         falling = (climb.time >= onset) & (climb.time <= end + CAUGHT_SECONDS)
         speed = -float(climb.values[falling].min(initial=0.0))
+    hit = _hit(signals, boot, onset - ASKED_SECONDS, start)
     code = MotionEvent.ATTITUDE_LOST
     level = Level.BAD
     if onset - flight[0] < CAUGHT_SECONDS:
         code = MotionEvent.TIPPED
-    elif height is not None and height < GROUND_HEIGHT:
+    elif hit is not None or (height is not None and height < GROUND_HEIGHT):
         code = MotionEvent.HIT
     asked = bool(error.asked[here].all())
     harmless = speed < FALL_SPEED and (angle < 2 * LOST_ANGLE or not asked)
@@ -203,7 +208,7 @@ def _loss(
     return Fact(
         code,
         level,
-        time=onset,
+        time=onset if hit is None else min(onset, hit),
         until=_seen(end),
         angle=angle,
         height=height,
@@ -227,14 +232,32 @@ def _is_caught(signals: Signals, boot: int, flight: Interval, end: float) -> boo
     return after.mean() > usual / 2 and (height is None or height > GROUND_HEIGHT)
 
 
-def _fall(signals: Signals, boot: int, flight: Interval, lost: float | None) -> Iterator[Fact]:
+def _hit(signals: Signals, boot: int, since: float, until: float) -> float | None:
+    """When the accelerometers felt that the vehicle hit something, from ``since`` to ``until``, s, if they did."""
+    message = next((name for name in FORCES if name in signals.telemetry.messages), None)
+    if message is None:
+        return None
+    columns = signals.telemetry.messages[message]
+    axes = [floats(columns, f"{axis}acc") for axis in "xyz"]
+    force = of_boot(series(columns, FORCES[message] * np.linalg.norm(axes, axis=0)), boot)
+    if force is None:
+        return None
+    before = (force.time > since - CAUGHT_SECONDS) & (force.time < since)
+    usual = force.values[before].max(initial=HIT_FORCE)
+    hits = force.time[during(force.time, [(since, until)]) & (force.values > usual)]
+    return float(hits[0]) if len(hits) else None
+
+
+def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> Iterator[Fact]:
     """The fall after control was ``lost``, or with which a flight ended, and when it hit the ground."""
     climb = of_boot(signals.climb_rate, boot)
     if climb is None:
         return
     time = climb.time
     end = min(flight[1], time[-1])
-    since = end - CAUGHT_SECONDS if lost is None else lost
+    since = end - CAUGHT_SECONDS
+    if lost is not None and lost.time is not None:
+        since = lost.time - (CAUGHT_SECONDS if lost.code is MotionEvent.HIT else 0.0)
     near = (time > max(flight[0], since)) & (time < end + CAUGHT_SECONDS)
     falling = time[near & (climb.values < -FALL_SPEED)]
     if len(falling):
@@ -243,11 +266,14 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: float | None) -> 
         yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
     soon = np.interp(time + LOST_SECONDS, time, climb.values)
     braked = near & (climb.values < -HIT_SPEED) & (soon - climb.values > HIT_SPEED)
-    if braked.any():
-        hit = int(np.argmax(braked))
-        speed = -float(climb.values[hit])
-        level = Level.BAD if lost is None else Level.WATCH
-        yield Fact(MotionEvent.HIT, level, height=None, time=time[hit], speed=speed, boot=boot)
+    if lost is not None:
+        hit = _hit(signals, boot, since, end + CAUGHT_SECONDS)
+        if hit is not None and lost.code is not MotionEvent.HIT:
+            yield Fact(MotionEvent.HIT, Level.WATCH, height=None, time=hit, boot=boot)
+    elif braked.any():
+        at = int(np.argmax(braked))
+        speed = -float(climb.values[at])
+        yield Fact(MotionEvent.HIT, Level.BAD, height=None, time=time[at], speed=speed, boot=boot)
 
 
 def _at_limits(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:

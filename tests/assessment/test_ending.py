@@ -217,6 +217,24 @@ def test_a_fall_with_all_motors_idle_says_so():
     assert ending.figures["cause"].code is FailedFirst.ALL_OFF_FIRST
 
 
+def felt(made: Telemetry, time: float) -> Telemetry:
+    """Its accelerometers feel 100 m/s² at that time, and the weight at others."""
+    at = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 0.04)
+    force = np.where(np.abs(at - time) < 0.03, 100.0, 9.8)
+    return changed(made, "HIGHRES_IMU", **columns(at, xacc=0 * at, yacc=0 * at, zacc=-force))
+
+
+def test_what_hits_something_first_is_not_said_to_have_lost_a_motor():
+    _, ending = judged(felt(lost(1), FAILS - 0.2))
+    assert ending.code is Ending.CRASHED
+    assert ending.time == pytest.approx(FAILS - 0.2, abs=0.05)
+    assert ending.subject == ""
+    events, ending = judged(felt(lost(1), FAILS + 2.0))
+    assert ending.code is Ending.CONTROL_LOST
+    assert ending.subject == NAMES[1]
+    assert events[MotionEvent.HIT].time == pytest.approx(FAILS + 2.0, abs=0.05)
+
+
 def thrust_lost(motor: int) -> Fact:
     subject = f"motor {motor}"
     return Fact(Reported.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=subject, boot=0)

@@ -30,6 +30,7 @@ from mavdem.ingest.dataflash.binary import (
     read_binary,
 )
 from mavdem.ingest.dataflash.translation import (
+    ACCELEROMETERS,
     GYROS,
     NEEDED,
     OF_FLIGHT,
@@ -195,7 +196,8 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         message: under_later_names(message, numbers(recording.table(message))) for message in NEEDED
     }
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
-    gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
+    used = (*CLOCKS, "I", *GYROS, *ACCELEROMETERS)
+    gyros = {name: column for name, column in imu.columns.items() if name in used}
     said = recording.table("MSG")
     texts = _texts(said, "Message")
     if len(texts) == len(said.place):

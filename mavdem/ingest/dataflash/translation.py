@@ -212,6 +212,7 @@ def _texts(tables: Mapping[str, Columns]) -> Columns | None:
 
 ANGLES = ("Roll", "Pitch", "Yaw")
 GYROS = ("GyrX", "GyrY", "GyrZ")
+ACCELEROMETERS = ("AccX", "AccY", "AccZ")
 RATES = ("R", "P", "Y")
 DEMANDS = ("ROut", "POut", "YOut")
 DESIRED_RATES = ("RDes", "PDes", "YDes")
