@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -15,6 +16,8 @@ from mavdem.condition.condition import settled_parts
 from mavdem.facts import Code, Fact, Level
 from mavdem.ingest.telemetry import Array
 
+INJECTED = frozenset({"Autotune", "Systemid"})
+"""ArduPilot's modes that move the vehicle themselves, to and over what its gains allow."""
 SEVERITY = (Level.UNKNOWN, Level.GOOD, Level.WATCH, Level.BAD)
 
 
@@ -40,18 +43,21 @@ def flown(evidence: Evidence, signal: Signal | None) -> Iterator[Signal]:
                 yield Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
 
 
-def settled(evidence: Evidence) -> tuple[Segment, ...]:
-    """Returns settled flight, until the vehicle was lost."""
+def settled(evidence: Evidence, without: frozenset[str]) -> tuple[Segment, ...]:
+    """Returns settled flight, until the vehicle was lost, in other modes than those."""
+    signals = evidence.signals
     ending = evidence.ending
-    parts = settled_parts(evidence.signals)
-    if ending is None or ending.time is None:
-        return parts
-    boot = ending.figures.get("boot", parts[-1].boot if parts else 0)
-    return tuple(
-        Segment(part.boot, part.start, min(part.end, ending.time)) if part.boot == boot else part
-        for part in parts
-        if part.boot != boot or part.start < ending.time
-    )
+    found = list[Segment]()
+    for part in settled_parts(signals):
+        changes = [*signals.modes(part.boot), (inf, "")]
+        left_out = [
+            (start, end) for (start, name), (end, _) in pairwise(changes) if name in without
+        ]
+        if ending is not None and ending.figures.get("boot", part.boot) == part.boot:
+            left_out = phases.either(left_out, [(ending.time or inf, inf)])
+        spans = phases.both([(part.start, part.end)], phases.outside(left_out))
+        found += [Segment(part.boot, *span) for span in spans]
+    return tuple(found)
 
 
 def reported(evidence: Evidence, codes: Container[Code]) -> Iterator[Fact]:

@@ -8,7 +8,7 @@ from math import radians
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.signals import MINIMUM_RATE, usual_rate
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import settled, worst
+from mavdem.assessment.flown import INJECTED, settled, worst
 from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating
 from mavdem.condition.resonance import Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
@@ -48,7 +48,7 @@ class AxisMargins:
 
 def margins_of(evidence: Evidence) -> tuple[AxisMargins, ...]:
     """Returns what is known of the margins of roll, pitch and yaw."""
-    parts = settled(evidence)
+    parts = settled(evidence, INJECTED)
     axes = map(evidence.signals.about, AXES)
     return tuple(
         AxisMargins(

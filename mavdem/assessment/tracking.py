@@ -11,7 +11,7 @@ from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import settled, worst
+from mavdem.assessment.flown import INJECTED, settled, worst
 from mavdem.condition.resonance import spectra
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import TrackingLight
@@ -26,6 +26,8 @@ BAD_ERROR = np.radians(10.0)
 """rad, RMS without the delay: sound vehicles have up to 2.5° in hard steps, and ArduPilot's crash check begins at 30°.
 An error counts only where it is over half of what was asked, and is bad where it is larger than all of that: then no
 answer at all would be better. So a stick that is moved on the ground is none."""
+FREE_MODES = frozenset({"Acro", "Flip", "Throw", "Turtle"})
+"""ArduPilot's modes in which the angle that is logged as asked for is none."""
 STEP_WINDOW = 4.0  # s, of the spectra by which the response to a step is known
 STEERED = np.radians(2.0)  # rad, standard deviation of a setpoint that shows it
 FAITHFUL = 0.8  # coherence of setpoint and angle, with which a frequency counts
@@ -90,7 +92,7 @@ def tracking_light(evidence: Evidence) -> Fact:
 
 def tracking_of(evidence: Evidence) -> tuple[AxisTracking, ...]:
     """Returns how roll and pitch follow their setpoints; those whose setpoints were recorded."""
-    parts = settled(evidence)
+    parts = settled(evidence, INJECTED | FREE_MODES)
     found = (_tracking(evidence.signals.about(axis), parts) for axis in TILT_AXES)
     return tuple(one for one in found if one is not None)
 

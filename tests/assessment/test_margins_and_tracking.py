@@ -119,6 +119,12 @@ def test_a_peak_that_the_motors_share_stands_out_without_a_setpoint(damping, sta
         assert light.figures["ratio"] == pytest.approx(1 / (2.4 * damping), rel=0.25)
 
 
+def test_what_the_autopilot_injects_shows_no_margin():
+    autotune = columns(np.array([8.0]), custom_mode=np.array([15]))
+    telemetry = changed(flight(*closed_loop(12.0)), "CURRENT_MODE", **autotune)
+    assert margins_light(evidence(telemetry)).level is Level.UNKNOWN
+
+
 def test_a_limit_cycle_goes_before_all():
     found = evidence(flight(*closed_loop(60.0)))
     swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
@@ -221,6 +227,15 @@ def test_ardupilots_navigation_has_the_angle_that_was_asked():
         telemetry, "NAV_CONTROLLER_OUTPUT", **columns(time, nav_roll=asked, nav_pitch=0 * time)
     )
     assert tracking_light(evidence(telemetry)).level is Level.GOOD
+
+
+def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
+    steered = following(0.02, late=0.0, error=0.3).signals.telemetry
+    acro = columns(np.array([8.0, 30.0]), custom_mode=np.array([1, 2]))
+    level = tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level
+    assert level is Level.BAD
+    acro = columns(np.array([8.0]), custom_mode=np.array([1]))
+    assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level is Level.UNKNOWN
 
 
 def test_nothing_after_the_vehicle_was_lost_counts():
