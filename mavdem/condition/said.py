@@ -187,7 +187,7 @@ def _joined(first: Fact, fact: Fact) -> Fact:
     added = {"basis": tuple(basis), "count": first.figures["count"] + 1}
     return Fact(
         first.code,
-        first.level,
+        max(first.level, fact.level, key=list(Level).index),
         time=first.time,
         until=None if last == first.time else last,
         subject=first.subject or fact.subject,

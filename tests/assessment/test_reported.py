@@ -70,6 +70,7 @@ def test_a_warning_that_nobody_knows_is_quoted_and_what_is_no_warning_is_not():
     assert (fact.code, fact.figures["text"]) == (Reported.AUTOPILOT_SAID, "Toilet seat up")
     assert fact.figures["severity"] == "warning"
     assert not said(with_texts(FLOWN, b"Radio Failsafe Cleared", severity=(4,)))
+    assert not said(with_texts(FLOWN, b"Mission terminated"))
     # Severities had another scale.
     assert not said(with_texts(FLOWN, b"GROUND START", b"ARMING MOTORS", severity=(1, 3)))
 
@@ -89,6 +90,14 @@ def test_what_is_said_again_soon_is_once_with_its_count_and_span():
     found = once(said(changed(FLOWN, "STATUSTEXT", **columns(times, **fields))))
     spans = [(fact.time, fact.until, fact.figures["count"]) for fact in found]
     assert spans == [(1.0, 1.0 + AGAIN_SECONDS, 2), (times[2], None, 1)]
+
+
+def test_of_two_that_say_the_same_the_worse_level_holds():
+    told = columns(np.array([0.5]), Id=np.array([62]))
+    telemetry = with_texts(changed(FLOWN, "EV", **told), b"EKF3 IMU0 emergency yaw reset")
+    (fact,) = once(said(telemetry))
+    assert (fact.time, fact.level, fact.subject) == (0.5, Level.WATCH, "yaw")
+    assert fact.figures["basis"] == ("EV", "STATUSTEXT")
 
 
 def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
