@@ -214,7 +214,7 @@ def test_outputs_that_hardly_move_show_no_stop():
 
 
 RECORDED = {
-    "ardupilot_motor2_at_its_limit.BIN": [0.022, 0.139, 0.004, 0.008],
+    "ardupilot_motor2_at_its_limit.BIN": [0.017, 0.112, 0.003, 0.006],
     "ardupilot_range_1075_1920_slow.tlog": [0.099, 0, 0.040, 0, 0, 0.030],
 }
 
