@@ -230,20 +230,25 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
     Of several losses of a motor the largest that lasts, or else the largest.
     """
     found = []
-    for name in dict.fromkeys(change.name for change in changes if change.weak):
-        own = [change for change in changes if change.name == name]
-        ended = [place for place, change in enumerate(own) if not change.weak]
-        lasting = own[ended[-1] + 1 :] if ended else own
-        worst = max(
-            lasting or [change for change in own if change.weak], key=lambda change: change.size
+    for motor in dict.fromkeys((change.boot, change.name) for change in changes if change.weak):
+        own = [change for change in changes if (change.boot, change.name) == motor]
+        losses = [change for change in own if change.weak]
+        ends = [change for change in own if not change.weak]
+        lasts = own[-1].weak
+        if lasts and ends:
+            losses = [loss for loss in losses if loss.time > ends[-1].time]
+        worst = max(losses, key=lambda loss: loss.size)
+        found.append(
+            Fact(
+                InFlight.MOTOR_LOST_THRUST,
+                Level.BAD if lasts else Level.WATCH,
+                time=worst.since,
+                until=None if lasts else next(end.since for end in ends if end.time > worst.time),
+                subject=worst.name,
+                **worst.fact.figures,
+            )
         )
-        end = next((own[place] for place in ended if own[place].time > worst.time), None)
-        fact = worst.fact
-        until = None if end is None else end.since
-        level = Level.BAD if end is None else Level.WATCH
-        lost = Fact(fact.code, level, time=fact.time, until=until, subject=name, **fact.figures)
-        found.append((level is Level.WATCH, -worst.size, lost))
-    return [lost for *_, lost in sorted(found, key=lambda one: one[:2])]
+    return sorted(found, key=lambda lost: (lost.level is Level.WATCH, -lost.figures["rise"]))
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:

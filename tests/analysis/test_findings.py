@@ -155,9 +155,7 @@ CYCLE = Oscillation(
 )
 WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
 SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0)}
-TWISTED = Fact(
-    Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, deviation=0.17, half=0.02
-)
+TWISTED = Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, assumed=False)
 
 
 @pytest.mark.parametrize(
