@@ -99,56 +99,54 @@ def test_every_value_of_every_message_is_dfreaders(log, steps):
             )
 
 
+ANGLE = np.pi / 180
+TRANSLATED = {
+    STEPS: [
+        ("ATTITUDE", "time", "ANG", "TimeUS", 1e-6),
+        ("ATTITUDE", "roll", "ANG", "Roll", ANGLE),
+        ("ATTITUDE", "pitch", "ANG", "Pitch", ANGLE),
+        ("ATTITUDE", "rollspeed", "RATE", "R", ANGLE),
+        ("SERVO_OUTPUT_RAW", "time", "RCOU", "TimeUS", 1e-6),
+        *(("SERVO_OUTPUT_RAW", f"servo{n}_raw", "RCOU", f"C{n}", 1.0) for n in range(1, 15)),
+        ("LOCAL_POSITION_NED", "vz", "XKF1", "VD", 1.0),
+        ("WIND_COV", "wind_x", "XKF2", "VWN", 1.0),
+        ("VFR_HUD", "climb", "CTUN", "CRt", 0.01),
+    ],
+    "real/logs/crash_motor2_mechanical.bin": [
+        ("POWER_STATUS", "Vcc", "POWR", "Vcc", 1000.0),
+        ("EKF_STATUS_REPORT", "velocity_variance", "NKF4", "SV", 1.0),
+        ("EKF_STATUS_REPORT", "compass_variance", "NKF4", "SM", 1.0),
+        ("GPS_RAW_INT", "eph", "GPS", "HDop", 100.0),
+        ("GPS_RAW_INT", "satellites_visible", "GPS", "NSats", 1.0),
+    ],
+}
+
+
 @pytest.mark.slow
-def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps):
-    read = by_dfreader(steps, ["ANG", "RATE", "RCOU", "CTUN", "XKF1", "XKF2", "PARM"])
-    (vehicle,) = read_dataflash(steps).vehicles
-    attitude = vehicle.messages["ATTITUDE"]
-    servos = vehicle.messages["SERVO_OUTPUT_RAW"]
-    assert np.array_equal(attitude["time"], np.array(read["ANG"]["TimeUS"]) / 1e6)
-    assert np.array_equal(attitude["roll"], np.radians(read["ANG"]["Roll"]))
-    assert np.array_equal(attitude["pitch"], np.radians(read["ANG"]["Pitch"]))
-    heading = np.radians(read["ANG"]["Yaw"])
-    assert np.allclose(np.exp(1j * attitude["yaw"]), np.exp(1j * heading), atol=1e-12)
-    assert np.abs(attitude["yaw"]).max() <= np.pi
-    assert np.array_equal(attitude["rollspeed"], np.radians(read["RATE"]["R"]))
-    assert np.array_equal(servos["time"], np.array(read["RCOU"]["TimeUS"]) / 1e6)
-    for channel in range(1, 15):
-        assert np.array_equal(servos[f"servo{channel}_raw"], read["RCOU"][f"C{channel}"])
-    controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
-    assert np.array_equal(
-        controls[:, :4],
-        np.column_stack([read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")]),
-    )
-    primary = np.array(read["XKF1"]["C"]) == 0
-    assert vehicle.called("LOCAL_POSITION_NED") == "XKF1"
-    assert np.array_equal(
-        vehicle.messages["LOCAL_POSITION_NED"]["vz"], np.array(read["XKF1"]["VD"])[primary]
-    )
-    assert vehicle.called("WIND_COV") == "XKF2"
-    estimated = np.array(read["XKF2"]["VWN"])[np.array(read["XKF2"]["C"]) == 0]
-    assert np.array_equal(vehicle.messages["WIND_COV"]["wind_x"], estimated)
-    assert np.allclose(vehicle.messages["VFR_HUD"]["climb"], np.array(read["CTUN"]["CRt"]) / 100)
+@pytest.mark.parametrize("log", TRANSLATED)
+def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
+    path = steps if log == STEPS else shared(log)
+    read = by_dfreader(path, [*{own for _, _, own, _, _ in TRANSLATED[log]}, "PARM"])
+    (vehicle,) = read_dataflash(path).vehicles
+    for message, field, own, name, factor in TRANSLATED[log]:
+        primary = np.array(read[own].get("C", np.zeros(len(read[own][name])))) == 0
+        expected = factor * np.array(read[own][name])[primary]
+        np.testing.assert_allclose(vehicle.messages[message][field], expected, rtol=1e-14)
+        assert vehicle.called(message) in (own, "ANG")
     named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
     assert vehicle.parameters == named
+    if log != STEPS:
+        # 9023 is 831, and beyond the tenth bit that the filter knows of its take-off and uses GPS
+        flags = vehicle.messages["EKF_STATUS_REPORT"]["flags"]
+        assert set(flags.tolist()) == {9023 & 1023}
+        return
+    yaw = vehicle.messages["ATTITUDE"]["yaw"]
+    turned = np.exp(1j * np.radians(read["ANG"]["Yaw"]))
+    assert np.allclose(np.exp(1j * yaw), turned, atol=1e-12) and np.abs(yaw).max() <= np.pi
+    controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
+    demands = [read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")]
+    assert np.array_equal(controls[:, :4], np.column_stack(demands))
     assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (1, "QUADROTOR", "ARDUPILOTMEGA")
-
-
-def test_supply_filter_and_fixes_are_dfreaders_values():
-    path = shared("real/logs/crash_motor2_mechanical.bin")
-    read = by_dfreader(path, ["POWR", "NKF4", "GPS"])
-    (vehicle,) = read_dataflash(path).vehicles
-    for message, field, own, factor in (
-        ("POWER_STATUS", "Vcc", ("POWR", "Vcc"), 1000.0),
-        ("EKF_STATUS_REPORT", "velocity_variance", ("NKF4", "SV"), 1.0),
-        ("EKF_STATUS_REPORT", "compass_variance", ("NKF4", "SM"), 1.0),
-        ("GPS_RAW_INT", "eph", ("GPS", "HDop"), 100.0),
-        ("GPS_RAW_INT", "satellites_visible", ("GPS", "NSats"), 1.0),
-    ):
-        expected = factor * np.array(read[own[0]][own[1]])
-        assert np.allclose(vehicle.messages[message][field], expected), (message, field)
-    # 9023 is 831, and beyond the tenth bit that the filter knows of its take-off and uses GPS
-    assert set(vehicle.messages["EKF_STATUS_REPORT"]["flags"].tolist()) == {9023 & 1023}
 
 
 def test_a_made_up_log(tmp_path):

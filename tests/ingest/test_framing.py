@@ -23,37 +23,27 @@ from mavdem.ingest.mavlink.vehicles import MAX_STAMP_JUMP
 from mavdem.ingest.tlog import STAMP_BYTES, _without_carriage_returns, tlog_stream
 
 BYTES = st.integers(0, 255)
-Numbers = st.SearchStrategy[int]
-MARKERS = [0, 1, 9, 0x0A, 0x0D, 0xFD, 0xFE, 0xFF]
 TIMES = [20 + 0.01 * row for row in range(60)]
 
 
 @st.composite
-def any_frame(
-    draw: st.DrawFn, systems: Numbers = BYTES, components: Numbers = BYTES, fewest: int = 0
-) -> bytes:
-    """A frame of any message with any field values, of MAVLink 1 cut off anywhere.
-
-    But with the ``fewest`` bytes of payload that one of MAVLink 1 may have, those of it are whole.
-    """
+def any_frame(draw: st.DrawFn) -> bytes:
+    """A frame of any message with any field values, of MAVLink 1 cut off anywhere."""
     version = draw(st.sampled_from([1, 2]))
     sizes = {known: message.unpacker.size for known, message in dialect.mavlink_map.items()}
-    kinds = [
-        known for known in sorted(sizes) if version == 2 or (known < 256 and sizes[known] >= fewest)
-    ]
-    message_id = draw(st.sampled_from(kinds))
+    message_id = draw(st.sampled_from([id for id in sorted(sizes) if version == 2 or id < 256]))
     size = sizes[message_id]
     payload = draw(
         st.one_of(
             st.binary(min_size=size, max_size=size), st.just(bytes(size)), st.just(b"\xfe" * size)
         )
     )
-    zeros = 0 if version == 1 and fewest else draw(st.integers(0, size))
+    zeros = draw(st.integers(0, size))
     return frame(
         message_id,
         payload[: size - zeros] + bytes(zeros if version == 2 else 0),
-        system=draw(systems),
-        component=draw(components),
+        system=draw(BYTES),
+        component=draw(BYTES),
         sequence=draw(BYTES),
         version=version,
         signed=version == 2 and draw(st.booleans()),
@@ -228,59 +218,9 @@ def _pymavlink_stumbles(found: Frames, start: int) -> bool:
     )
 
 
-STAMPS = st.lists(st.sampled_from(MARKERS), min_size=6, max_size=6).map(
-    lambda low: b"\0\5" + bytes(low)
-)
-"""Receive stamps, full of markers; the first two bytes keep them in the years 2014 to 2023."""
-GARBAGE = st.one_of(
-    st.binary(max_size=40), st.lists(st.sampled_from(MARKERS), max_size=40).map(bytes)
-)
-OF_TWO = any_frame(st.sampled_from([1, 2]), st.just(1), fewest=4)
-"""Without MAVLink 1 frames of fewer than 12 bytes: pymavlink reads 12 at least, and the next stamp with them."""
-INTRODUCED = [
-    each for system in (1, 2) for each in (*[heartbeat(system)] * 9, *flight(TIMES[:1], system))
-]
-"""More HEARTBEATs than a made-up stream can hold, so that both vehicles stay what they are."""
-
-
-@given(st.lists(st.tuples(GARBAGE, STAMPS, OF_TWO), min_size=1, max_size=6), OF_TWO, st.data())
-@settings(max_examples=40)
-def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
-    tmp_path_factory, sent, last, data
-):
-    """The other way round pymavlink loses frames behind garbage that looks like the header of a long one.
-
-    A header in garbage whose frame would end exactly where the next begins is taken for a damaged frame. What was sent
-    inside it is lost to it, and accounted for as damage.
-    """
-    cut = last[: data.draw(st.integers(0, len(last) - 1))]
-    content = tlog(INTRODUCED) + b"".join(b"".join(each) for each in sent) + bytes(8) + cut
-    table = frames_in(content, STAMP_BYTES)
-    good = table[table.verdict == GOOD]
-    found = [content[start:end] for start, end in zip(good.start, good.end, strict=True)]
-    damaged = table[table.verdict != GOOD]
-    place = len(tlog(INTRODUCED))
-    kept = [*INTRODUCED]
-    lost = []
-    for garbage, stamp, each in sent:
-        start = place + len(garbage) + len(stamp)
-        place = start + len(each)
-        (lost if ((damaged.start < start) & (damaged.end >= place)).any() else kept).append(each)
-    assert in_order(kept, found)
-    seen = [
-        bytes(each.get_msgbuf()) for each in theirs(content, tmp_path_factory.mktemp("garbage"))
-    ]
-    assert in_order([each for each in seen if each not in lost], found)
-
-
-def in_order(some: list[bytes], all_of_them: list[bytes]) -> bool:
-    rest = iter(all_of_them)
-    return all(any(each == other for other in rest) for each in some)
-
-
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))
 @settings(max_examples=40)
-def test_a_damaged_stamp_misleads_pymavlink_and_not_us(tmp_path_factory, row, wrong):
+def test_a_damaged_stamp_misleads_nobody(row, wrong):
     frames = [heartbeat(), *flight(TIMES)]
     place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = bytearray(tlog(frames))
@@ -293,8 +233,6 @@ def test_a_damaged_stamp_misleads_pymavlink_and_not_us(tmp_path_factory, row, wr
         or abs(struct.unpack(">Q", wrong)[0] / 1e6 - first) <= MAX_STAMP_JUMP
     )
     assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)
-    messages = theirs(bytes(content), tmp_path_factory.mktemp("stamp"))
-    assert messages[row]._timestamp == pytest.approx(struct.unpack(">Q", wrong)[0] / 1e6)
 
 
 @given(st.integers(1, 117), st.integers(1, 8))
