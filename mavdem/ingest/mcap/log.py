@@ -22,9 +22,11 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache, partial, reduce
 from math import nan
+from operator import or_
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -216,7 +218,6 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
     return Fact(code, path=source, names=sorted(names))
 
 
-NOT_SENT = object()  # Value of a field that the JSON lacks
 NO_SEQUENCE = -1
 _PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
 
@@ -246,23 +247,23 @@ def payloads(
     A missing field is zero where it is an extension or an integer, as on the wire, and else NaN. A parameter of
     value NaN becomes a float.
     """
-    made = np.zeros(len(messages), dtype=definition.wire)
-    good = np.array(
-        [not message.keys().isdisjoint(definition.fields) for message in messages], dtype=np.bool_
-    )
-    for name in definition.fields:
-        kind = definition.wire[name]
-        absent = (
-            nan if kind.base.kind == "f" and name not in _extensions(definition.message_id) else 0
-        )
-        values = [message.get(name, NOT_SENT) for message in messages]
-        if kind.kind == "S":
-            made[name], fits = _texts(values, kind.itemsize)
-        elif kind.subdtype is None:
-            made[name], fits = _numbers(values, kind, absent)
-        else:
-            made[name], fits = _arrays(values, kind, absent)
-        good &= fits
+    wire = definition.wire
+    empty = np.zeros(1, dtype=wire)
+    for name in set(definition.fields) - _extensions(definition.message_id):
+        if wire[name].base.kind == "f":
+            empty[name] = nan
+    fields = [(name, wire[name], empty[name].tolist()[0]) for name in wire.names or ()]
+    made = np.zeros(len(messages), dtype=wire)
+    good = np.zeros(len(messages), dtype=np.bool_)
+    with np.errstate(over="raise", invalid="ignore"):
+        for row, message in enumerate(messages):
+            with suppress(TypeError, ValueError, ArithmeticError):
+                values = (
+                    _value(message[name], kind, absent) if name in message else absent
+                    for name, kind, absent in fields
+                )
+                made[row] = tuple(values)
+                good[row] = not message.keys().isdisjoint(definition.fields)
     if definition.name == "PARAM_VALUE":
         # PX4 sends an integer as the bits of a float. JSON has one NaN only, so the bits are lost.
         made["param_type"][np.isnan(made["param_value"])] = dialect.MAV_PARAM_TYPE_REAL32
@@ -292,105 +293,55 @@ def _enum_values() -> Mapping[str, int]:
     return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
 
 
-def _numbers(
-    values: list[Any], kind: np.dtype[Any], absent: float
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    numbers = [absent if value is NOT_SENT else _number(value) for value in values]
-    if kind.kind == "f":
-        fits = np.array([number is not None for number in numbers], dtype=np.bool_)
-        floats, finite = _as_floats(
-            np.array([number or 0.0 for number in numbers], dtype=np.float64), kind
-        )
-        return floats, fits & finite
-    limits = np.iinfo(kind)
-    whole = [
-        number is not None and number == number // 1 and limits.min <= number <= limits.max
-        for number in numbers
-    ]
-    kept = [
-        int(number) if fit and number is not None else 0
-        for number, fit in zip(numbers, whole, strict=True)
-    ]
-    return np.array(kept, dtype=kind), np.array(whole, dtype=np.bool_)
+def _value(value: Any, kind: np.dtype[Any], absent: Any) -> Any:
+    """A field's value; ``absent`` is that of a field, or of the items of an array, that were not sent."""
+    if kind.kind == "S":
+        text = _text(value)
+        if len(text.rstrip(b"\0")) > kind.itemsize:
+            raise ValueError
+        return text[: kind.itemsize]
+    if kind.subdtype is None:
+        return _number(value, kind)
+    if not isinstance(value, list) or len(value) > len(absent):
+        raise ValueError
+    return [*(_number(item, kind.base) for item in value), *absent[len(value) :]]
 
 
-def _as_floats(
-    values: NDArray[np.float64], kind: np.dtype[Any]
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """The values in the width of the wire, and whether they fit."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        narrow = values.astype(kind)
-    return narrow, np.isfinite(values) <= np.isfinite(narrow)
-
-
-def _number(value: Any) -> float | None:
-    """A value as a number: itself, an entry of an enum, or a bitmask; None for anything else."""
+def _number(value: Any, kind: np.dtype[Any]) -> float:
+    """A value as a number: itself, an entry of an enum, or a bitmask."""
     if isinstance(value, dict):
         value = value.get("type", value.get("bits"))
-        if isinstance(value, dict):
-            return None
-    if value is None:
-        return nan
     if isinstance(value, str):
-        bits = _flags(value)
-        try:  # in quotes, as NaN is in JSON without JSON5
-            return float(value) if bits is None else bits
-        except ValueError:
-            return None
-    if isinstance(value, int):
-        # A 64-bit field holds more digits than a float; no field holds more than 64 bits.
-        return value if value.bit_length() <= 64 else None
-    return value if isinstance(value, float) else None
+        value = _flags(value)
+    if kind.kind == "f":
+        return nan if value is None else float(value)
+    if value != int(value):
+        raise ValueError
+    return int(value)
 
 
 @lru_cache(maxsize=1 << 12)
-def _flags(text: str) -> int | None:
-    """The bits of names joined with |, or the value of a single name; names may also be numbers."""
-    bits = 0
-    for name in filter(None, map(str.strip, text.split("|"))):
-        try:
-            bits |= _enum_values()[name] if name in _enum_values() else int(name, 0)
-        except ValueError:
-            return None
-    return bits if bits.bit_length() <= 64 else None
+def _flags(text: str) -> float:
+    """The bits of names joined with |, or the value of a single name; names may also be numbers, also in quotes."""
+    try:
+        names = filter(None, map(str.strip, text.split("|")))
+        values = [
+            _enum_values()[name] if name in _enum_values() else int(name, 0) for name in names
+        ]
+        return reduce(or_, values, 0)
+    except ValueError:
+        return float(text)  # in quotes, as NaN is in JSON without JSON5
 
 
-def _arrays(
-    values: list[Any], kind: np.dtype[Any], absent: float
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    (size,) = kind.shape
-    fits = np.array(
-        [value is NOT_SENT or (isinstance(value, list) and len(value) <= size) for value in values]
-    )
-    flat: list[Any] = []
-    for value, fit in zip(values, fits.tolist(), strict=True):
-        items = value if fit and value is not NOT_SENT else []
-        flat += items
-        flat += [NOT_SENT] * (size - len(items))
-    numbers, each = _numbers(flat, kind.base, absent)
-    return numbers.reshape(-1, size), fits & each.reshape(-1, size).all(axis=1)
-
-
-def _texts(values: list[Any], size: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    texts = [_text(value) for value in values]
-    fits = np.array([text is not None and len(text.rstrip(b"\0")) <= size for text in texts])
-    return np.array(
-        [text[:size] if text is not None else b"" for text in texts], dtype=f"S{size}"
-    ), fits
-
-
-def _text(value: Any) -> bytes | None:
+def _text(value: Any) -> bytes:
     """A text's bytes; in JSON it is a string, or an array of its characters or of their codes, a byte each."""
-    if value is NOT_SENT or value is None:
+    if value is None:
         return b""
     if isinstance(value, str):
         return value.encode("utf-8", errors="replace")
     codes = value if isinstance(value, list) else [value]
-    try:
-        # A character of an array is one byte.
-        return bytes(ord(code) if isinstance(code, str) else code for code in codes)
-    except (TypeError, ValueError, OverflowError):
-        return None
+    # A character of an array is one byte.
+    return bytes(ord(code) if isinstance(code, str) else code for code in codes)
 
 
 KIND_PATTERNS = [
