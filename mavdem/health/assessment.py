@@ -157,7 +157,7 @@ def _assessment(
         drift = Fact(
             MotorsBetween.BALANCE_CHANGED,
             Level.WATCH,
-            subject=flight.motors[motor],
+            subject=flight.motors[motor] if weighed.motors[motor] >= NAMED else "",
             probability=change,
             explanation=likeliest,
             explanation_probability=causes[likeliest],

@@ -44,10 +44,10 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
 
     UNKNOWN where that would not show.
     """
+    if not (layout.positions and layout.spins):
+        return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
     if balance is None:
         return Fact(Trim.TRIM_UNKNOWN, least_duration=LEAST_SECONDS)
-    if not np.isfinite(balance.mean).all():
-        return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
     signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
     effect, variance = lean_effects([balance])
     level = balance.mean - effect[0] @ balance.lean

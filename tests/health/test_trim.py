@@ -89,7 +89,7 @@ def test_nothing_is_said_of_little_flight_or_without_the_places():
     twisted = (0.0, 0.0, 0.16)
     short = trim_of(None, layout())
     assert (short.code, short.level) == (Trim.TRIM_UNKNOWN, Level.UNKNOWN)
-    unknown = trim_of(flown((0.0, 0.0, np.nan)), layout(spins=()))
+    unknown = trim_of(None, layout(spins=()))
     assert (unknown.code, unknown.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, Level.UNKNOWN)
     assumed = MotorGeometry(
         (1, 2, 3, 4),
