@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 
+from mavdem.alignment import phases
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.rate_advice import ask_for_rate
-from mavdem.alignment.signals import MINIMUM_RATE, usual_rate
+from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import flown
 from mavdem.facts import Fact, Level
@@ -16,6 +19,14 @@ LONG_GAP = 1.0  # s without attitude: longer than a fall from 5 m
 SIMULATORS_MESSAGES = {"SIMSTATE", "SIM_STATE", "HIL_STATE", "HIL_STATE_QUATERNION"}
 """What simulators send of the true state."""
 SIMULATED_BOARD = "SITL"
+SIH_AIRFRAMES = range(
+    10040, 10050
+)  # of PX4's own simulator: ROMFS/px4fmu_common/init.d-posix/airframes
+STILL_CHANGE = 5e-5
+"""rad/s: median change of the roll rate over ``STILL_STEP`` on the ground, below which no gyroscope measured it. One of
+0.003°/s/√Hz, low-passed at 10 Hz, has 1.5e-4; ArduPilot's simulator 2e-5 to 4e-5, recorded real ones 3e-4 and more."""
+STILL_STEP = 0.02  # s
+STILL_ROWS = 50  # changes, at least
 
 
 def log_light(evidence: Evidence) -> Fact:
@@ -56,6 +67,26 @@ def simulated_of(evidence: Evidence) -> Fact | None:
     by_software = (
         any(name.startswith("SIM_") for name in parameters)
         or SIMULATED_BOARD in telemetry.hardware.upper()
+        or parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
         or not SIMULATORS_MESSAGES.isdisjoint(telemetry.messages)
+        or _is_still(evidence.signals)
     )
     return Fact(LogLight.SIMULATED, Level.GOOD, kind=Simulation.SOFTWARE) if by_software else None
+
+
+def _is_still(signals: Signals) -> bool:
+    """Whether the vehicle stands before its first flight as still as no gyroscope measures."""
+    if not signals.tilts:
+        return False
+    roll = signals.tilts[0]
+    boot = int(roll.boot[0]) if len(roll.boot) else 0
+    begins = min((start for start, _ in phases.flying(signals, boot)), default=inf)
+    armed = min((start for start, _ in phases.armed(signals, boot)), default=inf)
+    before = (roll.boot == boot) & (roll.time < min(begins, armed))
+    rows = np.flatnonzero(before)
+    if len(rows) < 2:
+        return False
+    each = max(round(STILL_STEP / float(np.median(np.diff(roll.time[rows])))), 1)
+    changes = np.abs(np.diff(roll.rate[rows][::each]))
+    changes = changes[changes > 0]  # a value that is sent again is no measurement
+    return len(changes) >= STILL_ROWS and float(np.median(changes)) < STILL_CHANGE

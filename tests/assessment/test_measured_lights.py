@@ -11,7 +11,7 @@ from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, FIELD_CHANGE, estimator_light
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.log import LONG_GAP, log_light, simulated_of
+from mavdem.assessment.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
 from mavdem.assessment.power import (
     EMPTY_CELL,
     FULL_CELL,
@@ -240,14 +240,26 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
         assert bool(fact.remedy) == (code is not LogLight.RECORDED_FAST)
 
 
+def standing(change: float) -> Telemetry:
+    """The hover with a roll rate on the ground before that goes up and down by ``change``, rad/s."""
+    telemetry = HOVER.telemetry(50.0, 50.0)
+    attitude = telemetry.messages["ATTITUDE"]
+    ground = change * (np.arange(len(attitude["time"])) % 2)
+    rate = np.where(attitude["time"] < 5.0, ground, attitude["rollspeed"])
+    return changed(telemetry, "ATTITUDE", rollspeed=rate)
+
+
 def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
-    assert simulated_of(evidence(telemetry)) is None
+    for real in (telemetry, standing(2 * STILL_CHANGE), standing(0.0)):
+        assert simulated_of(evidence(real)) is None
     for simulated, kind in (
         (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulation.HARDWARE),
         (replace(telemetry, parameters={"SIM_WIND_SPD": 5.0}), Simulation.SOFTWARE),
         (replace(telemetry, hardware="PX4_SITL"), Simulation.SOFTWARE),
+        (replace(telemetry, parameters={"SYS_AUTOSTART": 10040.0}), Simulation.SOFTWARE),
         (changed(telemetry, "SIMSTATE", **columns(TIME)), Simulation.SOFTWARE),
+        (standing(STILL_CHANGE / 2), Simulation.SOFTWARE),
     ):
         fact = simulated_of(evidence(simulated))
         assert fact is not None and (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)
