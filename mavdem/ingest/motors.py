@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
+from mavdem.ingest.vocabulary import NAMES
 
 
 class ChannelBasis(StrEnum):
@@ -75,33 +76,8 @@ MOTOR_MESSAGES = {
 
 def motor_parameters(autopilot: str) -> tuple[str, ...]:
     """Returns the parameters of a MAV_AUTOPILOT that say where motors are and how they respond; none if not known."""
-    names = _PARAMETERS.get(autopilot, ())
+    names = NAMES["motor_parameters"].get(autopilot, ())
     return tuple(dict.fromkeys(name.format(n, n - 1) for name in names for n in range(1, 9)))
-
-
-_PARAMETERS = {
-    "PX4": (
-        "CA_ROTOR_COUNT",
-        "CA_ROTOR{1}_PX",
-        "CA_ROTOR{1}_PY",
-        "CA_ROTOR{1}_KM",
-        "THR_MDL_FAC",
-        "PWM_MAIN_FUNC{0}",
-        "PWM_AUX_FUNC{0}",
-    ),
-    "ARDUPILOTMEGA": (
-        "FRAME_CLASS",
-        "FRAME_TYPE",
-        "SERVO{0}_FUNCTION",
-        "MOT_PWM_MIN",
-        "MOT_PWM_MAX",
-        "MOT_SPIN_ARM",
-        "MOT_SPIN_MIN",
-        "MOT_SPIN_MAX",
-        "MOT_THST_EXPO",
-    ),
-}
-"""Names by MAV_AUTOPILOT, with the number of the motor from 1 or from 0."""
 
 
 @dataclass(frozen=True)
@@ -301,19 +277,6 @@ def _placed(
     }
 
 
-_PX4_DRIVERS = (
-    "PWM_MAIN",
-    "PWM_AUX",
-    "UAVCAN_EC",
-    "DSHOT",
-    "SIM_GZ_EC",
-    "HIL_ACT",
-    "TAP_ESC",
-    "VOXL_ESC",
-    "PCA9685",
-)
-
-
 def _px4_channels(
     parameters: Mapping[str, float], moving: Sequence[int], bank: int
 ) -> tuple[dict[int, int], dict[int, tuple[str, int]]]:
@@ -327,7 +290,9 @@ def _px4_channels(
         n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)
     }
     banks = [0, bank]
-    for most, driver in [(share, driver) for share in (0.0, 0.5) for driver in _PX4_DRIVERS]:
+    for most, driver in [
+        (share, driver) for share in (0.0, 0.5) for driver in NAMES["px4_drivers"]
+    ]:
         motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
         # A motor on two drivers is on a spare one.
         further = {

@@ -7,7 +7,9 @@ Source: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_ST
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,7 @@ RADIO = "TELEMETRY_RADIO"
 RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
 UNNAMED = "UNKNOWN"  # Name of a vehicle or an autopilot that no HEARTBEAT gives
 
+NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text("utf-8"))
 CONTROL_PARAMETERS = re.compile(
     r"ATC_RAT_|ATC_ANG_(RLL|PIT|YAW)_P$|INS_GYRO_FILTER$|SCHED_LOOP_RATE$|FSTRATE_ENABLE$|FRAME_CLASS$|"
     r"MOT_(THST_EXPO|SPIN_MIN|SPIN_MAX|BAT_VOLT_MAX)$|MC_(ROLL|PITCH|YAW)|MC_BAT_SCALE_EN$|THR_MDL_FAC$|"

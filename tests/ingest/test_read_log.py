@@ -23,7 +23,6 @@ from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Telemetry
 
 TIMES = [20 + 0.01 * row for row in range(300)]
@@ -373,14 +372,6 @@ def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
     path.write_bytes(tlog([heartbeat(), *flight(TIMES)]))
     log = read_log(os.fsencode(path))
     assert log.source == str(path) and len(log.vehicles) == 1
-
-
-def test_a_kind_of_vehicle_is_named_as_mavlink_names_it_today():
-    assert [enum_name("MAV_TYPE", kind) for kind in (2, 22, 24)] == [
-        "QUADROTOR",
-        "VTOL_FIXEDROTOR",
-        "VTOL_TILTWING",
-    ]
 
 
 def written(path: Path, content: bytes) -> Path:

@@ -27,10 +27,6 @@ WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
 WIRE_TYPES |= {
     f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)
 }
-RENAMED = {
-    f"VTOL_RESERVED{n + 2}": f"VTOL_{name}"
-    for n, name in enumerate(("FIXEDROTOR", "TAILSITTER", "TILTWING"))
-}
 # MAV_PARAM_TYPE UINT8 to INT32
 INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}
 
@@ -119,8 +115,7 @@ def enum_name(enum: str, value: int) -> str:
     entry = dialect.enums[enum].get(value)
     if entry is None or entry.name.endswith("_ENUM_END"):
         return str(value)
-    name = str(entry.name).removeprefix(f"{enum}_")
-    return RENAMED.get(name, name)
+    return str(entry.name).removeprefix(f"{enum}_")
 
 
 def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:

@@ -24,6 +24,7 @@ from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair, rows_by
 from mavdem.ingest.vocabulary import (
+    NAMES,
     RADIO,
     RADIO_MESSAGES,
     UNNAMED,
@@ -46,30 +47,7 @@ def missing_between(before: Any, after: Any) -> Any:
     return (step - 1 - 256 * late) * (ahead | late)
 
 
-NOT_VEHICLES = frozenset(
-    {
-        "GCS",
-        "ANTENNA_TRACKER",
-        "ONBOARD_CONTROLLER",
-        "GIMBAL",
-        "ADSB",
-        "CAMERA",
-        "CHARGING_STATION",
-        "FLARM",
-        "SERVO",
-        "ODID",
-        "BATTERY",
-        "LOG",
-        "OSD",
-        "IMU",
-        "GPS",
-        "WINCH",
-        "ILLUMINATOR",
-        "GRIPPER",
-        "PARACHUTE",
-        RADIO,
-    }
-)
+NOT_VEHICLES = frozenset({*NAMES["not_vehicles"], RADIO})
 """MAV_TYPEs of components and ground equipment."""
 VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES})
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""

@@ -21,7 +21,7 @@ import os
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, lru_cache, partial, reduce
@@ -158,24 +158,60 @@ class _FrameChannel:
 def _json_parts(
     content: bytes, channels: Sequence[Channel], heard: set[FrameSender], progress: Progress
 ) -> tuple[list[RecordingPart], int, tuple[Fact, ...]]:
-    """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some were left out."""
+    """The JSON messages of senders not ``heard`` in frames, each once, how many are unknown, and why some are left out.
+
+    None of a damaged chunk: no checksum shows a wrong digit there.
+    """
     kinds = _own_kinds(channels)
     repeats = {
         channel
         for channel in channels
         if channel.encoding in JSON and re.fullmatch("/?mavlink/out", channel.topic)
     }
-    topics = JsonTopics()
     own = set(kinds.values())
     needed = repeats or any(kind.sender not in heard for kind in own)
+    topics: dict[JsonTopic, _JsonMessages] = {}
+    unknown: Counter[str] = Counter()
+    damaged = 0
     for place, message in enumerate(McapRecording(content).messages(progress) if needed else ()):
         kind = kinds.get(message.channel)
         if message.channel in repeats and (repeated := json_kind(message.data)) not in own:
             kind = repeated
-        if kind is not None and kind.sender not in heard:
-            topics.add(kind, place, message)
+        if kind is None or kind.sender in heard:
+            continue
+        if not message.sound:
+            damaged += 1
+        elif (definition := definition_named(kind.name)) is None:
+            unknown[kind.name] += 1
+        else:
+            if kind not in topics:
+                topics[kind] = _JsonMessages(kind.sender, definition)
+            topics[kind].add(place, message.log_time, message.data)
     progress(1.0)
-    return list(topics.parts()), topics.unknown.total(), topics.repairs()
+    names = [name for name, _ in unknown.most_common(5)]
+    more = len(unknown) - len(names)
+    code = Repair.LOGGED_MESSAGES_LEFT_OUT
+    left_out = (
+        *repair(code, count=damaged, flaw=Flaw.DAMAGED_CHUNK, name="JSON"),
+        *repair(Repair.JSON_OF_NO_DIALECT, count=unknown.total(), names=names, more=more),
+    )
+    return list(_parts(topics.values())), unknown.total(), left_out
+
+
+def _parts(messages: Iterable[_JsonMessages]) -> Iterator[RecordingPart]:
+    """Messages as frames."""
+    by_sender: dict[FrameSender, list[_JsonMessages]] = {}
+    for one in messages:
+        one.parse()
+        by_sender.setdefault(one.sender, []).append(one)
+    for own in by_sender.values():
+        sent, places = (
+            np.concatenate([getattr(one, name) for one in own]) for name in ("sequence", "places")
+        )
+        ends = np.cumsum([len(one.places) for one in own])
+        numbers = np.split(_numbered(sent.astype(np.int64), places), ends[:-1])
+        for one, sequence in zip(own, numbers, strict=True):
+            yield one.part(sequence)
 
 
 def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
@@ -392,61 +428,6 @@ class _JsonMessages:
         good = np.concatenate(self.good)
         data, frames = composed_frames(made, self.definition, self.sender, sequence, good)
         return RecordingPart(data, frames, np.array(self.places), np.array(self.log_times))
-
-
-class JsonTopics:
-    """The JSON messages of a recording, each once; none of a damaged chunk: no checksum shows a wrong digit there.
-
-    ``unknown`` counts those of no known dialect by name.
-    """
-
-    def __init__(self) -> None:
-        self._topics: dict[JsonTopic, _JsonMessages] = {}
-        self._damaged = 0
-        self.unknown: Counter[str] = Counter()
-
-    def add(self, kind: JsonTopic, place: int, message: McapMessage) -> None:
-        """Adds a message; ``place`` is its number in the recording."""
-        if not message.sound:
-            self._damaged += 1
-            return
-        if (definition := definition_named(kind.name)) is None:
-            self.unknown[kind.name] += 1
-            return
-        if kind not in self._topics:
-            self._topics[kind] = _JsonMessages(kind.sender, definition)
-        self._topics[kind].add(place, message.log_time, message.data)
-
-    def parts(self) -> Iterator[RecordingPart]:
-        """The added messages as frames."""
-        by_sender: dict[FrameSender, list[_JsonMessages]] = {}
-        for topic in self._topics.values():
-            topic.parse()
-            by_sender.setdefault(topic.sender, []).append(topic)
-        for topics in by_sender.values():
-            lengths = [len(topic.places) for topic in topics]
-            sequence = _numbered(
-                np.concatenate([topic.sequence for topic in topics]).astype(np.int64),
-                np.concatenate([topic.places for topic in topics]),
-            )
-            for topic, numbers in zip(
-                topics, np.split(sequence, np.cumsum(lengths)[:-1]), strict=True
-            ):
-                yield topic.part(numbers)
-
-    def repairs(self) -> tuple[Fact, ...]:
-        """What was left out."""
-        names = [name for name, _ in self.unknown.most_common(5)]
-        unknown = {"names": names, "more": len(self.unknown) - len(names)}
-        return (
-            *repair(
-                Repair.LOGGED_MESSAGES_LEFT_OUT,
-                count=self._damaged,
-                flaw=Flaw.DAMAGED_CHUNK,
-                name="JSON",
-            ),
-            *repair(Repair.JSON_OF_NO_DIALECT, count=self.unknown.total(), **unknown),
-        )
 
 
 def json_kind(body: bytes) -> JsonTopic | None:

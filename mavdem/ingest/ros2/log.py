@@ -48,6 +48,7 @@ from mavdem.ingest.vocabulary import (
     ARDUPILOT,
     AUTOPILOT_COMPONENT,
     GENERIC,
+    NAMES,
     PX4,
     UNNAMED,
     heartbeat_fields,
@@ -146,41 +147,13 @@ MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
 MAVROS_PERIODS = {"rc/out": 2**32 / 1e6}
 """Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
-_PX4_MODES = frozenset({"ALTCTL", "POSCTL", "OFFBOARD", "STABILIZED", "RATTITUDE"})
-_ARDUPILOT_MODES = frozenset(
-    {
-        "STABILIZE",
-        "ALT_HOLD",
-        "AUTO",
-        "GUIDED",
-        "LOITER",
-        "RTL",
-        "CIRCLE",
-        "LAND",
-        "POSHOLD",
-        "BRAKE",
-        "AUTOTUNE",
-        "GUIDED_NOGPS",
-        "SMART_RTL",
-        "DRIFT",
-        "SPORT",
-        "FLIP",
-        "THROW",
-        "FLOWHOLD",
-        "FOLLOW",
-        "ZIGZAG",
-        "SYSTEMID",
-    }
-)
-"""lib/uas_stringify.cpp, without MANUAL and ACRO, which both autopilots have."""
 
 
 def mavros_autopilot(modes: Counter[str]) -> int:
     """Returns MAV_AUTOPILOT by the names of the flight modes and how often each occurs."""
-    px4 = sum(
-        count for mode, count in modes.items() if mode in _PX4_MODES or mode.startswith("AUTO.")
-    )
-    ardupilot = sum(count for mode, count in modes.items() if mode in _ARDUPILOT_MODES)
+    known = NAMES["mavros_modes"]
+    px4, ardupilot = (sum(modes[mode] for mode in known[name]) for name in ("PX4", "ARDUPILOTMEGA"))
+    px4 += sum(count for mode, count in modes.items() if mode.startswith("AUTO."))
     if px4 == ardupilot:
         return GENERIC
     return PX4 if px4 > ardupilot else ARDUPILOT
