@@ -16,14 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import airborne_collective
+from mavdem.alignment.phases import airborne_collective, during, of_boot
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.motion import LOST_ANGLE, LOST_SECONDS, attitude_error
+from mavdem.assessment.motion import ASKED_SECONDS, LOST_ANGLE, LOST_SECONDS, attitude_error
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Array
+from mavdem.ingest.vocabulary import ON_GROUND
 
 ENDINGS: dict[Code, Ending] = {
     MotionEvent.ATTITUDE_LOST: Ending.CONTROL_LOST,
@@ -33,7 +34,11 @@ ENDINGS: dict[Code, Ending] = {
 """What each event that may lose a vehicle makes of its flight."""
 REPORTS = (Reported.CRASH_DETECTED, Reported.FLIGHT_TERMINATED, Reported.PARACHUTE_RELEASED)
 """What the autopilot reports of a flight that was lost, where the motion shows nothing of it."""
-TOGETHER = (FailedFirst.ALL_OFF_FIRST, FailedFirst.THRUST_SPENT_FIRST)
+TOGETHER = (
+    FailedFirst.ALL_OFF_FIRST,
+    FailedFirst.LANDING_ASSUMED_FIRST,
+    FailedFirst.THRUST_SPENT_FIRST,
+)
 """What all motors do, so that no word of the autopilot on one of them is clear."""
 TRIM_SECONDS = 5.0  # Of flight before, whose mean commands are the usual ones
 BEFORE_SECONDS = 2.0
@@ -120,7 +125,19 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
     commands = _commands(signals.motors, boot, onset, float(error.time[at]))
     fell = complex(-error.pitch[at], error.roll[at])
-    return commands and _of_commands(commands, idle, at_stop, fell)
+    cause = commands and _of_commands(commands, idle, at_stop, fell)
+    if cause and cause.code is FailedFirst.ALL_OFF_FIRST and _seemed_landed(signals, boot, onset):
+        return Fact(FailedFirst.LANDING_ASSUMED_FIRST, Level.BAD, time=cause.time)
+    return cause
+
+
+def _seemed_landed(signals: Signals, boot: int, onset: float) -> bool:
+    """Whether the autopilot took the vehicle for landed within the second before it fell."""
+    landed = of_boot(signals.landed_state, boot)
+    if landed is None:
+        return False
+    soon = during(landed.time, [(onset - ASKED_SECONDS, onset)])
+    return bool((landed.values[soon] == ON_GROUND).any())
 
 
 def _during(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:

@@ -2,7 +2,7 @@
 
 An attitude is lost where it leaves its setpoint by more than 30° for 0.3 s or longer: what is asked for in an ordinary
 flight, tracked as badly as in a step, stays within that. What was asked counts for a second, so that a step is no loss;
-where setpoints are not recorded, up to 30° may have been asked.
+where setpoints are not recorded, half of the lean is taken for asked.
 """
 
 from __future__ import annotations
@@ -151,9 +151,10 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
             if setpoint.unit == "rad":
                 asked = held(setpoint, boot, time)
         unknown = np.isnan(asked)
-        least = minimum_filter1d(np.where(unknown, -LOST_ANGLE, asked), window, origin=past)
-        most = maximum_filter1d(np.where(unknown, LOST_ANGLE, asked), window, origin=past)
-        apart = angle - np.clip(angle, least, most)
+        held_or_none = np.where(unknown, 0.0, asked)
+        least = minimum_filter1d(held_or_none, window, origin=past)
+        most = maximum_filter1d(held_or_none, window, origin=past)
+        apart = np.where(unknown, angle / 2, angle - np.clip(angle, least, most))
         errors.append(np.remainder(apart + np.pi, 2 * np.pi) - np.pi)
     return AttitudeError(time, errors[0] * np.cos(angles[1]), errors[1], ~unknown)
 

@@ -35,4 +35,5 @@ class FailedFirst(Code):
     OUTPUT_FROZE_FIRST = auto()
     MOTOR_OFF_FIRST = auto()
     ALL_OFF_FIRST = auto()
+    LANDING_ASSUMED_FIRST = auto()
     THRUST_SPENT_FIRST = auto()

@@ -15,7 +15,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry, selected
-from mavdem.ingest.vocabulary import attitude_target, quaternion
+from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 
 FAILS = 30.0
 NAMES = (
@@ -215,6 +215,16 @@ def test_a_fall_with_all_motors_idle_says_so():
     _, ending = judged(only(made, lambda time: time < FAILS + 4.0))
     assert ending.code is Ending.CRASHED
     assert ending.figures["cause"].code is FailedFirst.ALL_OFF_FIRST
+
+
+def test_a_landing_that_was_only_assumed_is_what_came_first():
+    made = falling(leaning(flight(), np.array([0.3, 1.0]), 120.0, 100.0))
+    for motor in range(4):
+        made = driven(made, motor, 1100.0)
+    time = np.arange(0.0, 40.0, 0.2)
+    state = np.where((time < 6.0) | (np.abs(time - FAILS + 0.3) < 0.15), ON_GROUND, IN_AIR)
+    _, ending = judged(changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state)))
+    assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
 
 
 def felt(made: Telemetry, time: float) -> Telemetry:
