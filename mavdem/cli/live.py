@@ -316,8 +316,7 @@ class Ending:
         findings, judgement = session.judged
         self.status = replace(self.status, findings=findings, judgement=judgement)
         self._dashboard.report(self.status)
-        if judgement is not None:
-            say_aside(headline(judgement.headline))
+        say_aside(headline(self.status.judged.headline))
         if self._files.html is not None and self.last.done():
             about = session.link.name, session.stream.axis, session.history
             shown = self.status, self.account, self.last.result()
@@ -365,7 +364,7 @@ class Ending:
             "obstacle": advised(status.obstacle) if status.obstacle else "",
             "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
             **(status.findings.as_dict() if status.findings else {}),
-            **(status.judgement._asdict() if status.judgement else {}),
+            **status.judged._asdict(),
             **alarm_figures(status.alarms),
             "events": [event.sentence for event in session.history.events],
             "rrd": str(files.rrd) if file is not None and file.whole else None,

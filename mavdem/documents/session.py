@@ -112,7 +112,7 @@ class Live(MotorHealth):
     wind: LiveWind | None
     """latest wind in m/s"""
     headline: Said | None = None
-    """what the flight says of the vehicle, one sentence; with the next five only after a first model"""
+    """the worst that is found, or why nothing is judged, one sentence; some of the next only after a first model"""
     lights: dict[str, Sentence] | None = None
     """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
     overrides: list[Override] | None = None

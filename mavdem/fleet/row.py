@@ -202,7 +202,7 @@ gains times that flight's means, and of the offset"""
     """the offset of that sum"""
     headline: str | None = at("headline")
     """the worst that was found, or how the flight was lost, one sentence"""
-    headline_level: str | None = at("headline.level")
+    headline_level: str | None = at("headline_fact.level")
     """good, watch, bad or unknown"""
     light_motors: str | None = at("lights.motors.level")
     """good, watch, bad or unknown"""

@@ -77,7 +77,7 @@ def _rows_of_vehicle(
         "component": telemetry.component,
         "date": first.identity.date,
     }
-    judged = assessment.of_documents
+    judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
         reason = first.reason or assessment.headline

@@ -389,7 +389,6 @@ class RowSignals(Signals):
     """Signals of the rows that a model was trained on."""
 
     motors: Motors | None = None
-    tilts: tuple[Attitude, ...] = ()
 
 
 def judged(
@@ -415,7 +414,7 @@ def judged(
         motors = Motors(
             setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0
         )
-        signals = RowSignals(telemetry, axis, motors=motors, tilts=(tilt,))
+        signals = RowSignals(telemetry, axis, motors=motors)
         swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
         condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
     learned = disown_torque(learned, condition.oscillation is not None)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.analysis.findings import Findings
-from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
@@ -81,6 +81,15 @@ class SessionStatus:
     alarm: tuple[Fact, ...] = ()
     wind: WindRow | None = None
     no_wind: Fact | None = None
+
+    @property
+    def judged(self) -> Judgement:
+        """What is judged of the flight or, before anything is, what its alarms or its obstacle say."""
+        if self.judgement is not None:
+            return self.judgement
+        weak = [alarm.fact for alarm in self.alarms if alarm.weak]
+        refusal, *_ = [*weak, *filter(None, [self.obstacle]), Fact(Session.NOT_FLYING)]
+        return unjudged(refusal)
 
     @property
     def slow(self) -> Fact | None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
-from mavdem.assessment.judgement import Judgement, unjudged
+from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, Refusal
 from mavdem.facts import Code, Fact, Level
@@ -298,9 +298,7 @@ class LiveSession:
         setup = self._setup
         with suppress(ValueError):
             if learned is None or setup is None or learned.record.input_names != setup.layout.names:
-                weak = [alarm.fact for alarm in status.alarms if alarm.weak]
-                refusal, *_ = [*weak, *filter(None, [status.obstacle]), Fact(Session.NOT_FLYING)]
-                self.judged = findings_of(learned, alarms=status.alarms), unjudged(refusal)
+                self.judged = findings_of(learned, alarms=status.alarms), None
             else:
                 self.judged = judged(learned, setup, status.alarms)
                 codes = [override.code for override in self.judged[0].overrides]

@@ -23,10 +23,10 @@ from markupsafe import Markup, escape
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import NoLoop
-from mavdem.assessment.judgement import unjudged
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.margins import margins_of
 from mavdem.condition.inventory import inventory
-from mavdem.condition.loop.loop import Advice, Loop, margin_rating
+from mavdem.condition.loop.loop import Advice, Loop
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
@@ -34,7 +34,7 @@ from mavdem.evaluate.comparison import Comparison
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.event import Event
-from mavdem.facts.session import Session, Spent
+from mavdem.facts.session import Spent
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
@@ -194,7 +194,6 @@ def log_page(
         events=[Event(nan if fact.time is None else fact.time, fact) for fact in assessment.events],
     )
     chapters = list[Chapter]()
-    loops = assessment.loops
     for number, (axis, analysis) in enumerate(analyses.items()):
         if number == 0:
             chapters += [_motors(analysis, whole), _wind(assessment, analysis, timeline, whole)]
@@ -202,8 +201,8 @@ def log_page(
             chapters.append(Chapter(axis.capitalize(), verdict_of(analysis)))
         if analysis.learned is not None:
             chapters += _model(axis, analysis, analysis.learned, whole)
-    if whole:
-        chapters += _loop_chapters(loops)
+    if whole and assessment.evidence is not None:
+        chapters.append(_loops_of_axes(assessment.evidence))
     for axis, analysis in analyses.items():
         if analysis.learned is not None:
             chapters.append(_inside(axis, analysis, analysis.learned, whole))
@@ -324,18 +323,21 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> I
         yield Chapter(f"Residual tests of {axis}", residual_blocks(learned), draw(["residuals"]))
 
 
-def _loop_chapters(loops: Mapping[str, Loop | NoLoop]) -> Iterator[Chapter]:
-    """The margins of each axis, or why they are not known; a picture of the loops with the least."""
-    known = [loop for loop in loops.values() if isinstance(loop, Loop)]
-    weakest = min(known, key=lambda loop: loop.rate.phase_margin, default=None)
-    for axis, loop in loops.items():
-        title = f"Control loops of {axis}"
-        if isinstance(loop, NoLoop):
-            yield Chapter(title, [Sentence(advised(loop.refusal), "No margins:")])
-            continue
-        blocks = [Sentence(str(margin_rating(loop)), "Margins:"), *margin_tables({"now": loop})]
-        pictures = [loop_picture(loop)._replace(printed=False)] if loop is weakest else []
-        yield Chapter(title, blocks, pictures)
+def _loops_of_axes(evidence: Evidence) -> Chapter:
+    """The margins of all axes, or why they are not known, and a picture of the loops with the least."""
+    blocks = list[Block]()
+    for one in margins_of(evidence):
+        facts = [one.loop] if isinstance(one.loop, Fact) else []
+        blocks += [
+            Sentence(advised(fact.but(names=(one.axis,))), f"{one.axis.capitalize()}:")
+            for fact in one.facts or facts
+        ]
+    known = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
+    if not known:
+        return Chapter("Control loops", blocks)
+    weakest = min(known.values(), key=lambda loop: loop.rate.phase_margin)
+    drawn = loop_picture(weakest)._replace(printed=False)
+    return Chapter("Control loops", [*blocks, *margin_tables(known)], [drawn])
 
 
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> Chapter:
@@ -452,7 +454,7 @@ def live_page(
     ``account`` has seconds by what they were.
     """
     found = status.findings or findings_of(learned, alarms=status.alarms)
-    judgement = status.judgement or unjudged(status.obstacle or Fact(Session.NOT_FLYING))
+    judgement = status.judged
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_report

@@ -46,14 +46,14 @@ def title_of(assessment: Assessment) -> Sentence:
 def _light(name: str, fact: Fact) -> str:
     mark = fact.level.upper() if fact.level is Level.BAD else fact.level
     beginning = f"{name:<11}{mark:<9}"
-    return f"{beginning}{_cut(str(fact), COLUMNS - len(beginning))}"
+    return f"{beginning}{_cut(headline(fact), COLUMNS - len(beginning))}"
 
 
 def _alarms(assessment: Assessment) -> Iterator[str]:
     """What happened that may have lost the vehicle, but for what the headline says."""
     for event in assessment.events:
         if event.level is Level.BAD and event != assessment.headline:
-            yield _cut(str(event))
+            yield _cut(headline(event))
 
 
 def _cut(text: str, columns: int = COLUMNS) -> str:

@@ -102,11 +102,11 @@ def graded(found: Findings) -> list[Block]:
 
 
 def conclusion(judgement: Judgement) -> list[Block]:
-    """Returns the headline, each light that is not good, and last what to do next."""
+    """Returns the headline, each other light that is bad or to be watched, and last what to do next."""
     lights = [
         Sentence(str(fact), f"{name.capitalize()}:")
         for name, fact in judgement.lights.items()
-        if fact.level is not Level.GOOD and fact != judgement.headline
+        if fact.level in (Level.BAD, Level.WATCH) and fact != judgement.headline
     ]
     above = Sentence("", headline(judgement.headline))
     return [above, *lights, Sentence(str(judgement.next_step), "Next:")]

@@ -15,10 +15,12 @@ from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
 from mavdem.alignment.learnability import NEVER_ARMED, Learnability
 from mavdem.alignment.read import read_flight
-from mavdem.analysis import Options, analyse
+from mavdem.analysis import Options
 from mavdem.analysis.figures import model_figures
+from mavdem.assessment.assess import assess
 from mavdem.cli.learn import RESULT_FILES, named_after
 from mavdem.cli.output import print_blocks
+from mavdem.facts import Level
 from mavdem.facts.assessment import Purpose
 from mavdem.facts.session import Spent
 from mavdem.fleet.row import FlightRow
@@ -29,6 +31,7 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.page import flight_page, live_page
+from mavdem.report.words import headline as words_of
 
 FLIGHT = str(FLIGHT)
 FILES = {"model.json", "report.json", "report.html", "flight.rrd", "flight.mcap"}
@@ -271,38 +274,35 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
-    headline = "Motor 1 (front right) lost 17 to 39 % of its thrust at 66 s."
-    remedy = "Do not fly before motor 1 (front"
     words = [FLIGHT, "--start", "50", "--preset", "paper"]
     out = tmp_path / "out"
     assert run("learn", *words, "--out", out) == 0
     screen = capsys.readouterr().out
     assert run("info", FLIGHT) == 0
     contents = capsys.readouterr().out
+    assert run("review", FLIGHT, "--out", tmp_path / "review") == 0
+    reviewed = " ".join(capsys.readouterr().out.split())
     page = (out / "report.html").read_text()
     document = (out / "report.json").read_text()
-    log = read_log(FLIGHT)
-    analysis = analyse(log, options=Options(start=50.0, settings=Settings.paper()))
-    rows = [FlightRow.of(analysis.as_dict(), file=FLIGHT), *rows_of_learned(out)]
-    told = [
-        screen,
-        contents,
-        page,
-        document,
-        flight_page(FLIGHT, {"roll": analysis}),
-        *map(str, rows),
-    ]
+    options = Options(start=50.0, settings=Settings.paper())
+    found = assess(read_log(FLIGHT), axis="roll", options=options)
+    assert found.headline.subject == alarm.name and found.headline.level is Level.BAD
+    headline = words_of(found.headline)
+    remedy = str(found.next_step)
+    report = found.analysis.as_dict() | found.of_documents | {"headline_fact": found.headline}
+    rows = [FlightRow.of(report, file=FLIGHT), *rows_of_learned(out)]
+    told = [screen, contents, page, document, flight_page(FLIGHT, found), reviewed]
     for place in told:
         read = place.replace("&#39;", "'").replace("\N{NO-BREAK SPACE}", " ")
         assert headline in read and "GOOD" not in read.replace("GOOD_", "")
-    for place in told[:5]:
-        assert remedy in place and "vehicle's reference" not in place
-    assert all(row.overrides == ("motors",) and row.headline == headline for row in rows)
-    assert json.loads(document)["next_step"] == str(analysis.findings.next_step)
+        assert remedy in read and "vehicle's reference" not in place
+    for row in rows:
+        assert row.overrides == ("motors",) and row.headline == str(found.headline)
+        assert row.light_motors == "bad"
     # A session's page is made of the same record.
     status = SessionStatus("1:1", alarms=(alarm,))
     live = live_page(
-        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(Spent, 0.0), analysis.learned
+        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(Spent, 0.0), found.model
     )
     assert (
         headline in live.replace("\N{NO-BREAK SPACE}", " ")

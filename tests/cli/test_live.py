@@ -135,8 +135,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
         and told["rrd"] is None
     )
     assert (
-        told["samples"] == {"learnt": 0, "shown": 0}
-        and told["headline"] == "No model: No vehicle found yet."
+        told["samples"] == {"learnt": 0, "shown": 0} and told["headline"] == "No vehicle found yet."
     )
     monkeypatch.setattr(live, "run", listen)
     closed = Event()

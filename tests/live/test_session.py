@@ -261,13 +261,13 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     one._judge(1e9)
     in_flight = one.status.findings
     model = one.judge(model)
-    assert model.physical is known and in_flight.purposes[:2] == one.findings.purposes[:2]
-    assert one.status.findings == one.findings
+    assert model.physical is known and in_flight.purposes[:2] == one.judged[0].purposes[:2]
+    assert (one.status.findings, one.status.judged) == one.judged
     page = html.unescape(
         live_page("udp", "roll", one.history, one.status, one.account(), model)
     ).replace("\u00a0", " ")
     assert plus_minus(*np.degrees([known.effect[0], known.interval().effect[0]])) in page
-    assert all(str(purpose.reason) in page for purpose in one.findings.purposes)
+    assert all(str(purpose.reason) in page for purpose in one.judged[0].purposes)
 
 
 @pytest.mark.slow

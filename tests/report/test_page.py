@@ -202,7 +202,7 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
 
 
 @pytest.mark.slow
-def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_three_sheets(
+def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_four_sheets(
     flight, tmp_path
 ):
     seen = Balanced(flight)
@@ -220,7 +220,7 @@ def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_three_s
         f"--print-to-pdf={tmp_path / 'page.pdf'}",
         "--no-pdf-header-footer",
     )
-    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) == 3
+    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) == 4
 
 
 def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
