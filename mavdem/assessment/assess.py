@@ -21,6 +21,7 @@ from mavdem.analysis.findings import known_wind
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.grounding import grounded_air, grounds_of
 from mavdem.assessment.judgement import Judgement, judge, unjudged
 from mavdem.assessment.log import simulated_of
 from mavdem.assessment.motion import motion_events
@@ -215,6 +216,8 @@ def assess_signals(
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
     events += [*losses_of(changes), *(change.fact for change in changes if not change.weak)]
+    if grounds_of(analysis.condition, events, ending):
+        air = grounded_air(air)
     evidence = Evidence(
         log,
         signals,

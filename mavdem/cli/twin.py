@@ -9,10 +9,10 @@ from typing import Any
 import click
 import numpy as np
 
-from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.loops import loops_of_log
+from mavdem.analysis.loops import loops_of_axes
+from mavdem.assessment.grounding import grounds_of_log
 from mavdem.cli.options import Number, no_option, read_source, vehicle_option
 from mavdem.cli.output import check_file, print_result, printable, progress, say_aside, write_text
 from mavdem.condition.condition import hover_of
@@ -69,16 +69,20 @@ def twin_command(
         check_file(path, "--out", (".toml", *LEFT_OUT))
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    loops = dict[str, Loop]()
-    missing = list[str]()
     with progress("Learning the vehicle", measured=False):
-        for axis in AXES:
-            try:
-                loops[axis] = loops_of_log(signals.about(axis), log)
-            except NotLearnable as error:
-                if axis == "roll":
-                    raise
-                missing.append(f"{axis.capitalize()} is not learned: {error}")
+        found = loops_of_axes(log, signals)
+    if grounds_of_log(signals):
+        found = {
+            axis: one.grounded if isinstance(one, Fact) else one for axis, one in found.items()
+        }
+    if isinstance(found["roll"], Fact):
+        raise NotLearnable(found["roll"])
+    loops = {axis: one for axis, one in found.items() if isinstance(one, Loop)}
+    missing = [
+        f"{axis.capitalize()} is not learned: {one.advised}"
+        for axis, one in found.items()
+        if isinstance(one, Fact)
+    ]
     hover = hover_of(signals.about("roll", "motors"), log.components)
     drag, px4 = (
         None if (wind := air_of(signals)[0]) is None else wind.drag,

@@ -15,6 +15,7 @@ from mavdem.cli.options import file_option, read_source, vehicle_option
 from mavdem.cli.output import print_result
 from mavdem.condition.inventory import identity_of
 from mavdem.condition.wind_of_log import wind_of
+from mavdem.errors import NotLearnable
 from mavdem.facts.online import DragSource
 from mavdem.fleet.priors import earlier_drag
 from mavdem.report.blocks import Table
@@ -45,8 +46,12 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     """
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    wind = wind_of(signals)
     assessment = assess_signals(log, signals, AXES[0], Options(whole=False))
+    assert assessment.evidence is not None
+    wind, _, reason = assessment.evidence.air
+    if reason is not None:
+        raise NotLearnable(reason)
+    assert wind is not None
     if prior is not None:
         wind = wind_of(signals, earlier_drag(prior, identity_of(signals).name, wind.speed))
     drag = wind.drag

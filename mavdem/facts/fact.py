@@ -113,7 +113,7 @@ class Fact:
     def grounded(self) -> Fact:
         """The fact, and all facts within it, without advice to fly: of a vehicle that must not."""
         within = {name: _grounded(figure) for name, figure in self.figures.items()}
-        return self.but(**within, is_grounded=True)
+        return self.but(**within | {"is_grounded": True})
 
     @property
     def sentence(self) -> str:

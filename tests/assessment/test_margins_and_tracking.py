@@ -12,7 +12,7 @@ from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.grounding import grounds_of
+from mavdem.assessment.grounding import grounded_air, grounds_of
 from mavdem.assessment.margins import margins_light, margins_of
 from mavdem.assessment.tracking import BAD_ERROR, WATCHED_ERROR, tracking_light, tracking_of
 from mavdem.condition.condition import condition_of, settled_parts
@@ -23,6 +23,7 @@ from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.learnability import Reason, Remedy
 from mavdem.facts.margins import MarginsLight, TrackingLight
+from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
@@ -253,3 +254,5 @@ def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_is_ground
     assert grounds_of(condition, [caught, stop], lost) == (lost, stop)
     (found,) = grounds_of(replace(condition, oscillation=swinging), [], None)
     assert found.code is Override.OSCILLATION
+    doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
+    assert grounded_air((None, None, doubt)) == (None, None, doubt.grounded)
