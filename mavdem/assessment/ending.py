@@ -115,9 +115,14 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     error = attitude_error(signals, boot)
     if signals.motors is None or error is None:
         return None
-    at_stop = _during(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset)
     idle = airborne_collective(signals.telemetry.parameters)
-    if lost.code is MotionEvent.HIT:  # what is commanded after it says nothing
+    if lost.code is MotionEvent.HIT:
+        # What the ground turns over, motors fight: only what was so before says something.
+        at_stop = [
+            event
+            for event in _during(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset)
+            if (event.time or 0.0) < onset - ASKED_SECONDS
+        ]
         began = at_stop or _during(events, MotionEvent.FELL, boot, onset)
         since = min((event.time or 0.0 for event in began), default=onset)
         commands = _commands(signals.motors, boot, since, onset)
@@ -125,7 +130,7 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
     commands = _commands(signals.motors, boot, onset, float(error.time[at]))
     fell = complex(-error.pitch[at], error.roll[at])
-    cause = commands and _of_commands(commands, idle, at_stop, fell)
+    cause = commands and _of_commands(commands, idle, (), fell)
     if cause and cause.code is FailedFirst.ALL_OFF_FIRST and _seemed_landed(signals, boot, onset):
         return Fact(FailedFirst.LANDING_ASSUMED_FIRST, Level.BAD, time=cause.time)
     return cause

@@ -197,7 +197,7 @@ def _loss(
     hit = _hit(signals, boot, onset - ASKED_SECONDS, start)
     code = MotionEvent.ATTITUDE_LOST
     level = Level.BAD
-    if onset - flight[0] < CAUGHT_SECONDS:
+    if not _rose(signals, boot, flight, onset):
         code = MotionEvent.TIPPED
     elif hit is not None or (height is not None and height < GROUND_HEIGHT):
         code = MotionEvent.HIT
@@ -216,6 +216,16 @@ def _loss(
         speed=speed,
         boot=boot,
     )
+
+
+def _rose(signals: Signals, boot: int, flight: Interval, until: float) -> bool:
+    """Whether a flight got off the ground before ``until``, s: by its height, or else by how long it lasted."""
+    height = of_boot(signals.height, boot)
+    if height is None:
+        return until - flight[0] > CAUGHT_SECONDS
+    here = (height.time >= flight[0]) & (height.time <= until)
+    ground = np.interp(flight[0], height.time, height.values)
+    return bool((height.values[here] > ground + GROUND_HEIGHT).any())
 
 
 def _seen(end: float) -> float | None:

@@ -14,7 +14,7 @@ from mavdem.assessment.motion import motion_events
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
-from mavdem.ingest.telemetry import Telemetry, selected
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 
 FAILS = 30.0
@@ -141,7 +141,7 @@ def test_names_a_motor_whose_output_stands_still():
     ("output", "since", "code"),
     [
         (1100.0, FAILS, FailedFirst.ALL_OFF_FIRST),
-        (1950.0, FAILS - 3.0, FailedFirst.THRUST_SPENT_FIRST),
+        (1910.0, FAILS - 3.0, FailedFirst.THRUST_SPENT_FIRST),
     ],
 )
 def test_all_motors_together_name_none(output, since, code):
@@ -181,23 +181,41 @@ def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
     assert ending is None
 
 
-def test_a_vehicle_that_tips_over_at_take_off_names_none():
+@pytest.mark.parametrize(("highest", "code"), [(0.9, Ending.TIPPED_OVER), (1.1, Ending.CRASHED)])
+def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
     made = lost(1)
-    early = {
-        name: selected(table, table["time"] >= FAILS - 8.0) for name, table in made.messages.items()
-    }
-    for table in early.values():
-        table["time"] = table["time"] - FAILS + 8.0
-    early["SERVO_OUTPUT_RAW"] = {
-        name: np.where(early["SERVO_OUTPUT_RAW"]["time"] < 6.0, 1000.0, values)
-        if name.startswith("servo")
-        else values
-        for name, values in early["SERVO_OUTPUT_RAW"].items()
-    }
-    events, ending = judged(replace(made, messages=early))
-    assert events[MotionEvent.TIPPED].level is Level.BAD
-    assert ending.code is Ending.TIPPED_OVER
+    at = made.messages["LOCAL_POSITION_NED"]["time"]
+    z = -highest * ((at > 20.0) & (at < 25.0))
+    events, ending = judged(changed(made, "LOCAL_POSITION_NED", z=z))
+    assert ending.code is code
+    assert ending.level is Level.BAD
     assert ending.subject == ""
+    assert (MotionEvent.TIPPED in events) is (code is Ending.TIPPED_OVER)
+
+
+def turned(direction: np.ndarray, angle: float) -> np.ndarray:
+    """The direction, forward and right, turned clockwise by so many degrees."""
+    cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    return np.array([[cosine, -sine], [sine, cosine]]) @ direction
+
+
+@pytest.mark.parametrize(("angle", "name"), [(27.0, NAMES[1]), (33.0, "")])
+def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, name):
+    made = leaning(lost(1), turned(PLACES[1], angle), 60.0, 100.0)
+    assert judged(made)[1].subject == name
+
+
+@pytest.mark.parametrize(("force", "hit"), [(29.0, False), (31.0, True)])
+def test_three_times_the_weight_is_felt_where_something_is_hit(force, hit):
+    events, _ = judged(felt(lost(1), FAILS + 2.0, force))
+    assert (MotionEvent.HIT in events) is hit
+
+
+@pytest.mark.parametrize(("seconds", "caught"), [(4.0, False), (6.0, True)])
+def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
+    made = leaning(flight(50.0), np.array([0.0, 1.0]), 70.0, 1.0)
+    _, ending = judged(only(made, lambda time: time < FAILS + 1.3 + seconds))
+    assert (ending is None) is caught
 
 
 def test_a_fall_that_stops_at_once_is_a_crash_also_with_the_attitude_held():
@@ -227,10 +245,10 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
     assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
 
 
-def felt(made: Telemetry, time: float) -> Telemetry:
-    """Its accelerometers feel 100 m/s² at that time, and the weight at others."""
+def felt(made: Telemetry, time: float, most: float = 100.0) -> Telemetry:
+    """Its accelerometers feel so much, m/s², at that time, and the weight at others."""
     at = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 0.04)
-    force = np.where(np.abs(at - time) < 0.03, 100.0, 9.8)
+    force = np.where(np.abs(at - time) < 0.03, most, 9.8)
     return changed(made, "HIGHRES_IMU", **columns(at, xacc=0 * at, yacc=0 * at, zacc=-force))
 
 
