@@ -127,17 +127,11 @@ def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:
     with np.errstate(invalid="ignore"):  # NaN stays NaN
         values = sent["param_value"].astype(np.float64)
     if autopilot == "PX4":
+        # The integers in the first bytes of little-endian float32 values.
+        bits = np.ascontiguousarray(sent["param_value"], dtype="<f4").view("<u4")
         for number, kind in INTEGER_TYPES.items():
             rows = sent["param_type"] == number
-            # The integers in the first bytes of little-endian float32 values.
-            content = (
-                np.ascontiguousarray(sent["param_value"][rows], dtype="<f4")
-                .view(np.uint8)
-                .reshape(-1, 4)
-            )
-            values[rows] = np.ascontiguousarray(content[:, : np.dtype(kind).itemsize]).view(kind)[
-                :, 0
-            ]
+            values[rows] = bits[rows].astype(kind)
     names = [
         name.split(b"\0", 1)[0].decode("ascii", errors="replace")
         for name in sent["param_id"].tolist()

@@ -17,12 +17,16 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from io import BytesIO
 from itertools import repeat
 from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
+import mcap.records
 import numpy as np
 import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 from numpy.typing import NDArray
@@ -42,8 +46,7 @@ PRIVATE_OPCODES = 0x80
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
 # Channel, sequence, log time and publish time before a message's data
 MESSAGE_HEAD = struct.Struct("<HIQQ")
-CHUNK_HEAD = struct.Struct("<QQQI")
-"""First and last time, unpacked size and checksum before a chunk's compression and records."""
+MAX_CHUNK_HEAD = 1 << 10  # Bytes before a chunk's records
 CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default, or unpacked together
 MAX_CHUNK_BYTES = 1 << 28  # Unpacked bytes of one chunk
 MAX_BYTES = 1 << 24
@@ -88,20 +91,15 @@ class _Chunk(NamedTuple):
     @classmethod
     def at(cls, content: bytes, start: int, stop: int) -> _Chunk | None:
         """The chunk whose record begins at ``start``; None where its head is cut."""
-        if start + CHUNK_HEAD.size > stop:
+        stream = ReadDataStream(BytesIO(content[start : min(stop, start + MAX_CHUNK_HEAD)]))
+        try:
+            stream.read(16)  # its first and its last time
+            size, checksum = stream.read8(), stream.read4()
+            compression, length = stream.read_prefixed_string(), stream.read8()
+        except (McapError, struct.error, ValueError):
             return None
-        _, _, size, checksum = CHUNK_HEAD.unpack_from(content, start)
-        compression, place = _text(content, start + CHUNK_HEAD.size, stop)
-        if compression is None or place + 8 > stop:
-            return None
-        first = place + 8
-        return cls(
-            first,
-            first + int.from_bytes(content[place:first], "little"),
-            compression,
-            size,
-            checksum,
-        )
+        first = start + stream.count
+        return cls(first, first + length, compression, size, checksum)
 
 
 @dataclass
@@ -212,18 +210,16 @@ class McapRecording:
         )
 
     def _note(self, opcode: int, content: bytes, start: int, stop: int) -> None:
-        """Keeps a channel or a schema, if its record is long enough for its texts."""
-        number, schema = (
-            int.from_bytes(content[at : at + 2], "little") for at in (start, start + 2)
-        )
-        name, place = _text(content, start + (4 if opcode == Opcode.CHANNEL else 2), stop)
-        encoding, place = _text(content, place, stop)
-        if name is None or encoding is None:
-            return
-        if opcode == Opcode.CHANNEL:
-            self.channels[number] = Channel(name, encoding, schema)
-        elif (text := _text(content, place, stop)[0]) is not None:
-            self.schemas[number] = Schema(name, encoding, text)
+        """Keeps a channel or a schema, if its record is whole."""
+        stream = ReadDataStream(BytesIO(content[start:stop]))
+        with suppress(McapError, struct.error, ValueError):
+            if opcode == Opcode.CHANNEL:
+                one = mcap.records.Channel.read(stream)
+                self.channels[one.id] = Channel(one.topic, one.message_encoding, one.schema_id)
+            else:
+                kind = mcap.records.Schema.read(stream)
+                text = kind.data.decode("utf-8", errors="replace")
+                self.schemas[kind.id] = Schema(kind.name, kind.encoding, text)
 
 
 def _next_record(content: bytes, data: Bytes, place: int) -> int:
@@ -256,16 +252,6 @@ def _follow_one_another(content: bytes, place: int) -> bool:
             return False
         place += RECORD_HEAD.size + length
     return place <= len(content)
-
-
-def _text(content: bytes, place: int, stop: int) -> tuple[str | None, int]:
-    """The text that begins with its length at ``place``, and where it ends; None where it does not fit."""
-    if place + 4 > stop:
-        return None, stop
-    end = place + 4 + int.from_bytes(content[place : place + 4], "little")
-    if end > stop:
-        return None, stop
-    return content[place + 4 : end].decode("utf-8", errors="replace"), end
 
 
 def _unpacked(compression: str, packed: bytes, most: int) -> tuple[bytes, bool]:
