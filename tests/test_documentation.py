@@ -13,7 +13,6 @@ import pkgutil
 import re
 import shlex
 import tomllib
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -162,7 +161,7 @@ MODULES = [
 ]
 
 
-def public(owner: Any) -> Iterator[tuple[str, Any]]:
+def public(owner):
     """The public functions, methods, properties and classes that ``owner`` itself defines."""
     for name, value in vars(owner).items():
         value = getattr(value, "__func__", value)
@@ -182,7 +181,7 @@ def public(owner: Any) -> Iterator[tuple[str, Any]]:
             yield from public(value)
 
 
-def exported() -> Iterator[tuple[str, Any]]:
+def exported():
     """What ``__all__`` of each room names, and the members of the classes and modules among it."""
     for room in [mavdem, *MODULES]:
         for name in getattr(room, "__all__", ()):
@@ -196,7 +195,7 @@ EVERYTHING = {name: value for module in MODULES for name, value in public(module
 EXPORTED = dict(exported())
 
 
-def arguments(value: Any) -> list[str]:
+def arguments(value):
     """What a caller passes or reads by name."""
     if dataclasses.is_dataclass(value):
         names = [field.name for field in dataclasses.fields(value)]
@@ -239,7 +238,7 @@ ROOMS = ("", "baselines", "dem", "evaluate", "ingest")
 """Modules whose public names may have examples; ``mavdem`` itself first."""
 
 
-def examples() -> Iterator[doctest.DocTest]:
+def examples():
     seen: set[int] = set()
     for room in ROOMS:
         module = importlib.import_module(f"mavdem.{room}".rstrip("."))
@@ -285,7 +284,7 @@ def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ipynb"))
 
 
-def outputs(source: str, names: dict[str, Any]) -> set[str]:
+def outputs(source, names):
     """What a cell shows: "stream" of what it prints, "image/png" or "text/plain" of its last expression."""
     tree = ast.parse(source)
     printed = io.StringIO()

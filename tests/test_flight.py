@@ -2,6 +2,7 @@ import pickle
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from mavdem import Flight
 from mavdem.dem import physical
@@ -27,7 +28,7 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     assert (flight.input_names, flight.input_units) == (("input 1", "input 2"), ("", ""))
     part = flight[2:4]
     assert isinstance(part, Flight)
-    np.testing.assert_array_equal(part.inputs, INPUTS[2:4])
+    assert_array_equal(part.inputs, INPUTS[2:4])
     assert (len(part), part.dt, part.output_names, part.provenance) == (
         2,
         flight.dt,
@@ -38,7 +39,7 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     assert len(flight[:1]) == 1
     assert repr(flight) == "<Flight: 6 samples at 100 Hz, input 1, input 2 -> roll from here>"
     known = Flight(TIME, INPUTS, OUTPUTS, effect_directions=[-1, 1])
-    np.testing.assert_array_equal(known[1:3].effect_directions, [-1, 1])
+    assert_array_equal(known[1:3].effect_directions, [-1, 1])
     assert flight.effect_directions is None
 
 
@@ -48,7 +49,7 @@ def test_every_slice_of_a_flight_is_a_flight_of_the_same_step():
     for start in range(1300):
         part = flight[start : start + 700]
         assert part.dt == flight.dt and len(part) == 700
-        np.testing.assert_array_equal(part.time, time[start : start + 700])
+        assert_array_equal(part.time, time[start : start + 700])
         assert len(part[3:9]) == 6
 
 
@@ -101,11 +102,11 @@ def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
         TIME, INPUTS, OUTPUTS, setpoints=asked, setpoint_names=("roll stick", "roll setpoint")
     )
     assert flight.setpoint_units == ("", "") and Flight(TIME, INPUTS, OUTPUTS).setpoint_names == ()
-    np.testing.assert_array_equal(flight[2:4].setpoints, asked[2:4])
+    assert_array_equal(flight[2:4].setpoints, asked[2:4])
     first, second = Flight.segments(
         np.append(TIME[:3], TIME[3:] + 1), INPUTS, OUTPUTS, setpoints=asked
     )
-    np.testing.assert_array_equal(second.setpoints, asked[3:])
+    assert_array_equal(second.setpoints, asked[3:])
     assert first[:2].setpoints.shape == (2, 2)
 
 
@@ -118,7 +119,7 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
     for one in (flight, part, *again):
         with pytest.raises(ValueError, match="read-only"):
             one.inputs[0, 0] = 1
-    np.testing.assert_array_equal(again[0].outputs, flight.outputs)
+    assert_array_equal(again[0].outputs, flight.outputs)
     part.provenance["source"] = "elsewhere"
     assert flight.provenance["source"] == "here"
     with pytest.raises(AttributeError):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from simulated import simulated
 
 from mavdem import Settings, baselines, learn
@@ -36,7 +37,7 @@ def having_seen(model, samples):
 
 def assert_same(actual, expected):
     """But for rounding."""
-    np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-6 * TEST.outputs.std())
+    assert_allclose(actual, expected, rtol=0, atol=1e-6 * TEST.outputs.std())
 
 
 @pytest.mark.parametrize("steps", [1, 7, 50])

@@ -5,13 +5,12 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable
 from math import isclose
 from pathlib import Path
 
 import pytest
 import rerun as rr
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main
 from mavdem.view.live_content import Channels, live_blueprint
@@ -24,13 +23,13 @@ CHANNELS = Channels(
 )
 
 
-def page_words(path: Path) -> str:
+def page_words(path):
     """What a page says, without its pictures and what is folded."""
     unseen = r"<(script|style|svg|noscript|details|footer)\b.*?</\1>|<[^>]*>"
     return re.sub(unseen, " ", path.read_text(), flags=re.DOTALL)
 
 
-def recording_words(path: Path) -> str:
+def recording_words(path):
     """The names of a recording's views, and the documents in them."""
     reader = RrdReader(path)
     names = [
@@ -41,7 +40,7 @@ def recording_words(path: Path) -> str:
     return " · ".join([*sorted(names), *sorted(texts(reader.stream(), "TextDocument", "text"))])
 
 
-def texts(chunks: Iterable[Chunk], archetype: str, field: str) -> list[str]:
+def texts(chunks, archetype, field):
     batches = [chunk.to_record_batch() for chunk in chunks]
     columns = {"View": "ViewBlueprint"}.get(archetype, archetype) + f":{field}"
     return [
@@ -51,7 +50,7 @@ def texts(chunks: Iterable[Chunk], archetype: str, field: str) -> list[str]:
     ]
 
 
-def code(*names: str) -> str:
+def code(*names):
     """A digest of what files do: of Python without comments, docstrings and layout."""
     digest = hashlib.sha256()
     for name in names:
@@ -66,7 +65,7 @@ def code(*names: str) -> str:
     return digest.hexdigest()[:16]
 
 
-def alike(now: str, before: str) -> bool:
+def alike(now, before):
     """Whether two texts have the same words, and numbers that differ by rounding, or by another processor's sums."""
     pairs = zip(NUMBER.findall(now), NUMBER.findall(before), strict=False)
     near = (
@@ -79,7 +78,7 @@ def alike(now: str, before: str) -> bool:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """The flight of README's five lines, and what was learned from it."""
     path = tmp_path_factory.mktemp("pictures")
     with pytest.MonkeyPatch.context() as patch:

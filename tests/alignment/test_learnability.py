@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from mavdem.alignment.drive import DEMAND_MESSAGE
 from mavdem.alignment.learnability import (
     DOUBTFUL_CONSISTENCY,
     DOUBTFUL_SNR,
-    Learnability,
     cautions_of,
     learnability_of,
     too_slow,
@@ -21,28 +19,26 @@ from mavdem.alignment.learnability import (
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import Signals
 from mavdem.documents.vehicle import Verdict
-from mavdem.facts import Code, Fact
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.ingest import Component
-from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
 
 
-def judged(telemetry: Telemetry, inputs: str | None = None) -> Learnability:
+def judged(telemetry, inputs=None):
     """What is said of a log, with its words."""
     learnability = learnability_of(Signals(telemetry, inputs=inputs))
     assert learnability.learnable == (learnability.remedy == "") and str(learnability.reason)
     return learnability
 
 
-def refused_for(telemetry: Telemetry) -> Fact:
+def refused_for(telemetry):
     learnability = judged(telemetry)
     assert not learnability.learnable
     return learnability.reason
 
 
-def codes(facts: Iterable[Fact]) -> set[Code]:
+def codes(facts):
     return {fact.code for fact in facts}
 
 
@@ -71,7 +67,7 @@ def test_messages_are_called_by_their_names_in_the_log():
 LONG = Hover(hovering=150.0)
 
 
-def slow_then_fast(change: float, fast_from: float) -> Telemetry:
+def slow_then_fast(change, fast_from):
     """Attitude and motors at 15 Hz before ``change``, at 100 Hz from ``fast_from``."""
     stamps = np.concatenate([np.arange(0, change, 1 / 15), np.arange(fast_from, LONG.end, 0.01)])
     return LONG.telemetry(stamps, stamps)
@@ -104,7 +100,7 @@ def test_all_messages_are_blamed_that_are_slow_and_none_that_is_not():
     assert too_slow({"ATTITUDE": 40.0, "SERVO_OUTPUT_RAW": 40.0}, "roll") is None
 
 
-def slowed(change: float) -> Telemetry:
+def slowed(change):
     """100 Hz until ``change``, 4 Hz from then on."""
     stamps = np.concatenate([np.arange(0, change, 0.01), np.arange(change, LONG.end, 0.25)])
     return LONG.telemetry(stamps, stamps)
@@ -151,7 +147,7 @@ def test_who_asks_for_rates_is_named_only_where_somebody_does():
     assert asked.code is Remedy.STOP_ASKING_FOR_RATES and not asked.figures["names"]
 
 
-def with_contradiction(telemetry: Telemetry, start: float, end: float) -> Telemetry:
+def with_contradiction(telemetry, start, end):
     """The rate has nothing to do with the angle from ``start`` to ``end``, after which 0.5 s are missing."""
     telemetry = only(
         telemetry, lambda time: (time <= end) | (time > end + 0.5), "ATTITUDE", "SERVO_OUTPUT_RAW"
@@ -207,7 +203,7 @@ def test_a_figure_is_doubted_below_its_limit_only(figure, limit, caution):
         assert all(fact.figures.get("share", 0.05) == pytest.approx(0.05, 0.1) for fact in cautions)
 
 
-def with_outputs(outputs: float | None = None, **parameters: float) -> Telemetry:
+def with_outputs(outputs=None, **parameters):
     """A hover whose outputs stand still, if they are given, with these parameters."""
     telemetry = HOVER.telemetry(parameters=parameters)
     return (
@@ -217,12 +213,12 @@ def with_outputs(outputs: float | None = None, **parameters: float) -> Telemetry
     )
 
 
-def idling() -> Telemetry:
+def idling():
     running = pulses(HOVER.telemetry()) > 1000
     return with_pulses(HOVER.telemetry(), np.where(running, 1100 + np.arange(1, 5)[:, None], 1000))
 
 
-def shaking(size: float = 1.0, share: float = 1.0) -> Telemetry:
+def shaking(size=1.0, share=1.0):
     """97 Hz sampled at 100 Hz looks like a slow oscillation of the rate that the angle does not follow."""
     time, rate = (HOVER.telemetry().messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
     return changed(
@@ -230,7 +226,7 @@ def shaking(size: float = 1.0, share: float = 1.0) -> Telemetry:
     )
 
 
-def with_steps(step: float, telemetry: Telemetry) -> Telemetry:
+def with_steps(step, telemetry):
     table = telemetry.messages["ATTITUDE"]
     rounded = {name: np.round(table[name] / step) * step for name in ("roll", "rollspeed")}
     return changed(telemetry, "ATTITUDE", **rounded)
@@ -334,7 +330,7 @@ def test_another_vehicle_is_named_only_where_there_is_one():
         assert reason.figures["other"] == named and ("--vehicle" in reason.remedy) == bool(named)
 
 
-def rounded(hover: Hover) -> Telemetry:
+def rounded(hover):
     telemetry = hover.telemetry()
     motors = pulses(telemetry)
     return with_pulses(
@@ -351,7 +347,7 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
     assert refused.code is Reason.COMMAND_ROUNDED and refused.figures["command_step"] == 1
 
 
-def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:
+def random_stamps(random, end):
     """A stream that changes its pace a few times, rounded or not."""
     paces = random.choice(
         [0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5)
@@ -385,12 +381,12 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
         assert len(align(Signals(telemetry), segment)) >= 1
 
 
-def in_whole_pulses(telemetry: Telemetry) -> Telemetry:
+def in_whole_pulses(telemetry):
     """The motors in whole µs."""
     return with_pulses(telemetry, np.round(pulses(telemetry)))
 
 
-def held(telemetry: Telemetry, message: str, rows: int, only: tuple[str, ...] = ("",)) -> Telemetry:
+def held(telemetry, message, rows, only=("",)):
     """Each ``rows``th message's values again and again, under the stamps as they were; only fields beginning so."""
     table = telemetry.messages[message]
     source = np.arange(len(table["time"])) // rows * rows
@@ -500,7 +496,7 @@ def test_one_wild_rate_does_not_speak_for_the_whole_and_degrees_are_reported_as_
     assert refused_for(changed(telemetry, "ATTITUDE", **degrees)).code is Reason.ATTITUDE_UNIT
 
 
-def remedy_for(recorder: str, has_demand: bool = True, **fields: object) -> Fact:
+def remedy_for(recorder, has_demand=True, **fields):
     """What to do about a log at 4 Hz whose autopilot had these parameters, firmware and lost messages."""
     telemetry = Hover().telemetry(4.0, 4.0)
     if has_demand:

@@ -2,16 +2,15 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, log_of, only
+from numpy.testing import assert_allclose, assert_array_equal
 from recorded_flights import shared
 
-from mavdem import Flight
 from mavdem.alignment.align import Segment, align, settled_segments
-from mavdem.alignment.learnability import Learnability, learnabilities
+from mavdem.alignment.learnability import learnabilities
 from mavdem.alignment.read import (
     choose_vehicle,
     learnable_flight,
@@ -22,16 +21,13 @@ from mavdem.alignment.read import (
 from mavdem.alignment.signals import HOLD_SECONDS, Signals, setpoints
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.facts import Code
 from mavdem.facts.learnability import Caution, Reason
-from mavdem.ingest import Log
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import quaternion
 
 HOVER = Hover()
 
 
-def segments_of(log: Log) -> tuple[tuple[Flight, ...], Learnability]:
+def segments_of(log):
     return usable_segments(Signals(log.vehicles[0]), log.components)
 
 
@@ -46,7 +42,7 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
     assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
 
 
-def received(wanted) -> Telemetry:
+def received(wanted):
     """A hover with the messages of attitude and motors for which ``wanted(time)`` is true."""
     return only(HOVER.telemetry(), wanted, "ATTITUDE", "SERVO_OUTPUT_RAW")
 
@@ -57,8 +53,8 @@ def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
     (first, middle, last) = segments_of(log)[0]
     (flight, verdict) = learnable_flight(log)
     assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
-    np.testing.assert_array_equal(last.outputs, flight.outputs)
-    np.testing.assert_array_equal(last.inputs, flight.inputs)
+    assert_array_equal(last.outputs, flight.outputs)
+    assert_array_equal(last.inputs, flight.inputs)
     assert (
         last.provenance == flight.provenance
         and Segment(**last.provenance["segment"]) == verdict.segment
@@ -66,7 +62,7 @@ def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
     record = Record.of([first, middle, last])
     assert record.lengths == (len(first), len(middle), len(last))
     for one in (first, middle):
-        np.testing.assert_allclose(one.outputs[:, 0], HOVER.roll(one.time), atol=1e-9)
+        assert_allclose(one.outputs[:, 0], HOVER.roll(one.time), atol=1e-9)
 
 
 def test_segments_have_one_step_also_where_a_link_lost_messages():
@@ -76,7 +72,7 @@ def test_segments_have_one_step_also_where_a_link_lost_messages():
     flights, _ = segments_of(log_of(lossy))
     assert [one.dt for one in flights] == [0.01, 0.01]
     assert flights[0].provenance["rates"]["attitude"] == pytest.approx(89, abs=1)
-    np.testing.assert_allclose(flights[0].outputs[:, 0], HOVER.roll(flights[0].time), atol=1e-3)
+    assert_allclose(flights[0].outputs[:, 0], HOVER.roll(flights[0].time), atol=1e-3)
 
 
 def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
@@ -94,9 +90,7 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     assert (caution.figures["count"], caution.figures["segments"]) == (2, 3)
 
 
-def refused(
-    vehicles: Sequence[Telemetry], wanted: str | None = None
-) -> tuple[Code, tuple[str, ...]]:
+def refused(vehicles, wanted=None):
     with pytest.raises(NotLearnable) as refusal:
         choose_vehicle(vehicles, wanted)
     return refusal.value.fact.code, refusal.value.fact.figures.get("names")
@@ -134,9 +128,7 @@ def test_recorded_logs_that_must_be_refused(name, code):
     assert refusal.value.fact.code is code and refusal.value.remedy
 
 
-def with_targets(
-    rate: float = 10.0, type_mask: int = 0, start: float = 0.0, end: float = np.inf
-) -> Telemetry:
+def with_targets(rate=10.0, type_mask=0, start=0.0, end=np.inf):
     """A hover with ATTITUDE_TARGET whose roll rate is the time, its roll a tenth of the sine of it."""
     time = HOVER.stamps(rate)
     time = time[(time >= start) & (time < end)]
@@ -153,7 +145,7 @@ def with_targets(
     return changed(HOVER.telemetry(), "ATTITUDE_TARGET", **columns(time, **fields))
 
 
-def flight_of(telemetry: Telemetry) -> Flight:
+def flight_of(telemetry):
     signals = Signals(telemetry)
     return align(signals, settled_segments(signals)[0])
 
@@ -163,8 +155,8 @@ def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future(
     assert flight.setpoint_names == ("roll rate setpoint", "roll setpoint")
     assert flight.setpoint_units == ("rad/s", "rad")
     last = np.floor(10 * flight.time + 1e-6) / 10
-    np.testing.assert_allclose(flight.setpoints[:, 0], last, atol=1e-9)
-    np.testing.assert_allclose(flight.setpoints[:, 1], 0.1 * np.sin(last), atol=1e-9)
+    assert_allclose(flight.setpoints[:, 0], last, atol=1e-9)
+    assert_allclose(flight.setpoints[:, 1], 0.1 * np.sin(last), atol=1e-9)
     assert (flight.setpoints[:, 0] <= flight.time + 1e-9).all()
     assert flight.provenance["setpoints"]["roll setpoint"] == "ATTITUDE_TARGET"
 
@@ -180,7 +172,7 @@ def test_masked_fields_are_no_setpoints(mask, units):
 def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
     known = np.isfinite(flight.setpoints[:, 0])
-    np.testing.assert_array_equal(
+    assert_array_equal(
         known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9)
     )
 

@@ -15,6 +15,7 @@ from hover import (
     with_demand,
     with_pulses,
 )
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive, signals
@@ -22,12 +23,11 @@ from mavdem.alignment.phases import airborne_collective
 from mavdem.alignment.signals import Signals
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.ingest.motors import ChannelBasis, PlaceBasis, motor_geometry, output_scale
-from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
 
 
-def with_quaternion(rate: float) -> Telemetry:
+def with_quaternion(rate):
     time = HOVER.stamps(rate)
     roll = HOVER.roll(time)
     pitch = 0.2 * np.sin(time)
@@ -45,9 +45,9 @@ def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     roll = signals.attitude(telemetry, "roll")
     pitch = signals.attitude(telemetry, "pitch")
     assert roll.message == pitch.message == "ATTITUDE_QUATERNION"
-    np.testing.assert_allclose(roll.angle, HOVER.roll(roll.time), atol=1e-12)
-    np.testing.assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
-    np.testing.assert_allclose(pitch.angle, 0.2 * np.sin(pitch.time), atol=1e-12)
+    assert_allclose(roll.angle, HOVER.roll(roll.time), atol=1e-12)
+    assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
+    assert_allclose(pitch.angle, 0.2 * np.sin(pitch.time), atol=1e-12)
 
 
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
@@ -69,14 +69,14 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
         telemetry, "ATTITUDE", yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi
     )
     heading = signals.attitude(telemetry, "yaw")
-    np.testing.assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
-    np.testing.assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
+    assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
+    assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
     for axis, derivative in (
         ("roll", roll_rate),
         ("pitch", pitch_rate),
         ("yaw", np.full(len(time), yaw_rate)),
     ):
-        np.testing.assert_allclose(signals.attitude(telemetry, axis).slope, derivative, atol=1e-12)
+        assert_allclose(signals.attitude(telemetry, axis).slope, derivative, atol=1e-12)
 
 
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
@@ -90,8 +90,8 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
         shuffled["roll"][row] = np.nan
     got = signals.attitude(changed(telemetry, "ATTITUDE", **shuffled), "roll")
     whole = signals.attitude(telemetry, "roll")
-    np.testing.assert_array_equal(got.time, whole.time[whole.time != lost])
-    np.testing.assert_array_equal(got.angle, whole.angle[whole.time != lost])
+    assert_array_equal(got.time, whole.time[whole.time != lost])
+    assert_array_equal(got.angle, whole.angle[whole.time != lost])
 
 
 def test_ardupilot_motors_by_servo_function_and_frame():
@@ -106,10 +106,10 @@ def test_ardupilot_motors_by_servo_function_and_frame():
         "motor 4 (rear)",
     )
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
-    np.testing.assert_allclose(motors.layout.effect("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(motors.layout.effect("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
+    assert_allclose(motors.layout.effect("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
+    assert_allclose(motors.layout.effect("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
     expected = HOVER.motors(motors.time)[:, [1, 2, 3, 0]]
-    np.testing.assert_array_equal(motors.outputs, expected)
+    assert_array_equal(motors.outputs, expected)
 
 
 def test_px4_motors_by_function_and_rotor_places():
@@ -119,8 +119,8 @@ def test_px4_motors_by_function_and_rotor_places():
         HOVER.telemetry(autopilot="PX4", parameters=parameters)
     ).layout
     assert motors.channels == (4, 3, 2, 1)
-    np.testing.assert_allclose(motors.effect("roll"), [-0.25, 0.25, 0.25, -0.25])
-    np.testing.assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
+    assert_allclose(motors.effect("roll"), [-0.25, 0.25, 0.25, -0.25])
+    assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
 
 
 def test_yaw_is_by_the_direction_of_the_propellers():
@@ -129,11 +129,11 @@ def test_yaw_is_by_the_direction_of_the_propellers():
     for frame_type, signs in ((1, [1, 1, -1, -1]), (3, [-1, -1, 1, 1]), (14, [1, -1, 1, -1])):
         frame = functions | {"FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
         found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, 5), bank=8)
-        np.testing.assert_array_equal(4 * found.effect("yaw"), signs)
+        assert_array_equal(4 * found.effect("yaw"), signs)
     rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)}
     rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, -0.05), (-1, 1, -0.04))
     found = motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16)
-    np.testing.assert_array_equal(4 * found.effect("yaw"), [1, 1, -1, -1])
+    assert_array_equal(4 * found.effect("yaw"), [1, 1, -1, -1])
     del rotors["CA_ROTOR2_KM"]
     assert (
         motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16).effect("yaw")
@@ -199,7 +199,7 @@ def test_every_frame_balances(frame_class, frame_type, count):
         assert np.abs(found.effect(axis)).sum() == pytest.approx(1)
         # Turning about one axis turns nothing about the others.
         others = [found.effect(other) for other in ("roll", "pitch") if other != axis]
-        np.testing.assert_allclose(np.array(others) @ found.effect(axis), 0, atol=1e-6)
+        assert_allclose(np.array(others) @ found.effect(axis), 0, atol=1e-6)
 
 
 def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
@@ -243,7 +243,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
         with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0))
     )
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
-    np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
+    assert_array_equal(motors.outputs, HOVER.motors(time))
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_the_range_of_pulse_widths_is_the_autopilots_when_it_says():
     scale = output_scale(
         np.array([[1100.0], [1500.0]]), {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}
     )
-    np.testing.assert_allclose(scale.fraction(np.array([1100.0, 1500.0, 1900.0])), [0, 0.5, 1])
+    assert_allclose(scale.fraction(np.array([1100.0, 1500.0, 1900.0])), [0, 0.5, 1])
     throttle = {"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1150.0, "RC3_MAX": 1900.0}
     idle = output_scale(np.array([[1220.0], [1500.0]]), throttle).fraction(np.array([1220.0]))
     assert idle[0] < airborne_collective(throttle), (
@@ -288,15 +288,15 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
     table["base_mode"][33:36] = 0
     state = Signals(changed(telemetry, "HEARTBEAT", **table)).armed
     expected = (state.time >= 5) & (state.time < HOVER.landed + 1)
-    np.testing.assert_array_equal(state.values > 0, expected)
+    assert_array_equal(state.values > 0, expected)
     assert len(state.time) == len(table["time"]) - 3
 
 
 def test_the_demand_on_an_axis_is_one_input_that_turns_it():
     demand = drive.demand(with_demand(HOVER.telemetry()), "roll")
-    np.testing.assert_allclose(demand.outputs[:, 0], 0.1 * np.sin(demand.time))
+    assert_allclose(demand.outputs[:, 0], 0.1 * np.sin(demand.time))
     assert demand.layout.names == ("roll demand",)
-    np.testing.assert_array_equal(demand.layout.effect("roll"), [1.0])
+    assert_array_equal(demand.layout.effect("roll"), [1.0])
     assert (demand.scale.low, demand.scale.high) == (-1.0, 1.0)
     # A demand that never moves, one of another group, and none at all are no input.
     assert drive.demand(with_demand(HOVER.telemetry()), "pitch") is None
@@ -308,14 +308,14 @@ def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     telemetry = with_demand(HOVER.telemetry())
     motors = drive.motors_or_obstacle(telemetry)
     expected = motors.scale.fraction(motors.outputs).mean(axis=1)
-    np.testing.assert_array_equal(Signals(telemetry).collective.values, expected)
+    assert_array_equal(Signals(telemetry).collective.values, expected)
     without = replace(
         telemetry, messages={k: v for k, v in telemetry.messages.items() if k != "SERVO_OUTPUT_RAW"}
     )
-    np.testing.assert_array_equal(np.unique(Signals(without).collective.values), [0.5])
+    assert_array_equal(np.unique(Signals(without).collective.values), [0.5])
 
 
-def with_battery(message: str, time: np.ndarray, **fields: np.ndarray) -> Telemetry:
+def with_battery(message, time, **fields):
     return changed(HOVER.telemetry(), message, **columns(time, **fields))
 
 
@@ -351,13 +351,13 @@ def test_cells_add_up_and_the_whole_may_be_in_the_place_of_the_first(split):
         "BATTERY_STATUS", time, voltages=cells, id=ids, voltages_ext=np.zeros((len(time), 4))
     )
     found = Signals(telemetry).voltage
-    np.testing.assert_array_equal(found.values, np.full(np.count_nonzero(ids == 0), 16.0))
+    assert_array_equal(found.values, np.full(np.count_nonzero(ids == 0), 16.0))
     unmeasured = changed(
         telemetry,
         "SYS_STATUS",
         **columns(time, voltage_battery=np.full(len(time), 65535, dtype=np.uint16)),
     )
-    np.testing.assert_array_equal(Signals(unmeasured).voltage.values, found.values)
+    assert_array_equal(Signals(unmeasured).voltage.values, found.values)
 
 
 @pytest.mark.parametrize(

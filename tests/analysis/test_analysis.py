@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up_analysis import held_out
+from numpy.testing import assert_allclose
 from recorded_flights import LOGS, shared
 from simulated import simulated
 
@@ -165,7 +166,7 @@ def test_each_axis_is_as_by_itself_and_the_motors_are_those_of_hover():
     found = mavdem.vehicle(FLIGHT)
     assert list(found.axes) == ["roll", "pitch", "yaw"]
     alone = physical(mavdem.read_segments(FLIGHT, axis="yaw"))
-    np.testing.assert_allclose(found.axes["yaw"].physical.effect, alone.effect)
+    assert_allclose(found.axes["yaw"].physical.effect, alone.effect)
     assert found.axes["yaw"].physical.status == alone.status
     assert found.hover == mavdem.hover(FLIGHT)
     axes, motors = (block for block in vehicle_blocks(found) if isinstance(block, Table))

@@ -15,12 +15,12 @@ GROUNDED = Fact(Reason.NEVER_ARMED)
 CRASH = prose("Lost control.").but(Level.BAD)
 
 
-def lights(**levels: Level) -> dict[Light, Fact]:
+def lights(**levels):
     """Facts of all lights, good but for these."""
     return {light: prose(f"The {light}.").but(levels.get(light, Level.GOOD)) for light in Light}
 
 
-def headline(known: dict[Light, Fact], **more: object) -> Fact:
+def headline(known, **more):
     found = {"ending": None, "events": (), "airborne": 60.0, "oscillation": None} | more
     verdict = SimpleNamespace(reason=GROUNDED, figures=SimpleNamespace(airborne=found["airborne"]))
     evidence = SimpleNamespace(

@@ -5,7 +5,6 @@ import json
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from mavdem.export import conversion
 from mavdem.ingest.telemetry import log_of_vehicles
 
 
-def convert(capsys, *words: object) -> dict:
+def convert(capsys, *words):
     assert run("convert", *words, "--json") == 0
     said = capsys.readouterr()
     assert said.err == ""
@@ -90,7 +89,7 @@ def test_the_input_is_never_overwritten(how, tmp_path, capsys):
     assert source.read_bytes() == FLIGHT.read_bytes()
 
 
-def table_of(path: Path) -> tuple[list[str], np.ndarray]:
+def table_of(path):
     with path.open(newline="", encoding="utf-8") as file:
         head, *rows = csv.reader(file)
     return head, np.array(rows, dtype=np.float64)

@@ -221,7 +221,7 @@ def test_a_closed_stream_or_pipe_is_as_one_that_nobody_reads(closed):
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")
 
 
-def offered(monkeypatch, capsys, *words: str) -> list[str]:
+def offered(monkeypatch, capsys, *words):
     monkeypatch.setenv("COMP_WORDS", " ".join(("mavdem", *words)).rstrip())
     monkeypatch.setenv("COMP_CWORD", str(len(words)))
     monkeypatch.setenv("_MAVDEM_COMPLETE", "bash_complete")

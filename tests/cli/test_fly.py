@@ -16,7 +16,7 @@ from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of
 SHORT = ["--duration", "20"]
 
 
-def fly(capsys, *words: object) -> dict:
+def fly(capsys, *words):
     assert run("fly", *words, "--json") == 0
     return json.loads(capsys.readouterr().out)
 

@@ -4,12 +4,12 @@ import json
 import shlex
 from dataclasses import replace
 from operator import attrgetter
-from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from command_line import FLIGHT, SLOW, run, strict_json
+from numpy.testing import assert_allclose, assert_array_equal
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
@@ -37,7 +37,7 @@ FLIGHT = str(FLIGHT)
 FILES = {"model.json", "report.json", "report.html", "flight.rrd", "flight.mcap"}
 
 
-def names(folder: Path) -> set[str]:
+def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
@@ -82,7 +82,7 @@ def test_the_document_is_the_report_of_the_library(without_pictures, tmp_path, c
     assert names(out) == FILES
     assert strict_json((out / "report.json").read_text()) == report
     kept = Learned.from_json((out / "model.json").read_text())
-    np.testing.assert_allclose(kept.forecast(test.inputs), learned.forecast(test.inputs))
+    assert_allclose(kept.forecast(test.inputs), learned.forecast(test.inputs))
 
 
 @pytest.mark.slow
@@ -145,7 +145,7 @@ def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it
     flight = read_flight(FLIGHT)[5000:]
     assert report["training_samples"] == len(flight)
     kept = Learned.from_json((tmp_path / "model.json").read_text())
-    np.testing.assert_array_equal(kept.record.outputs, flight.outputs)
+    assert_array_equal(kept.record.outputs, flight.outputs)
     begins = report["held_out"]["start"]
     assert (
         len(begins) == 4 and begins[0] - flight.time[0] < 2.1 and flight.time[-1] - begins[-1] < 4.0

@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable
 from threading import Event
 from unittest.mock import Mock
 
@@ -39,7 +38,7 @@ def ended():
                 process.kill()
 
 
-def free_port() -> int:
+def free_port():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -164,7 +163,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
         [*MAVDEM, *fly], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
 
-    def wait_for(happens: Callable[[str], bool]) -> None:
+    def wait_for(happens):
         """As long as the flight takes, on a busy machine too."""
         while not happens(said := error.read_text()):
             assert live.poll() is None and flying.poll() is None, said

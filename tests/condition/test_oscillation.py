@@ -8,12 +8,11 @@ from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
-from mavdem.condition.oscillation import Oscillation
 
 HOVER = Hover(hovering=40.0)
 
 
-def found(rate, command, hertz: float = 100.0, offset: float = 0.0) -> Oscillation | None:
+def found(rate, command, hertz=100.0, offset=0.0):
     """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
     telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
@@ -25,11 +24,11 @@ def found(rate, command, hertz: float = 100.0, offset: float = 0.0) -> Oscillati
     return condition_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=turning))).oscillation
 
 
-def swinging(hertz: float, size: float):
+def swinging(hertz, size):
     return lambda time: size * np.sin(2 * np.pi * hertz * time)
 
 
-def gusts(size: float, hertz: float = 1.5, damping: float = 0.4):
+def gusts(size, hertz=1.5, damping=0.4):
     """A rate in wind: white noise through the attitude loop's resonance."""
 
     def series(time):

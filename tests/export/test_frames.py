@@ -8,6 +8,7 @@ import control
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from numpy.testing import assert_allclose, assert_array_equal
 from simulated import simulated
 
 import mavdem
@@ -34,8 +35,8 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
     frame = flight.to_pandas()
     table = columns(flight)
     assert frame.index.name == "time_s" and list(frame.columns) == list(table)[1:]
-    np.testing.assert_array_equal(frame.index, flight.time)
-    np.testing.assert_array_equal(frame["roll_rate_rad_s"], flight.outputs[:, 1])
+    assert_array_equal(frame.index, flight.time)
+    assert_array_equal(frame["roll_rate_rad_s"], flight.outputs[:, 1])
     assert frame.attrs["provenance"] == flight.provenance
 
 
@@ -45,8 +46,8 @@ def test_a_dataset_has_what_else_a_flight_has():
     asked = np.array([np.nan, 1, 1, 2])
     flight = mavdem.Flight(time, time, time, setpoints=asked, effect_directions=[1.0])
     data = flight.to_xarray()
-    np.testing.assert_array_equal(data.setpoints[:, 0], asked)
-    np.testing.assert_array_equal(data.effect_directions, [1.0])
+    assert_array_equal(data.setpoints[:, 0], asked)
+    assert_array_equal(data.effect_directions, [1.0])
     assert data.outputs.dims == ("time", "output") and data.time.attrs["units"] == "s"
     assert data.attrs["dt"] == flight.dt
 
@@ -59,7 +60,7 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
     ]
     assert system.state_labels == system.output_labels and system.isctime(strict=True)
     for own, expected in zip((system.A, system.B, system.C), learned.model, strict=False):
-        np.testing.assert_array_equal(own, expected)
+        assert_array_equal(own, expected)
 
 
 @pytest.mark.filterwarnings("ignore:Of this plant")
@@ -73,9 +74,7 @@ def test_the_physical_plant_responds_as_the_vehicle_is_simulated_and_is_refused_
     steered = np.outer(20 * np.sin(2 * np.pi * time) ** 2, learned.record.effect_directions)
     expected = learned.simulate(trim + steered[1:]) - learned.simulate(trim + 0 * steered[1:])
     response = control.forced_response(plant, time, steered.T)
-    np.testing.assert_allclose(
-        response.outputs[:, 1:].T, expected, atol=2e-3 * np.abs(expected[:, 1]).max()
-    )
+    assert_allclose(response.outputs[:, 1:].T, expected, atol=2e-3 * np.abs(expected[:, 1]).max())
     assert len({abs(one(2j * np.pi))[1, 0] for one in plant.draws}) == len(plant.draws)
     status = dict.fromkeys(learned.physical.status, "not identifiable")
     monkeypatch.setattr(mavdem.Learned, "physical", learned.physical._replace(status=status))
@@ -97,7 +96,7 @@ def test_hidden_states_and_arrays_without_names_are_numbered():
 LAYOUTS = Path(__file__).parents[2] / "docs" / "layouts"
 
 
-def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
+def read(path):
     """Times, s, and columns by topic."""
     rows: dict[str, list[tuple[int, dict]]] = {}
     with path.open("rb") as file:

@@ -43,13 +43,13 @@ FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 class MadeUpVehicle:
     """Flights differ by ``scatter`` in the balance on each axis, and lean by 3° and more in the wind of their day."""
 
-    def __init__(self, seed: int, scatter: float = 0.008, motors: tuple[str, ...] = MOTORS) -> None:
+    def __init__(self, seed, scatter=0.008, motors=MOTORS):
         self.rng = np.random.default_rng(seed)
         self.scatter = scatter
         self.motors = motors
         self.flown = 0
 
-    def flight(self, change: np.ndarray | None = None) -> HealthFigures:
+    def flight(self, change=None):
         """One of a vehicle whose balance changed by ``change`` (3,) from when it was healthy."""
         rng = self.rng
         lean = rng.normal(scale=0.05, size=2)
@@ -63,20 +63,20 @@ class MadeUpVehicle:
         when = FIRST + timedelta(days=self.flown)
         return HealthFigures(f"flight {self.flown}", self.motors, QUAD_X, balance, when, 0.5, 11.0)
 
-    def flights(self, count: int, change: np.ndarray | None = None) -> list[HealthFigures]:
+    def flights(self, count, change=None):
         return [self.flight(change) for _ in range(count)]
 
 
-def weak(motor: int, harder: float) -> np.ndarray:
+def weak(motor, harder):
     """The change of the balance where ``motor``, from 1, must work ``harder``."""
     return harder * QUAD_X.weak_motor[motor - 1, 1:]
 
 
-def undated(flights: list[HealthFigures]) -> list[HealthFigures]:
+def undated(flights):
     return [replace(flight, date=None) for flight in flights]
 
 
-def judged(seed: int, change: np.ndarray | None, healthy: int = 3):
+def judged(seed, change, healthy=3):
     vehicle = MadeUpVehicle(seed)
     baseline = vehicle.flights(healthy)
     (found,) = assess([vehicle.flight(change)], baseline)
@@ -267,7 +267,7 @@ def test_other_conditions_are_said():
     assert MotorsBetween.EFFORT_DIFFERS not in codes and lean.code is MotorsBetween.LEAN_DIFFERS
 
 
-def surely(change: np.ndarray, scale: float = 0.002) -> Deviation:
+def surely(change, scale=0.002):
     """A deviation of which flights and their mean show all but ``scale``."""
     return Deviation(change, np.full(3, scale), 1000.0, np.full(3, scale / 2))
 

@@ -11,7 +11,7 @@ import mavdem
 from mavdem.analysis.figures import model_figures
 from mavdem.analysis.findings import findings_of
 from mavdem.evaluate import held_out_test
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Sentence, Table
 from mavdem.report.screen import detail_blocks, poles_of
 
 pytestmark = pytest.mark.slow
@@ -37,17 +37,17 @@ def learned():
     return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
 
 
-def altered(learned: mavdem.Learned, **fields: object) -> mavdem.Learned:
+def altered(learned, **fields):
     """With other fields, and its physical parameters, which take time to fit and are of the data alone."""
     return replace(learned, **fields).with_physical(learned.physical)
 
 
-def told(learned: mavdem.Learned) -> list[Block]:
+def told(learned):
     """The details of a model of ``TRAIN``."""
     return detail_blocks(learned, findings_of(learned))
 
 
-def words(blocks: list[Block]) -> str:
+def words(blocks):
     return "\n".join(
         f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence)
     )
@@ -77,7 +77,7 @@ def test_the_model_can_be_used_from_what_is_reported(learned):
 
 
 def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
-    def cells(one: mavdem.Learned) -> str:
+    def cells(one):
         return " ".join(
             cell
             for block in told(one)
@@ -93,7 +93,7 @@ def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
     assert "control effectiveness" in notebook and "3 states, from 4 s at 100 Hz" in notebook
 
 
-def shown(A: np.ndarray) -> str:
+def shown(A):
     (poles,) = poles_of(A)
     return poles.text
 

@@ -4,7 +4,6 @@ import json
 import random
 import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from mavdem.report.fleet_page import FIRST_SHOWN, fleet_page
 from mavdem.report.palette import BAD
 
 
-def parts(text: str) -> dict[str, str]:
+def parts(text):
     """The HTML of each vehicle, by its name."""
     found = re.findall(r'<details class="vehicle".*?<b>(.*?)</b>.*?</details>', text, re.DOTALL)
     pieces = re.findall(r'<details class="vehicle".*?</details>', text, re.DOTALL)
@@ -33,7 +32,7 @@ def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
     assert fleet_page(rows) == fleet_page(shuffled)
 
 
-def table_of(text: str) -> dict[str, Any]:
+def table_of(text):
     """What the script of a page makes its lines of."""
     return json.loads(re.search(r'id="rows" type="application/json">(.*?)</script>', text)[1])
 
@@ -76,7 +75,7 @@ def test_what_changed_since_the_baseline_stands_with_its_vehicle():
     )
 
 
-def panels(rows: list[FlightRow]) -> dict[str, Any]:
+def panels(rows):
     """The axes of the figure of a vehicle, by title."""
     return {
         axes.get_title(loc="left"): axes
@@ -126,7 +125,7 @@ def test_a_fault_is_marked_above_its_flight_and_intervals_are_drawn(flights):
     assert low <= 0.4 and high >= 0.8
 
 
-def hostile() -> list[FlightRow]:
+def hostile():
     names = {
         "motors": tuple(rf"{HOSTILE}$\nothing{{$ {number}" for number in range(4)),
         "health_reason": HOSTILE,

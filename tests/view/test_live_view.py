@@ -9,9 +9,7 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
 from urllib.parse import parse_qs, urlsplit
@@ -21,7 +19,7 @@ import numpy as np
 import psutil
 import pytest
 import rerun as rr
-from numpy.typing import NDArray
+from numpy.testing import assert_allclose
 from refusals import prose
 from rerun_file import chunks, views
 
@@ -33,7 +31,7 @@ from mavdem.live import SessionStatus
 from mavdem.live.wind import WindRow
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
 from mavdem.view.live_view import MAX_ROWS, LiveView, SinkThread
-from mavdem.view.sinks import RecordingFile, Sink, Viewer, WebServer, sinks_for
+from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
 
 # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 PATIENCE = 20.0
@@ -47,12 +45,12 @@ CHANNELS = Channels(
 LATE = 0.04  # Seconds from the centre of a window to its end
 
 
-def model(seed: int) -> LinearModel:
+def model(seed):
     sizes = (3, 3), (3, 4), (2, 3), (3,), (4,), (2,)
     return LinearModel(*(np.random.default_rng(seed).uniform(0.1, 1.0, size) for size in sizes))
 
 
-def estimate(i: int, time: float) -> Estimate:
+def estimate(i, time):
     """All its numbers differ, and differ from those of other samples."""
     rng = np.random.default_rng(i)
     sizes = {
@@ -92,9 +90,7 @@ WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
 ROW = (50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
 
-def drawn(
-    path: Path, ignored: str = ""
-) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def drawn(path, ignored=""):
     """Times, s, and values of every entity of lines, by path without its slash, in the order of their times."""
     times: dict[str, list[float]] = {}
     values: dict[str, list[list[float]]] = {}
@@ -107,7 +103,7 @@ def drawn(
     return {name: (np.array(times[name]), np.array(values[name])) for name in times}
 
 
-def texts(path: Path, column: str = "TextLog:text") -> list[str]:
+def texts(path, column="TextLog:text"):
     """The texts of the log or of the status, in the order of their times."""
     dated: list[tuple[int, str]] = []
     for name, _, batch in chunks(path):
@@ -127,7 +123,7 @@ def until(happens):
 
 
 @contextmanager
-def showing(*sinks: Sink, channels: Channels = CHANNELS) -> Iterator[LiveView]:
+def showing(*sinks, channels=CHANNELS):
     with closing(LiveView(sinks)) as view:
         view.change(channels)
         yield view
@@ -143,7 +139,7 @@ def patience():
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory):
+def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("live") / "flight.rrd"
     rates = {"ATTITUDE": 99.4}
     with showing(RecordingFile(path)) as view:
@@ -171,19 +167,19 @@ def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_t
     lines = drawn(recording)
     measured = np.degrees(OUTPUTS[:, column])
     times, values = lines[f"outputs/{name}/1_measured"]
-    np.testing.assert_allclose(times, TIME, atol=1e-8)
-    np.testing.assert_allclose(values[:, 0], measured)
+    assert_allclose(times, TIME, atol=1e-8)
+    assert_allclose(values[:, 0], measured)
     times, values = lines[f"outputs/{name}/2_predicted"]
-    np.testing.assert_allclose(times, TIME + 25 * DT, atol=1e-8)
+    assert_allclose(times, TIME + 25 * DT, atol=1e-8)
     assert np.isnan(values[:20]).all()
     centre, half = (
         np.array([getattr(e, part)[1, column] for e in TOLD]) for part in ("ahead", "ahead_band")
     )
     sight = measured.min() - 0.3 * np.ptp(measured), measured.max() + 0.3 * np.ptp(measured)
-    np.testing.assert_allclose(values[20:, 0], np.clip(np.degrees(centre), *sight))
+    assert_allclose(values[20:, 0], np.clip(np.degrees(centre), *sight))
     times, edges = lines[f"outputs/{name}/0_band"]
-    np.testing.assert_allclose(times, np.repeat(TIME + 25 * DT, 2), atol=1e-8)
-    np.testing.assert_allclose(
+    assert_allclose(times, np.repeat(TIME + 25 * DT, 2), atol=1e-8)
+    assert_allclose(
         edges[40:, 0], np.clip(np.degrees([centre - half, centre + half]), *sight).T.ravel()
     )
 
@@ -205,13 +201,11 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
     }
     lines = drawn(recording)
     for path, (times, values) in expected.items():
-        np.testing.assert_allclose(lines[path][0], times, atol=1e-8)
-        np.testing.assert_allclose(lines[path][1], values)
+        assert_allclose(lines[path][0], times, atol=1e-8)
+        assert_allclose(lines[path][1], values)
     times, edges = lines["wind/0_band"]
-    np.testing.assert_allclose(times, np.repeat(TIME[20:] - 0.25, 2), atol=1e-8)
-    np.testing.assert_allclose(
-        np.diff(edges[160:360, 0])[::2], np.degrees(0.02 * np.arange(100, 200))
-    )
+    assert_allclose(times, np.repeat(TIME[20:] - 0.25, 2), atol=1e-8)
+    assert_allclose(np.diff(edges[160:360, 0])[::2], np.degrees(0.02 * np.arange(100, 200)))
 
 
 def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording):
@@ -235,8 +229,8 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
 
 
 def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
@@ -255,7 +249,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
         )
     }
     for times, values in marks.values():
-        np.testing.assert_allclose(times[np.isfinite(values[:, 0])], 51.25)
+        assert_allclose(times[np.isfinite(values[:, 0])], 51.25)
         assert np.nanmin(values) < np.nanmax(values)
     levels = [
         level
@@ -329,10 +323,8 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     ]
     assert sorted(len(values) for batch in rows for values in batch) == [1, 1, 1, 4, 4, 4]
     lines = drawn(path, ignored="command")
-    np.testing.assert_allclose(
-        lines["outputs/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[:6, 0])
-    )
-    np.testing.assert_allclose(lines["outputs/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
+    assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[:6, 0]))
+    assert_allclose(lines["outputs/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
 def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path):
@@ -362,8 +354,8 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
             and np.isnan(values[[10, 21]]).all()
             and (np.diff(times) > 0).all()
         )
-    np.testing.assert_allclose(np.delete(lines["command"][0], [10, 21]), shown, atol=1e-8)
-    np.testing.assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
+    assert_allclose(np.delete(lines["command"][0], [10, 21]), shown, atol=1e-8)
+    assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
     assert "boot clock: 3.1 s" in texts(path, "TextDocument:text")[-1]
 
 
@@ -372,11 +364,11 @@ class Held(RecordingFile):
 
     retried = True
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path):
         super().__init__(path)
         self.go = Event()
 
-    def open(self, recording: rr.RecordingStream) -> bool:
+    def open(self, recording):
         assert self.go.wait(PATIENCE)
         return super().open(recording)
 
@@ -398,9 +390,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
         stalled.go.set()
     assert view.troubles == []
     assert len(drawn(other.path)["command"][0]) == rows
-    np.testing.assert_allclose(
-        drawn(stalled.path)["command"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7
-    )
+    assert_allclose(drawn(stalled.path)["command"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7)
     assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path)
 
 
@@ -460,7 +450,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     killed = tmp_path / "killed.rrd"
     sending = SinkThread(RecordingFile(path), uuid4())  # not started: each turn is taken here
 
-    def send() -> str:
+    def send():
         for i in range(500):
             row = ViewRow(50.0 + DT * i, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS)
             sending.put(row)
@@ -492,7 +482,7 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     assert "command" not in drawn(path)
     sending.closing.set()
     sending.turn()
-    np.testing.assert_allclose(drawn(path)["command"][0], TIME, atol=1e-8)
+    assert_allclose(drawn(path)["command"][0], TIME, atol=1e-8)
 
 
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
@@ -511,7 +501,7 @@ def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
             Viewer(url)
 
 
-def free_port() -> int:
+def free_port():
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return int(probe.getsockname()[1])
 
@@ -544,7 +534,7 @@ def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends
     environment |= {"HOME": str(tmp_path), "FORCE_RERUN_ANALYTICS": "1"}
     command = [sys.executable, "-c", SERVING, *map(str, ports)]
 
-    def listening() -> set[tuple[str, int]]:
+    def listening():
         processes = psutil.Process(owner.pid).children(recursive=True)
         sockets = [socket for process in processes for socket in process.net_connections("inet")]
         return {tuple(socket.laddr) for socket in sockets if socket.status == psutil.CONN_LISTEN}
