@@ -5,12 +5,10 @@ import re
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
-import mavdem
 from mavdem.cli.commands import main
 from mavdem.cli.live import Dashboard
 from mavdem.cli.open import load
@@ -109,10 +107,6 @@ def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
         assert fact.code is Package.EXTRA_MISSING
         assert (fact.subject, fact.figures["names"]) == ("flight.mcap", modules)
         assert str(refused.value).endswith(f"pip install 'mavdem[{extra}]'.")
-
-
-def test_the_package_has_the_version_of_its_distribution():
-    assert mavdem.__version__ == version("mavdem") and "__version__" in dir(mavdem)
 
 
 @pytest.mark.slow

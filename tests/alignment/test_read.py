@@ -14,7 +14,6 @@ from mavdem.alignment.learnability import learnabilities
 from mavdem.alignment.read import (
     choose_vehicle,
     learnable_flight,
-    read_flight,
     read_segments,
     usable_segments,
 )
@@ -110,22 +109,6 @@ def test_one_vehicle_is_chosen_and_several_are_listed():
     assert choose_vehicle(joined, "7f") is joined[1]
     assert refused(joined) == (Reason.SEVERAL_VEHICLES, ("2a", "7f"))
     assert refused(()) == (Reason.LOG_WITHOUT_VEHICLE, None)
-
-
-@pytest.mark.parametrize(
-    ("name", "code"),
-    [
-        ("samples/ardupilot_default_rates.tlog", Reason.STREAMS_TOO_SLOW),
-        ("logs/dronekit_flight.tlog", Reason.STREAMS_TOO_SLOW),
-        ("logs/lucagemma_crlf.tlog", Reason.STREAMS_TOO_SLOW),
-        ("logs/bluerobotics_00025.tlog", Reason.NO_MULTIROTOR),
-        ("sitl_px4/px4_two_vehicles_gcslink.tlog", Reason.SEVERAL_VEHICLES),
-    ],
-)
-def test_recorded_logs_that_must_be_refused(name, code):
-    with pytest.raises(NotLearnable) as refusal:
-        read_flight(shared(name))
-    assert refusal.value.fact.code is code and refusal.value.remedy
 
 
 def with_targets(rate=10.0, type_mask=0, start=0.0, end=np.inf):

@@ -158,6 +158,8 @@ def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
         assert (parameters["interval_90_percent"][name] is None) == (status == "not identifiable")
     ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
     assert report["prediction"]["error_ratio"] == pytest.approx(ahead)
+    useful = (learned.useful_steps * learned.dt).tolist()
+    assert report["prediction"]["half_explained_seconds"] == useful
     assert sum(report["joint"]["free_energy"].values()) == pytest.approx(learned.joint.free_energy)
 
 
