@@ -56,7 +56,8 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_compass(evidence),
         *reported(evidence, OF_ESTIMATOR),
     ]
-    return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED)
+    airborne = evidence.verdict.figures.airborne
+    return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 
 def _filter(evidence: Evidence) -> Iterator[Fact]:
@@ -102,8 +103,9 @@ def _innovations(telemetry: Telemetry) -> Signal | None:
         if all(field in report for field in fields):
             flags = floats(report, "flags") if "flags" in report else np.zeros(len(report["time"]))
             jumped = np.nan_to_num(flags).astype(np.int64) & GLITCH[name] > 0
-            columns = [np.nan_to_num(floats(report, field)) for field in fields]
-            return series(report, np.column_stack([*columns, jumped]))
+            ratios = np.column_stack([np.nan_to_num(floats(report, field)) for field in fields])
+            if ratios.any():  # else the filter does not run
+                return series(report, np.column_stack([ratios, jumped]))
     return None
 
 

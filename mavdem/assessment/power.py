@@ -40,7 +40,8 @@ OF_POWER = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BOARD_VO
 def power_light(evidence: Evidence) -> Fact:
     """Returns the worse of battery and supply in flight; unknown where neither was measured."""
     found = [*_battery(evidence), *_supply(evidence), *reported(evidence, OF_POWER)]
-    return worst(found) if found else Fact(PowerLight.POWER_UNMEASURED)
+    airborne = evidence.verdict.figures.airborne
+    return worst(found) if found else Fact(PowerLight.POWER_UNMEASURED, airborne=airborne)
 
 
 def _battery(evidence: Evidence) -> Iterator[Fact]:

@@ -135,6 +135,12 @@ def filtered(flags: int = 831, **ratios) -> Telemetry:
     return measured("EKF_STATUS_REPORT", flags=glitch, **fields)
 
 
+def idle_filter() -> Telemetry:
+    """The hover with a filter that does not run: all its ratios are 0."""
+    names = ("velocity", "pos_horiz", "pos_vert", "compass")
+    return measured("EKF_STATUS_REPORT", **{f"{name}_variance": 0 * TIME for name in names})
+
+
 BEYOND = EKF_THRESHOLD + 0.05
 
 
@@ -160,6 +166,7 @@ BEYOND = EKF_THRESHOLD + 0.05
         (filtered(velocity=(2 * BEYOND, 2.0)), EstimatorLight.FILTER_DOUBTED, Level.BAD),
         (filtered(flags=831 | 1 << 15), EstimatorLight.GPS_GLITCHED, Level.WATCH),
         (HOVER.telemetry(20.0, 20.0), EstimatorLight.ESTIMATOR_UNMEASURED, Level.UNKNOWN),
+        (idle_filter(), EstimatorLight.ESTIMATOR_UNMEASURED, Level.UNKNOWN),
     ],
 )
 def test_levels_of_the_filter(telemetry, code, level):
