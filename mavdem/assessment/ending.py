@@ -32,7 +32,7 @@ ENDINGS: dict[Code, Ending] = {
     MotionEvent.HIT: Ending.CRASHED,
 }
 """What each event that may lose a vehicle makes of its flight."""
-REPORTS = (Reported.CRASH_DETECTED, Reported.FLIGHT_TERMINATED, Reported.PARACHUTE_RELEASED)
+REPORTS = (Reported.CRASH_DETECTED, Reported.PARACHUTE_RELEASED)
 """What the autopilot reports of a flight that was lost, where the motion shows nothing of it."""
 TOGETHER = (
     FailedFirst.ALL_OFF_FIRST,

@@ -171,11 +171,15 @@ def _lasting(time: Array, true: NDArray[np.bool_], gap: float) -> Intervals:
     runs = where(time, true)
     after = np.append(time, time[-1])
     long = [
-        (start, end)
+        start
         for start, end in runs
         if end > start and after[np.searchsorted(time, end, "right")] - start >= LOST_SECONDS
     ]
-    return [one for one in merged(runs, gap) if any(one[0] <= run[0] <= one[1] for run in long)]
+    return [
+        (start, end)
+        for start, end in merged(runs, gap)
+        if np.searchsorted(long, start) < np.searchsorted(long, end)
+    ]
 
 
 def _loss(
@@ -185,7 +189,7 @@ def _loss(
     start, end = lost
     time = error.time
     settled = time[(time < start) & (error.size < ONSET_ANGLE)]
-    onset = float(settled[-1]) if len(settled) else start
+    onset = max(settled[-1] if len(settled) else start, start - CAUGHT_SECONDS)
     here = (time >= start) & (time <= end)
     angle = float(error.size[here].max())
     height = height_above(signals, boot, flight, onset)
