@@ -29,7 +29,7 @@ from mavdem.dem.graybox.likelihood import (
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, answers
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record
-from mavdem.facts import Fact, Level
+from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.paper.runner import hover
@@ -268,22 +268,15 @@ def test_an_effect_that_the_wind_biases_comes_out_low():
 
 SDS = dict.fromkeys(PARAMETERS, 0.05)
 SPREADS = dict.fromkeys(PARAMETERS, 0.02)
-SOUND = limits.IdentifiabilityFigures(
-    0.1, 0.01, SDS, SPREADS, SPREADS, damping=2.0, lag=0.03, dt=0.01
-)
+SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, SPREADS, lag=0.03, dt=0.01)
 
 
 DOUBTS = {
     "sd": {ParameterDoubt.ESTIMATE_UNCERTAIN},
-    "spectrum_range": {
-        ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM,
-        ParameterDoubt.LAG_DEPENDS_ON_WIND_SPECTRUM,
-    },
+    "spectrum_range": {ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM},
     "wind_share": {ParameterDoubt.WIND_SHARE_HIGH},
     "alias_share": {ParameterDoubt.COMMANDS_TOO_FAST},
     "window_sd": {ParameterDoubt.DIFFERS_BETWEEN_WINDOWS},
-    "dt": {ParameterDoubt.COMMANDS_BETWEEN_SAMPLES},
-    "damping": {ParameterDoubt.DAMPING_TOO_HIGH},
     "lag": {
         ParameterDoubt.LAG_TOO_SHORT,
         ParameterDoubt.FILTER_TAKEN_FOR_LAG,
@@ -311,9 +304,6 @@ def edges():
         yield "wind_share", name, limits.WIND_SHARE.biased, "biased", "not identifiable"
         yield "alias_share", name, limits.MAX_ALIAS_SHARE, "reported", "not identifiable"
         yield "window_sd", name, limits.RELATIVE_SD[name].reported, "reported", "biased"
-        if name != "effect":
-            yield "dt", name, 1 / limits.SLOWEST_RATE, "reported", "biased"
-    yield "damping", "damping", limits.LARGEST_DAMPING, "reported", "not identifiable"
     yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "biased"
     yield "lag", "effect", SOUND.dt, "biased", "reported"
 
@@ -335,14 +325,14 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
             assert DOUBTS[figure] & {doubt.code for doubt in doubts}
 
 
-def test_an_effect_cannot_be_told_from_a_lag_that_the_wind_s_spectrum_decides():
-    figures = SOUND._replace(wind_share=0.5, spectrum_range=SPREADS | {"lag": 1.1})
+def test_several_doubts_are_one_reason():
+    figures = SOUND._replace(wind_share=0.5, alias_share=0.9)
     statuses, reasons = identifiability(figures)
     assert set(statuses.values()) == {Status.NOT_IDENTIFIABLE}
     assert reasons["effect"].code is ParameterDoubt.SEVERAL_DOUBTS
-    wind, spectrum = reasons["effect"].figures["because"]
+    wind, commands = reasons["effect"].figures["because"]
     assert (wind.code, wind.figures["share"]) == (ParameterDoubt.WIND_SHARE_HIGH, 0.5)
-    assert spectrum == Fact(ParameterDoubt.LAG_DEPENDS_ON_WIND_SPECTRUM, share=None)
+    assert commands.code is ParameterDoubt.COMMANDS_TOO_FAST
 
 
 def test_gaps_are_not_filtered_across():

@@ -10,18 +10,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array, inverse, one_thread
+from mavdem.dem.forecast.joint import turning_combinations
 from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.dem.graybox.identifiability import (
     MODEL_ERRORS,
     PARAMETERS,
-    SLOWEST_RATE,
     IdentifiabilityFigures,
     NotIdentifiable,
     identifiability,
 )
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, updated, windows_of
-from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.record import FEWEST_MOTORS, Record, UniformRecord
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
@@ -29,6 +29,7 @@ from mavdem.facts.model import NoPhysical
 from mavdem.unit_slips import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
+SAME_SIZE = 1e-9  # of the motors of an X or plus, whose combination has length 1
 MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
 RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippett 1925)
 # of the roll motion; its upper end in shares of the sampling rate
@@ -56,11 +57,20 @@ def physical(
     try:
         # what overflows is not finite, and no step goes there
         with one_thread(), np.errstate(all="ignore"):
-            return _estimated(windows_of(record), record.effect_directions, prior)
+            return _estimated(windows_of(record), _mixer(record), prior)
     except NotLearnable as error:
         return NotIdentifiable(error.fact)
     except ValueError:  # LinAlgError is one
         return NotIdentifiable(Fact(NoPhysical.NO_STEADY_FILTER))
+
+
+def _mixer(record: Record) -> Array | None:
+    """(r,) effect directions, as known or those of the X or plus that the joint model finds; else ``None``."""
+    if record.effect_directions is not None or record.inputs.shape[1] < FEWEST_MOTORS:
+        return record.effect_directions
+    turning = turning_combinations(record)[:, 0]
+    sizes = np.abs(turning[turning != 0])
+    return turning if np.ptp(sizes) < SAME_SIZE else None
 
 
 def _estimated(
@@ -150,7 +160,6 @@ def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> Ident
         sd=sd,
         window_sd=window_sd,
         spectrum_range=spectrum_range,
-        damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,
     )
@@ -195,9 +204,6 @@ def _physical(
     common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == Status.NOT_IDENTIFIABLE:
         common += errors.unknown_effect**2
-    if 1 / dt < SLOWEST_RATE:
-        common += errors.slow_effect**2
-        varied += errors.slow**2
     covariance[:r, :r] += np.outer(effect, effect) * common + np.diag(effect**2) * errors.motor**2
     covariance[r, r] += (
         damping**2 * varied[1] + (errors.lag_damping if figures.quick else errors.damping) ** 2

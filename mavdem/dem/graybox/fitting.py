@@ -8,7 +8,6 @@ import numpy as np
 
 from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.forecast.var import turning_patterns
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
 
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
@@ -22,14 +21,9 @@ RELATIVE_STEP = 1e-4  # of a parameter, or of 0.01 if that is more: for slopes b
 ALIKE = 0.05
 UNLIKE = 1.0
 """Standard deviation of a motor's effect from the mixer's direction, relative to the mean effect, beforehand: where the
-geometry is known or recognised, and where it is neither."""
-RECOGNISED = 0.5
-ALMOST = 0.1
-"""Of what a regression on all motors explains: what a geometry must explain to be recognised, and by how much less than
-the best one a more common one may."""
+mixer is known or recognised, and where it is neither."""
 # of the rate: the least white noise, below which steps of the stream are modelled and not the vehicle
 FLOOR = 0.01
-EXCITED = 1e-3  # of the mean over all combinations: what a geometry's own must be moved by at least
 MAX_CHUNK = 24  # windows whose prediction errors are in memory together
 
 
@@ -148,8 +142,7 @@ def fitted(
 def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[Parameters, Array]:
     """Directions of the motors' effect, and the parameters to begin with.
 
-    By linear regression on the innovations at the prior's mean. Without ``effect_directions`` (r,) the X or plus
-    whose motors agree best with it, if any does.
+    By linear regression on the innovations at the prior's mean, where there are no ``effect_directions`` (r,).
     """
     r = windows.inputs.shape[2]
     plain = Parameters(
@@ -166,14 +159,8 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     gram = slopes.T @ slopes
     ridge = 1e-9 * np.trace(gram) / r * np.eye(r)
     effect = np.linalg.solve(gram + ridge, slopes.T @ target)
-    directions = effect
-    deviation = UNLIKE
-    if effect_directions is not None:
-        directions = np.asarray(effect_directions, np.float64)
-        deviation = ALIKE
-    elif (turning := _recognised(effect, gram)) is not None:
-        directions = turning
-        deviation = ALIKE
+    directions = effect if effect_directions is None else effect_directions
+    deviation = UNLIKE if effect_directions is None else ALIKE
     directions = directions / np.abs(directions).mean()
     along = float(directions @ gram @ effect) / float(directions @ gram @ directions + ridge[0, 0])
     # The autopilot's parameters may count turns the other way round.
@@ -182,18 +169,3 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     start, _ = parameters.prior
     start[0] = np.log(max(abs(along), 1e-6))
     return parameters, start
-
-
-def _recognised(effect: Array, gram: Array) -> Array | None:
-    """(r,) the direction of the geometry, an X before a plus, that explains the regression's ``effect`` (r,)."""
-    turnings = turning_patterns(len(effect))
-    # Combinations that the motors hardly move in explain nothing but rounding.
-    moved = EXCITED * np.trace(gram) / len(effect)
-    turnings = [row for row in turnings if row @ gram @ row > moved * (row @ row)]
-    explained = np.array(
-        [float(row @ gram @ effect) ** 2 / float(row @ gram @ row) for row in turnings]
-    )
-    whole = float(effect @ gram @ effect)
-    if not turnings or explained.max() < RECOGNISED * whole:
-        return None
-    return turnings[int(np.argmax(explained > explained.max() - ALMOST * whole))]

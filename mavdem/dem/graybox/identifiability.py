@@ -42,7 +42,6 @@ SPECTRUM_RANGE = {
 """Of the logarithm of the estimate, over the spectra that the wind may have. An effect cannot be told from its lag."""
 MAX_ALIAS_SHARE = 0.12  # of the commands' variance, above half of the Nyquist frequency
 SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
-LARGEST_DAMPING = 15.0  # 1/s, beyond which the estimate is near its bound
 RESOLVED_LAG = 0.5  # steps of the stream: a shorter lag cannot be told from a delay
 
 
@@ -68,8 +67,6 @@ class ModelErrors(NamedTuple):
     lag_damping: float = 1.2  # 1/s, of damping there
     # of an effect: by the battery's voltage and the load, as a share of it
     between_flights: float = 0.1
-    slow_effect: float = 0.05  # below ``SLOWEST_RATE``, as a share
-    slow: float = 0.3  # of damping and lag there, likewise
     # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
     wind: float = 0.15
     wind_sd: float = 0.1  # of its sd and of its mean, likewise
@@ -95,7 +92,6 @@ class IdentifiabilityFigures(NamedTuple):
     # relative standard deviation that the spread between windows adds to that of the mean
     window_sd: dict[str, float]
     spectrum_range: dict[str, float]  # of the logarithm, over the wind's possible spectra
-    damping: float  # estimate, 1/s
     lag: float  # estimate beyond the shortest that a stream can hold, s
     dt: float  # step of the stream, s
 
@@ -155,25 +151,14 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     changes = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=_change(spread))
     yield SPECTRUM_RANGE[name].status(spread), changes
     is_short = figures.lag < RESOLVED_LAG * figures.dt
-    of_lag = figures.spectrum_range["lag"]
-    if name == "effect" and of_lag > SPECTRUM_RANGE["lag"].reported:
-        changes = Fact(ParameterDoubt.LAG_DEPENDS_ON_WIND_SPECTRUM, share=_change(of_lag))
-        yield Status.BIASED if is_short else Status.NOT_IDENTIFIABLE, changes
     if name == "effect" and figures.quick:
         yield (
             Status.BIASED,
             Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=MODEL_ERRORS.lag_bias),
         )
-    if name == "damping" and figures.damping > LARGEST_DAMPING:
-        too_high = Fact(ParameterDoubt.DAMPING_TOO_HIGH, damping_limit=LARGEST_DAMPING)
-        yield Status.NOT_IDENTIFIABLE, too_high
     if name == "lag" and is_short:
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
         yield Status.NOT_IDENTIFIABLE, too_short
-    if name != "effect" and rate < SLOWEST_RATE:
-        share = MODEL_ERRORS.slow
-        code = ParameterDoubt.COMMANDS_BETWEEN_SAMPLES
-        yield Status.BIASED, Fact(code, rate=rate, share=share, least_rate=SLOWEST_RATE)
 
 
 def _change(spread: float) -> float | None:
