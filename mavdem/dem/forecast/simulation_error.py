@@ -39,7 +39,7 @@ SHORTEST_HORIZON = 0.05
 """Seconds; below, a simulation says no more than the derivatives of the ascent, and there is no such fit."""
 
 STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
-MAX_SEGMENTS = 2000  # spread over the whole record, however long it is
+MAX_SEGMENTS = 500  # spread over the whole record, however long it is
 MAX_ITERATIONS = 40  # Gauss-Newton steps at most
 # the fit has converged when a step gains less: the effective sample size is small
 CONVERGED_NATS = 0.02
@@ -47,8 +47,6 @@ CONVERGED_NATS = 0.02
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
 
 RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
-# residuals of a horizon at most, evenly spaced: those of faster samples repeat each other
-STEPS_COUNTED = 30
 
 
 def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
@@ -61,10 +59,10 @@ def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float
         return StateSpace.of_transition(transition, C[0], gain)
 
 
-def simulate(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) -> Array:
-    """Returns outputs (b, S, H / every, m) of b models over H steps, from the state that the filter finds over h steps.
+def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
+    """Returns outputs (b, S, H, m) of b models over H steps, from the state that the filter finds over h steps.
 
-    ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m); one step in ``every`` is returned.
+    ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m).
     """
     A, B, C, D, K = models[:5]
     driving = np.ascontiguousarray(inputs.swapaxes(1, 2))
@@ -78,9 +76,8 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) 
         states = second @ known[0]
         for now in known[1:]:
             states = closed @ states + heard @ now
-        for step, now in enumerate(driving[len(outputs) :], start=1):
-            if step % every == 0:
-                ahead.append(C @ states + D @ now)
+        for now in driving[len(outputs) :]:
+            ahead.append(C @ states + D @ now)
             states = A @ states + B @ now
     return np.moveaxis(np.array(ahead), (1, 3, 0), (0, 1, 2))
 
@@ -120,23 +117,6 @@ class SimulationSegments(NamedTuple):
             horizon,
             effective_number([len(outputs) for _, outputs in segments], horizon),
         )
-
-    def compressed(self) -> SimulationSegments:
-        """Returns fewer pieces, if there are more than numbers in each, that have the same products of errors.
-
-        Errors are linear in a piece, so that any orthogonal transformation of the pieces keeps their mean products.
-        """
-        pieces = np.concatenate([self.inputs, self.outputs], axis=2)
-        r = self.inputs.shape[2]
-        (steps, number, width) = pieces.shape
-        kept = pieces.shape[0] * pieces.shape[2]
-        if number <= kept:
-            return self
-        pieces = np.linalg.qr(pieces.swapaxes(0, 1).reshape(number, kept), mode="r") * np.sqrt(
-            kept / number
-        )
-        pieces = pieces.reshape(kept, steps, width).swapaxes(0, 1)
-        return self._replace(inputs=pieces[:, :, :r], outputs=pieces[:, :, r:])
 
 
 def _starts(length: int, horizon: int) -> range:
@@ -219,18 +199,17 @@ class SimulationError:
         return self.segments.number * self.sizes[2]
 
     def errors(self, at: Array) -> Array:
-        """(b, S, steps counted, m) of the models whose free parameters are ``at`` (b, f)."""
+        """(b, S, H, m) of the models whose free parameters are ``at`` (b, f)."""
         inputs, outputs, settle, _ = self.segments
-        every = -(-settle // STEPS_COUNTED)
         thetas = np.repeat(self.theta[None], len(at), axis=0)
         thetas[:, self.free] = at
         models = models_of(thetas, self.sizes, self.gain, self.dt)
-        predicted = simulate(models, inputs, outputs[: settle + 1], every)
+        predicted = simulate(models, inputs, outputs[: settle + 1])
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(np.moveaxis(outputs[settle + every :: every], 0, 1) - predicted)
+            return np.asarray(np.moveaxis(outputs[settle + 1 :], 0, 1) - predicted)
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The log joint up to a constant, with the noise precision at its maximum; and errors (S, steps counted, m)."""
+        """The log joint up to a constant, with the noise precision at its maximum; and errors (S, H, m)."""
         errors = self.errors(at[None])[0]
         return self._value(at, errors), errors
 
@@ -331,7 +310,6 @@ def fit_simulation(
         return None
     segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
     assert segments is not None
-    segments = segments.compressed()
     (n, r, _) = model.sizes
     mean = model.prior.theta_mean
     precision = model.prior.theta_precision
