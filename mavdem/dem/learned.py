@@ -354,16 +354,6 @@ class Learned(LearnedDownstream):
         noise = slope - X[:, :n] @ A.T - X[:, n * (p + 1) :][:, :r] @ B.T
         return self.places, noise * self.scaling.state_scale(n)
 
-    def estimated_inputs(self) -> tuple[NDArray[np.intp], Array]:
-        """Returns :attr:`places` (T′,) and the inputs v (T′, r) there, close to the recorded ones.
-
-        Unknown inputs are what explains the motion, in the engine's units.
-        """
-        r = self.model.B.shape[1]
-        order = self.settings.p + 1
-        v = self._generalized_states[:, self.model.A.shape[0] * order :][:, :r]
-        return self.places, self.scaling.input_trim + self.scaling.input_scale * v
-
     @cached_property
     def _generalized_states(self) -> Array:
         """X of every sample with a whole window, (T′, dim X), in the engine's units."""

@@ -14,7 +14,6 @@ from simulated import simulated
 import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.dem.forecast.simulation_error import CONVERGED_NATS
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS, TOO_FEW
 from mavdem.dem.online.memory import Memory, drop_since
@@ -75,7 +74,6 @@ def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
 @pytest.mark.slow
 @pytest.mark.parametrize("horizon", [None, 0.3])
 def test_it_arrives_where_learning_at_once_does(horizon):
-    """From the last model on, F̄ and the parameters are those of learning anew, to what a fit has converged to."""
     flight = simulated(samples=900, wind=1.0, lag=0.05)
     settings = dataclasses.replace(COMPLETE, horizon=horizon)
     online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
@@ -84,17 +82,8 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     assert len(flight) - learned <= LEARNING_SECONDS / flight.dt
     assert repr(estimate).startswith("<Estimate: 8.99 s, expected [")
     whole = mavdem.learn(flight[:learned], settings)
-    assert whole.free_energy[-1] == pytest.approx(
-        estimate.free_energy_action, abs=2 * CONVERGED_NATS + 0.2
-    )
-    # As many standard deviations as there are nats left; what is fixed stays where generalized coordinates left it.
-    off = {
-        name: np.abs(getattr(estimate.model, name) - getattr(whole.model, name)).ravel()
-        for name in "AB"
-    }
-    for name, part in (("A", slice(0, 9)), ("B", slice(9, 21))):
-        allowed = np.where(whole.known[part], 0.5, np.sqrt(2 * (CONVERGED_NATS + 0.1)))
-        assert (off[name] <= allowed * np.sqrt(whole.theta_covariance.diagonal()[part])).all()
+    np.testing.assert_array_equal(estimate.model.A, whole.model.A)
+    assert estimate.free_energy_action == whole.free_energy[-1]
     # F(t) and the disturbance of the last window, as the result itself has them.
     learner = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     flown(learner, flight[:800])
