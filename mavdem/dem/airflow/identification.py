@@ -51,14 +51,10 @@ MODEL_SD = 0.09
 SPLIT_SD = 0.2
 """Of the drag's logarithm, over all of a flight, as thrust, air and load change it; and of its quadratic part's."""
 UNSAID = np.vstack([[[MODEL_SD, -0.3 * SPLIT_SD], [MODEL_SD, SPLIT_SD]], np.zeros((8, 2))])
-FORM_ERROR = 0.03
-FORM_SECONDS = 5.0
-"""Share of the force to which its form is right, for so long: rotors turn faster where there is more thrust."""
 # of parameters; their steps; and sd at which these end
 DIFFERENCE = 0.05
 LARGEST = 0.5
 CONVERGED = 0.1
-BEYOND = 3.0  # prior sd of the drag, from where the flight is not of this model
 COURSES = 64
 ITERATIONS = 12
 
@@ -121,9 +117,7 @@ def gridded(
     return found
 
 
-def identified(
-    moved: Motion, drag: Drag, steered: float | None = None
-) -> tuple[Array, Array, float]:
+def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
     """Returns mean (10,) and covariance of what ``filtered`` takes, and how much of the flight :func:`opposing` is.
 
     Sizes of the wind are times the drag, m/s². By a prior ``drag``, and Fisher scoring of the filter's likelihood. What
@@ -133,12 +127,11 @@ def identified(
     prior = np.append(drag.mean, GUSTS)
     precision = np.zeros((10, 10))
     precision[:6, :6], precision[6:, 6:] = np.linalg.inv(drag.covariance), np.diag(GUSTS_SD**-2)
-    steered = opposing(moved) if steered is None else steered
+    steered = opposing(moved)
     ahead = moved.axes[moved.known, 0, :2]
     turned = max(1 - float(np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0))) ** 2, 0.0)
     counted = np.array([*[steered**2] * 4, *[turned] * 2, *[1.0] * 4])
     mean = prior
-    scale = counted
     farthest = 4 / np.sqrt(np.diag(precision))
     apart = DIFFERENCE * np.vstack([np.zeros(10), np.eye(10), -np.eye(10)])
     for _ in range(ITERATIONS):
@@ -156,9 +149,7 @@ def identified(
         )
         information = np.einsum("tki,tij,tlj->kl", slopes, inverse, slopes)
         information[6:, 6:] += np.einsum("tkij,tlji->kl", changes[:, 6:], changes[:, 6:]) / 2
-        white = np.einsum("tji,tj->ti", np.linalg.cholesky(inverse), errors[:, 0])
-        scale = (scale + independent_share(white) * counted) / 2
-        information *= np.sqrt(np.outer(scale, scale))
+        information *= np.sqrt(np.outer(counted, counted))
         # What the model's own error changes, no flight says.
         kept = np.eye(10) - information @ UNSAID @ np.linalg.solve(
             np.eye(2) + UNSAID.T @ information @ UNSAID, UNSAID.T
@@ -168,14 +159,10 @@ def identified(
         faster = (speed[1:11] - speed[11:]) / (2 * DIFFERENCE) * (1 - steered)
         expected = -speed[0] * faster
         covariance = np.linalg.inv(precision + kept @ information + np.outer(faster, faster))
-        step = covariance @ (kept @ (scale * slope) + expected - precision @ (mean - prior))
+        step = covariance @ (kept @ (counted * slope) + expected - precision @ (mean - prior))
         mean = np.clip(mean + np.clip(step, -LARGEST, LARGEST), prior - farthest, prior + farthest)
         if np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
             break
-    if steered and not np.all(
-        np.abs(mean - prior)[:6] < BEYOND * np.sqrt(np.diag(drag.covariance))
-    ):
-        return identified(moved, drag, steered=0.0)
     return mean, (covariance + covariance.T) / 2, steered
 
 
@@ -198,10 +185,6 @@ def in_air(places: Array, moved: Motion) -> Array:
     """Returns what ``filtered`` takes, of ``places`` (N, 10) with sizes of the wind times the drag."""
     (c, q) = np.exp(places[:, :2]).T
     found = places.copy()
-    coherent = (
-        FORM_ERROR**2 * float((moved.force[moved.known] ** 2).sum(axis=1).mean()) * 2 / FORM_SECONDS
-    )
-    found[:, 8] = np.log(np.exp(2 * found[:, 8]) + coherent) / 2
     found[:, [6, 8]] -= np.log(c + q * mean_speed(places, moved))[:, None]
     return found
 
