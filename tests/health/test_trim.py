@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from recorded_flights import recorded
 
 from mavdem.alignment.drive import MotorGeometry
+from mavdem.alignment.signals import Signals
+from mavdem.analysis.analysis import motor_alarms
 from mavdem.facts import Level
 from mavdem.facts.motors import Trim
 from mavdem.health.balance import BalanceFigures, motor_signatures
-from mavdem.health.trim import UNEVEN, trim_of
+from mavdem.health.trim import UNEVEN, trim_of, trim_of_signals
 from mavdem.ingest.motors import PlaceBasis
 
 ROOT = np.sqrt(0.5)
@@ -69,6 +72,23 @@ def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
         # Of a little, or in another ratio, none is.
         assert not trim_of(flown(0.3 * signature), plan).subject
         assert not trim_of(flown(signature * [1, 1, -0.3]), plan).subject
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        ("yaw_twist_16_percent.BIN", Trim.TRIM_OF_YAW),
+        ("px4_pwm_main_1100_1900.ulg", Trim.TRIM_OF_YAW),
+        ("ardupilot31_bitmask_already_set.BIN", Trim.TRIM_OF_SEVERAL),
+        ("no_fault_while_yawing.BIN", Trim.TRIM_EVEN),
+        ("armed_on_the_ground.BIN", Trim.TRIM_UNKNOWN),
+    ],
+)
+def test_real_vehicles_whose_motors_were_named_wrongly(name, code):
+    signals = Signals(recorded(f"real/logs/{name}"), inputs="motors")
+    found = trim_of_signals(signals)
+    assert (found.code, found.subject) == (code, "")
+    assert not [change for change in motor_alarms(signals) if change.motor is not None]
 
 
 def test_what_cannot_be_told_from_even_is_no_alarm():
