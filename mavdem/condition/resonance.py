@@ -37,8 +37,8 @@ LEAST_BAND = 2.0
 STILL = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
 PROMINENT = 3.0
 SIDES = 1.5
-"""Times the straight line between the frequencies so many times lower and higher: a largest sensitivity of 1.8 makes
-2.0 of it, 2.3 makes 2.4 and 4.9 makes 5 to 7."""
+"""Times the straight line between the frequencies so many times lower and higher: a largest sensitivity of up to 2.3
+makes at most 2.5 of it, one of 4.9 makes 5 and more."""
 FASTEST_LOOP = (
     40.0  # Hz: rate loops of multirotors cross over below, motors and propellers turn above
 )
@@ -49,7 +49,7 @@ USUAL_ANGLE_GAIN = 4.5
 """1/s, ArduCopter's default, where the log has none; PX4's is 6.5."""
 HALF_POWER = 2**-0.5
 LOWEST = 1.0  # Hz, of T: below, the vehicle is moved to another place
-SLOWEST_PEAK = 4.0  # Hz, of the rate's own spectrum: below, it is steered, and moved by the wind
+SLOWEST_PEAK = 6.0  # Hz, of the rate's own spectrum: below, it is steered, also by sines, and moved by the wind
 # of the highest frequency: above, interpolation between messages has lost a fifth of the power
 HIGHEST = 0.8
 
@@ -85,6 +85,8 @@ class Spectra(NamedTuple):
     """(F,) |r|²; likewise |p|², and r* p."""
     rate: Array
     across: Complex
+    usual: Array
+    """(F,) the median of |p|² over windows: that of a flight that is steered at times."""
 
     @property
     def coherence(self) -> Array:
@@ -157,20 +159,24 @@ def spectra(
         return None
     sampled = min(mean_rate(time) for piece in pieces for time, _ in piece)
     size = round(seconds * sampled)
-    sums = np.zeros((3, size // 2 + 1), np.complex128)
-    windows = 0
+    windows = list[tuple[Complex, Complex]]()
     for piece in pieces:
         first = max(time[0] for time, _ in piece)
         grid = np.arange(first, min(time[-1] for time, _ in piece), 1 / sampled)
         if len(grid) >= size:
             r, p = (_windows(np.interp(grid, *one), size) for one in piece)
-            windows += len(r)
-            sums += [(one.conj() * other).sum(axis=0) for one, other in ((r, r), (p, p), (r, p))]
-    if windows < FEWEST_WINDOWS:
+            windows += zip(r, p, strict=True)
+    if len(windows) < FEWEST_WINDOWS:
         return None
-    driven, followed, across = sums
-    frequency = np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64)
-    return Spectra(frequency, windows, driven.real, followed.real, across)
+    r, p = (np.array(one) for one in zip(*windows, strict=True))
+    return Spectra(
+        frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
+        windows=len(windows),
+        driver=np.square(np.abs(r)).sum(axis=0),
+        rate=np.square(np.abs(p)).sum(axis=0),
+        across=(r.conj() * p).sum(axis=0),
+        usual=np.median(np.square(np.abs(p)), axis=0),
+    )
 
 
 def _windows(values: Array, size: int) -> Complex:
@@ -233,14 +239,14 @@ def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:
 
 
 def _peak(axis: str, found: Spectra | None) -> Resonance | None:
-    if found is None or not found.rate.all():
+    if found is None or not found.usual.all():
         return None
     top = min(HIGHEST * found.frequency[-1], FASTEST_LOOP)
     rows = np.flatnonzero((found.frequency >= SLOWEST_PEAK) & (found.frequency <= top / SIDES))
     if not len(rows):
         return None
     hertz = found.frequency[rows]
-    size = np.log(found.rate) / 2
+    size = np.log(found.usual) / 2
     beside = (np.interp(side, found.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
     over = np.exp(size[rows] - sum(beside) / 2)
     best = int(np.argmax(over))
