@@ -328,8 +328,9 @@ def _switched_off(signals: Signals, boot: int, flights: Intervals) -> Iterator[F
     off &= others > airborne_collective(signals.telemetry.parameters)
     for name, is_off in zip(motors.layout.names, off.T, strict=True):
         for start, end in _lasting(time, is_off & during(time, flights), CAUGHT_SECONDS):
-            code = MotionEvent.MOTOR_OFF
-            yield Fact(code, Level.BAD, time=start, until=_seen(end), subject=name, boot=boot)
+            if min(end, time[-1]) - start > ASKED_SECONDS:  # a mixer may stop one for a moment
+                code = MotionEvent.MOTOR_OFF
+                yield Fact(code, Level.BAD, time=start, until=_seen(end), subject=name, boot=boot)
 
 
 def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
