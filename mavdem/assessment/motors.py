@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from mavdem.analysis.overrides import SATURATED
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flown import worst
 from mavdem.condition.condition import HoverFigures
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import MotorsLight, Trim
@@ -14,7 +15,6 @@ from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.health.trim import trim_of_signals
 
 LITTLE_HEADROOM = 0.1  # of the motors' range
-WORST_FIRST = (Level.BAD, Level.WATCH, Level.GOOD, Level.UNKNOWN)
 
 
 def motors_light(evidence: Evidence) -> Fact:
@@ -27,7 +27,7 @@ def motors_light(evidence: Evidence) -> Fact:
     else:
         found += _limits(hover)
         found.append(_trim(evidence, min(hover.headroom)))
-    return min(found, key=lambda fact: WORST_FIRST.index(fact.level))
+    return worst(found)
 
 
 def _named_by_events(evidence: Evidence) -> Iterator[Fact]:
