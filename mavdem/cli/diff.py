@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -14,10 +14,11 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.difference import changed_parameters, vehicle_difference
-from mavdem.fleet.row import OK, UNKNOWN, FlightRow
+from mavdem.fleet.row import OK, UNKNOWN, FlightRow, flights_of
 from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.ingest import read_log
+from mavdem.report.blocks import Block, Sentence
 from mavdem.report.difference import difference_blocks
 
 
@@ -68,8 +69,13 @@ def diff_command(
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
     parameters = changed_parameters(_parameters(before, first[0]), _parameters(after, second[0]))
+    headlines = {"a": latest_headline(first), "b": latest_headline(second)}
     document = {"a": before, "b": after, "parameters": parameters, **found.as_dict()}
-    print_result(document, difference_blocks(found, parameters), as_json)
+    blocks: list[Block] = [
+        Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said
+    ]
+    blocks += difference_blocks(found, parameters)
+    print_result(document | {"headlines": headlines}, blocks, as_json)
     if not found.changes:
         context.exit(UNSUPPORTED)
 
@@ -84,6 +90,12 @@ def _parameters(source: str, row: FlightRow) -> Mapping[str, float]:
         for one in read_log(path).vehicles
         if (one.system, one.component) == (row.system, row.component)
     )
+
+
+def latest_headline(rows: Sequence[FlightRow]) -> str | None:
+    """Returns the headline of the latest flight among ``rows`` that has one."""
+    *_, latest = [None, *(row.headline for flight in flights_of(rows) for row in flight)]
+    return latest
 
 
 def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:

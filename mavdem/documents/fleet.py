@@ -114,6 +114,8 @@ class Diff(Difference):
     parameters: list[ParameterChange]
     """parameters that somebody set to other values in B, those of control first; of two logs"""
 
+    headlines: dict[str, str | None]
+    """headline of the latest flight of a and of b; null where it has none"""
     a: str
     """A as on the command line"""
     b: str

@@ -52,7 +52,7 @@ def _light(name: str, fact: Fact) -> str:
 def _alarms(assessment: Assessment) -> Iterator[str]:
     """What happened that may have lost the vehicle, but for what the headline says."""
     for event in assessment.events:
-        if event.level is Level.BAD and event != assessment.headline:
+        if event.level is Level.BAD and event.time != assessment.headline.time:
             yield _cut(headline(event))
 
 
