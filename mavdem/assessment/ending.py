@@ -221,7 +221,7 @@ def _weak_motor(motors: Motors, change: Array, fell: complex | None) -> tuple[in
     meant, or more than one.
     """
     places = np.array([complex(*place) for place in motors.layout.positions])
-    if not len(places):
+    if not len(places) or not places.all():
         return None
     near = NEAR_SHARE * pi / len(places)
     pushed = change @ places

@@ -2,7 +2,7 @@
 
 An attitude is lost where it leaves its setpoint by more than 30° for 0.3 s or longer: what is asked for in an ordinary
 flight, tracked as badly as in a step, stays within that. What was asked counts for a second, so that a step is no loss;
-where setpoints are not recorded, half of the lean is taken for asked.
+where setpoints are not recorded, half of the lean is taken for asked, and all of it where rates only were asked for.
 """
 
 from __future__ import annotations
@@ -126,12 +126,15 @@ def merged(intervals: Intervals, gap: float) -> Intervals:
 
 
 def height_above(signals: Signals, boot: int, flight: Interval, time: float) -> float | None:
-    """Returns the height above where the ``flight`` began, m, at ``time``, s; None where it was not recorded."""
+    """Returns the height above where the ``flight`` began, m, at ``time``, s; None where it was not recorded.
+
+    Where it began before the log, it is the height above the autopilot's home.
+    """
     height = of_boot(signals.height, boot)
     if height is None:
         return None
     at, ground = np.interp([time, flight[0]], height.time, height.values)
-    return float(at - ground)
+    return float(at if flight[0] == -inf else at - ground)
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
@@ -146,15 +149,15 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     past = (window - 1) // 2  # so that the window ends with its sample
     errors = []
     for axis, angle in zip(TILT_AXES, angles, strict=True):
-        asked = np.full(len(time), np.nan)
+        asked = dict.fromkeys(("rad", "rad/s"), np.full(len(time), np.nan))
         for setpoint in setpoints(signals.telemetry, axis):
-            if setpoint.unit == "rad":
-                asked = held(setpoint, boot, time)
-        unknown = np.isnan(asked)
-        held_or_none = np.where(unknown, 0.0, asked)
+            asked[setpoint.unit] = held(setpoint, boot, time)
+        unknown = np.isnan(asked["rad"])
+        held_or_none = np.where(unknown, 0.0, asked["rad"])
         least = minimum_filter1d(held_or_none, window, origin=past)
         most = maximum_filter1d(held_or_none, window, origin=past)
-        apart = np.where(unknown, angle / 2, angle - np.clip(angle, least, most))
+        unasked = np.where(np.isnan(asked["rad/s"]), angle / 2, 0.0)
+        apart = np.where(unknown, unasked, angle - np.clip(angle, least, most))
         errors.append(np.remainder(apart + np.pi, 2 * np.pi) - np.pi)
     return AttitudeError(time, errors[0] * np.cos(angles[1]), errors[1], ~unknown)
 
@@ -206,7 +209,8 @@ def _loss(
     elif hit is not None or (height is not None and height < GROUND_HEIGHT):
         code = MotionEvent.HIT
     asked = bool(error.asked[here].all())
-    harmless = speed < FALL_SPEED and (angle < 2 * LOST_ANGLE or not asked)
+    most = 2 * LOST_ANGLE if asked else np.pi / 4  # on its side, by half of the lean
+    harmless = speed < FALL_SPEED and angle < most
     if harmless or _is_caught(signals, boot, flight, end):
         code = MotionEvent.ATTITUDE_CAUGHT
         level = Level.WATCH if asked else Level.UNKNOWN
@@ -225,7 +229,7 @@ def _loss(
 def _rose(signals: Signals, boot: int, flight: Interval, until: float) -> bool:
     """Whether a flight got off the ground before ``until``, s: by its height, or else by how long it lasted."""
     height = of_boot(signals.height, boot)
-    if height is None:
+    if height is None or flight[0] == -inf:
         return until - flight[0] > CAUGHT_SECONDS
     here = (height.time >= flight[0]) & (height.time <= until)
     ground = np.interp(flight[0], height.time, height.values)
@@ -242,6 +246,8 @@ def _is_caught(signals: Signals, boot: int, flight: Interval, end: float) -> boo
     if collective is None or min(flight[1], collective.time[-1]) < end + CAUGHT_SECONDS:
         return False
     after = collective.values[(collective.time > end) & (collective.time < end + CAUGHT_SECONDS)]
+    if not len(after):
+        return False
     usual = np.median(collective.values[during(collective.time, [flight])])
     height = height_above(signals, boot, flight, end + CAUGHT_SECONDS)
     return after.mean() > usual / 2 and (height is None or height > GROUND_HEIGHT)
@@ -324,8 +330,9 @@ def _switched_off(signals: Signals, boot: int, flights: Intervals) -> Iterator[F
     shares = motors.scale.fraction(motors.outputs[here])
     lowest = 0.0 if signals.telemetry.autopilot == "ARDUPILOTMEGA" else BELOW_RANGE
     off = (shares <= lowest) | ((motors.outputs[here] == 0) & (motors.scale.low > 0))
-    others = (shares.sum(axis=1, keepdims=True) - shares) / (shares.shape[1] - 1)
-    off &= others > airborne_collective(signals.telemetry.parameters)
+    others = (shares.sum(axis=1, keepdims=True) - shares) / max(shares.shape[1] - 1, 1)
+    least = airborne_collective(signals.telemetry.parameters)
+    off &= (others > least) & (shares.max(axis=0) > least)  # what never ran is no motor
     for name, is_off in zip(motors.layout.names, off.T, strict=True):
         for start, end in _lasting(time, is_off & during(time, flights), CAUGHT_SECONDS):
             if min(end, time[-1]) - start > ASKED_SECONDS:  # a mixer may stop one for a moment

@@ -171,6 +171,13 @@ def test_a_setpoint_that_is_followed_is_no_loss():
     assert not judged(changed(made, "ATTITUDE", roll=np.roll(roll, 3)))[0]
 
 
+def test_where_only_rates_are_asked_for_no_attitude_is_lost():
+    made = leaning(flight(), np.array([0.0, 1.0]), 120.0, 100.0)
+    time = made.messages["ATTITUDE"]["time"]
+    rates = attitude_target(rates=np.zeros((len(time), 3)))
+    assert not judged(changed(made, "ATTITUDE_TARGET", **rates))[0]
+
+
 def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
     made = only(lost(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
     assert judged(made)[1].code is Ending.CONTROL_LOST
