@@ -67,7 +67,6 @@ def physical(share: float | None = None, **status: str) -> Parameters:
         mean=(0.069, 0.003 if share is None else 0.069 * share),
         status={name: status.get(name, "reported") for name in names},
         reasons={name: prose(f"Why {name}.") if name in status else None for name in names},
-        differs_over_time=False,
         wind_share=0.07,
     )
 

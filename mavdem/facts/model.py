@@ -18,7 +18,6 @@ class ParameterDoubt(Code):
     WIND_SHARE_HIGH = auto()
     COMMANDS_TOO_FAST = auto()
     ESTIMATE_UNCERTAIN = auto()
-    DIFFERS_BETWEEN_WINDOWS = auto()
     DEPENDS_ON_WIND_SPECTRUM = auto()
     FILTER_TAKEN_FOR_LAG = auto()
     LAG_TOO_SHORT = auto()

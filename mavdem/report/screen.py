@@ -436,34 +436,17 @@ def poles_of(A: Array) -> list[Sentence]:
 
 
 def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
-    """How the physical parameters were fitted, and each window's own, where they differ by more than chance."""
+    """How the physical parameters were fitted."""
     if physical is None:
         return []
-    windows = physical.windows
-    blocks: list[Block] = [
+    return [
         *section(
             "physical",
-            windows=len(windows.start),
+            windows=len(physical.windows.start),
             refinements=physical.refinements,
             reasons=parameter_reasons(physical, doubted),
         )
     ]
-    if physical.differs_over_time:
-        columns = (windows.start, TORQUE.scale * windows.effect, windows.damping, 1e3 * windows.lag)
-        rows = [
-            [f"{start:.0f} s", f"{effect:.3g}", f"{damping:.2g}", f"{lag:.2g}", f"{wind:.3g}"]
-            for start, effect, damping, lag, wind in zip(
-                *columns, TORQUE.scale * windows.wind, strict=True
-            )
-        ]
-        header = [
-            "mean effectiveness",
-            "rate damping (1/s)",
-            "time constant (ms)",
-            "wind torque (°/s²)",
-        ]
-        blocks.append(Table(["window from", *header], rows))
-    return blocks
 
 
 def _joint(labels: Labels, learned: Learned) -> list[Block]:

@@ -268,7 +268,7 @@ def test_an_effect_that_the_wind_biases_comes_out_low():
 
 SDS = dict.fromkeys(PARAMETERS, 0.05)
 SPREADS = dict.fromkeys(PARAMETERS, 0.02)
-SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, SPREADS, lag=0.03, dt=0.01)
+SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, lag=0.03, dt=0.01)
 
 
 DOUBTS = {
@@ -276,7 +276,6 @@ DOUBTS = {
     "spectrum_range": {ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM},
     "wind_share": {ParameterDoubt.WIND_SHARE_HIGH},
     "alias_share": {ParameterDoubt.COMMANDS_TOO_FAST},
-    "window_sd": {ParameterDoubt.DIFFERS_BETWEEN_WINDOWS},
     "lag": {
         ParameterDoubt.LAG_TOO_SHORT,
         ParameterDoubt.FILTER_TAKEN_FOR_LAG,
@@ -303,7 +302,6 @@ def edges():
         yield "wind_share", name, limits.WIND_SHARE.reported, "reported", "biased"
         yield "wind_share", name, limits.WIND_SHARE.biased, "biased", "not identifiable"
         yield "alias_share", name, limits.MAX_ALIAS_SHARE, "reported", "not identifiable"
-        yield "window_sd", name, limits.RELATIVE_SD[name].reported, "reported", "biased"
     yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "biased"
     yield "lag", "effect", SOUND.dt, "biased", "reported"
 

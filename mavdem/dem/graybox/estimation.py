@@ -84,10 +84,10 @@ def _estimated(
     )
     covariance = inverse(whole.curvature)
     jacobian = _log_jacobian(whole.parameters, whole.theta, windows.dt)
-    table, window_sd = _over_time(whole, jacobian, windows)
+    table = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
     own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
-    figures = _figures(whole, np.array([own, window_sd, np.ptp(by_spectrum, axis=0)]), windows)
+    figures = _figures(whole, np.array([own, np.ptp(by_spectrum, axis=0)]), windows)
     found = _physical(whole, covariance, windows, table, figures)
     return found if prior is None else updated(found, prior)
 
@@ -151,14 +151,11 @@ def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
 def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters = whole.parameters
     theta = whole.theta
-    sd, window_sd, spectrum_range = (
-        dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist()
-    )
+    sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
     return IdentifiabilityFigures(
         wind_share=_wind_share(parameters, theta, windows, whole.levels),
         alias_share=_alias_share(parameters, theta, windows),
         sd=sd,
-        window_sd=window_sd,
         spectrum_range=spectrum_range,
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,
@@ -192,10 +189,7 @@ def _physical(
     alike = np.eye(r + 3)
     alike[:r, :r] = np.outer(effect, np.sign(effect)) / np.abs(effect).sum()
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
-    spreads = [
-        (figures.window_sd[name], figures.spectrum_range[name] / RANGE) for name in PARAMETERS
-    ]
-    varied = np.square(spreads).sum(axis=1)
+    varied = np.square([figures.spectrum_range[name] / RANGE for name in PARAMETERS])
     bias = (
         (errors.lag_bias if figures.quick else errors.wind_bias)
         if status["effect"] == Status.BIASED
@@ -236,14 +230,8 @@ def _physical(
     )
 
 
-def _over_time(
-    whole: GrayBoxFit, jacobian: Array, windows: FlightWindows
-) -> tuple[WindowTable, Array]:
-    """Each window's own estimate, and (3,) the sd that the spread between windows adds to the mean's.
-
-    A step of Fisher's scoring from the estimate of all, with the prior about it. The spread is that of a random-effects
-    model (DerSimonian and Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7, 1986).
-    """
+def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> WindowTable:
+    """Each window's own estimate: a step of Fisher's scoring from that of all, with the prior about it."""
     parameters = whole.parameters
     _, sd = parameters.prior
     covariances = np.linalg.inv(whole.information + np.diag(sd**-2.0))
@@ -253,9 +241,6 @@ def _over_time(
     kept = np.clip(1 - variances / np.einsum("ij,j,ij->i", jacobian, sd**2, jacobian), 0.25, 1.0)
     deviations = deviations / kept
     variances = variances / kept
-    added = np.array(
-        [_added_variance(*columns) for columns in zip(deviations.T, variances.T, strict=True)]
-    )
     whole_flight = np.exp(_logarithms(parameters, whole.theta, windows.dt)) / [
         windows.unit,
         1.0,
@@ -264,21 +249,7 @@ def _over_time(
     effect, damping, lag = (np.exp(np.clip(deviations, -3, 3)) * whole_flight).T
     effect_sd, damping_sd, lag_sd = (np.sqrt(variances) * whole_flight).T
     wind = whole.levels * float(np.sqrt(np.sum(parameters.sizes(whole.theta) ** 2)))
-    return WindowTable(
-        windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind
-    ), np.sqrt(added)
-
-
-def _added_variance(values: Array, variances: Array) -> float:
-    """What the spread between windows adds to the variance of their mean."""
-    count = len(values)
-    if count < 2:
-        return 0.0
-    weights = 1 / variances
-    mean = float(weights @ values / weights.sum())
-    excess = float(weights @ (values - mean) ** 2) - (count - 1)
-    between = max(0.0, excess / float(weights.sum() - weights @ weights / weights.sum()))
-    return 1 / float((1 / (variances + between)).sum()) - 1 / float(weights.sum())
+    return WindowTable(windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind)
 
 
 def _wind_share(

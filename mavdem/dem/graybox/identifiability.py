@@ -89,8 +89,6 @@ class IdentifiabilityFigures(NamedTuple):
     # share of the commands' variance that is above half of the Nyquist frequency
     alias_share: float
     sd: dict[str, float]  # relative standard deviation of the estimate, by ``ModelErrors.own``
-    # relative standard deviation that the spread between windows adds to that of the mean
-    window_sd: dict[str, float]
     spectrum_range: dict[str, float]  # of the logarithm, over the wind's possible spectra
     lag: float  # estimate beyond the shortest that a stream can hold, s
     dt: float  # step of the stream, s
@@ -146,8 +144,6 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         yield Status.NOT_IDENTIFIABLE, aliased
     sd = figures.sd[name]
     yield RELATIVE_SD[name].status(sd), Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
-    if figures.window_sd[name] > RELATIVE_SD[name].reported:
-        yield Status.BIASED, Fact(ParameterDoubt.DIFFERS_BETWEEN_WINDOWS)
     changes = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=_change(spread))
     yield SPECTRUM_RANGE[name].status(spread), changes
     is_short = figures.lag < RESOLVED_LAG * figures.dt

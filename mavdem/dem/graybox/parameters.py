@@ -116,17 +116,6 @@ class Physical(NamedTuple):
             return None
         return Fact(NoPhysical.EFFECT_NOT_IDENTIFIABLE, because=self.reasons["effect"])
 
-    @property
-    def differs_over_time(self) -> bool:
-        """Whether windows of the flight give a parameter estimates that differ by more than chance."""
-        doubts = {
-            doubt.code
-            for reason in self.reasons.values()
-            if reason is not None
-            for doubt in reason.figures.get("because", [reason])
-        }
-        return ParameterDoubt.DIFFERS_BETWEEN_WINDOWS in doubts
-
     def draws(self, number: int, seed: int = 0) -> Array:
         """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
         theta = np.array([*self.effect, self.damping, self.lag, self.delay])
