@@ -28,7 +28,7 @@ def predicted(
     (count, r) = flight.inputs.shape
     m = flight.outputs.shape[1]
     block = max(1, round(BLOCK_SECONDS / flight.dt))
-    memory = Memory(flight.dt, block, round(20.0 / flight.dt / block), r, m)
+    memory = Memory(flight.dt, block, round(20.0 / flight.dt / block))
     ahead = OnlineJoint(
         flight.dt, block, horizons, m, known_combinations(r, flight.effect_directions)
     )
@@ -101,7 +101,7 @@ def test_no_lag_and_no_error_reaches_across_a_gap():
     flight = controlled(7, 1500)
     far = 1000.0
     ahead = OnlineJoint(0.01, 10, HORIZONS, 2, known_combinations(4, flight.effect_directions))
-    memory = Memory(0.01, 10, 200, 4, 2)
+    memory = Memory(0.01, 10, 200)
     for row in range(1300):
         if row == 1200:
             memory.end_segment()

@@ -178,7 +178,7 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     monkeypatch.setattr("mavdem.dem.online.ahead.MEMORY_SECONDS", 1e9)
     flight = replace(in_closed_loop(2500), effect_directions=X_FRAME)
     learnt = JointModel.learn(Record.of(flight[:2450]))
-    memory = Memory(0.01, 10, 300, 4, 2)
+    memory = Memory(0.01, 10, 300)
     ahead = OnlineJoint(0.01, 10, (1, 5, 25), 2, X_FRAME[:, None])
     for row in range(2500):
         closed = memory.add(flight.inputs[row], flight.outputs[row], flight.time[row])

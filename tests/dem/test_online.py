@@ -43,7 +43,7 @@ def flown(online: OnlineLearner, flight: Flight) -> list[Estimate]:
 
 
 def test_a_memory_has_its_latest_samples():
-    memory = Memory(0.01, block=4, most=3, inputs=1, outputs=1)
+    memory = Memory(0.01, block=4, most=3)
     for sample in range(100):
         memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
         inputs, outputs = memory.latest(7)
@@ -61,7 +61,7 @@ def test_a_memory_has_its_latest_samples():
 
 
 def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
-    memory = Memory(0.01, block=4, most=9, inputs=1, outputs=1)
+    memory = Memory(0.01, block=4, most=9)
     for start in (500.0, 3.0):
         for sample in range(12):
             memory.add(np.array([sample]), np.array([-sample]), start + 0.01 * sample)
@@ -109,23 +109,6 @@ def test_at_any_rate_the_first_model_comes_after_so_many_samples(dt):
     assert set(said[: begins - 1]) == {TOO_FEW}
     assert len(said) == begins
     assert online.obstacle is said[-1] is None
-
-
-@pytest.mark.slow
-def test_what_is_left_open_is_chosen_as_learning_at_once_chooses_it():
-    flight = WINDY[:450]
-    online = OnlineLearner(dt=flight.dt)
-    estimates = flown(online, flight)
-    assert all(each.model is None for each in estimates[:199]) and estimates[350].model is not None
-    assert online.obstacle is None and online.learned is not None
-    assert online.learned.settings == mavdem.learn(flight[:400]).settings
-    with ThreadPoolExecutor(1) as executor:
-        aside = OnlineLearner(dt=flight.dt, executor=executor)
-        for row in range(450):
-            estimate = aside.update(flight.time[row], flight.outputs[row], flight.inputs[row])
-            if aside._pending is not None:
-                aside._pending.result()
-    assert aside.learned.settings == online.learned.settings and estimate.model is not None
 
 
 @pytest.mark.slow
@@ -228,7 +211,6 @@ def test_it_forgets_and_does_not_grow():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"settings": 3}, "settings must"),
         ({"dt": 0.0}, "dt must"),
         ({"n_inputs": 0}, "n_inputs"),
         ({"memory": 0.5}, "memory must"),
@@ -315,7 +297,7 @@ def test_predictions_meet_their_own_sample():
 def test_a_new_model_brings_the_past_of_its_own_free_energy():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
     flight = simulated(samples=300, wind=0.5)
-    memory = Memory(DT, 10, 30, 4, 2)
+    memory = Memory(DT, 10, 30)
     tracker = Tracker(learned := mavdem.learn(flight), Tracking.of(learned), 3.0)
     energies = []
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):

@@ -12,7 +12,6 @@ from mavdem import Flight
 from mavdem.dem.order_choice import FlightOrders, OrderChoice, choose_order, orders_of
 from mavdem.facts.model import OrderFact
 from mavdem.paper.order import lateral_flight
-from mavdem.report.comparison import order_report
 
 
 def choice(*flights):
@@ -55,23 +54,6 @@ def test_a_choice_says_why():
     assert np.isnan(told.spread).all()
     values = json.loads(json.dumps(rising.to_dict()))
     assert (values["mean"], values["chosen"]) == ([0.0, 105.0], 2)
-
-
-@pytest.mark.parametrize(
-    ("heights", "known", "said"),
-    [
-        ([0.0, 100.0, 95.0], True, "Keep the standard order of `mavdem learn`, 3 (angle"),
-        ([0.0, 10.0, 20.0, 30.0, 30.0], True, "Use `mavdem learn --order 4` where A, B and C"),
-        (
-            [0.0, 10.0, 20.0, 30.0, 30.0],
-            False,
-            "Keep the standard order of `mavdem learn`: it knows the motors",
-        ),
-        ([0.0, 100.0], True, "Try more states with --max-order 8: "),
-    ],
-)
-def test_a_choice_ends_with_what_to_do(heights, known, said):
-    assert order_report(choice(heights), ["flight"], known)[-1].text.startswith(said)
 
 
 @pytest.mark.slow

@@ -275,7 +275,7 @@ BEGINS = round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt)
 def online_wind(
     executor: Executor | None = None, prior: Physical | None = None
 ) -> tuple[OnlineWind, Memory]:
-    memory = Memory(WINDY.dt, 10, 200, 4, 2)
+    memory = Memory(WINDY.dt, 10, 200)
     return OnlineWind(memory, executor, prior), memory
 
 

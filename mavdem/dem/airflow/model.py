@@ -333,10 +333,9 @@ class Filter:
         PH = (P[:, :, WIND] + P[:, :, MEAN]) @ A.transpose(0, 2, 1)
         S = A @ (PH[:, WIND] + PH[:, MEAN]) + self._noise + doubt**2 * PLANE
         S = (S + S.transpose(0, 2, 1)) / 2  # else rounding grows
-        det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
-        inverse = ((S[:, 0, 0] + S[:, 1, 1])[:, None, None] * PLANE - S) / det[:, None, None]
+        inverse = np.linalg.inv(S)
         squares = (error[:, None] @ inverse @ error[:, :, None])[:, 0, 0]
-        self.total -= np.log(det) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
+        self.total -= np.log(np.linalg.det(S)) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
         K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
         self.states, self.spreads = (
             x + (K @ error[:, :, None])[:, :, 0],

@@ -33,7 +33,6 @@ CONSTANT_RIDGE = 1e-8  # likewise of the offset, which the prior leaves open
 # rows that are left for the innovations, where there are hardly more than coefficients
 LEAST_FREEDOM = 1.0
 
-TOGETHER = 8192  # samples whose pasts are in memory at once
 INPUT_NOISE = 1e-9
 """Variance added to the innovations of inputs: one that is constant, or depends on others, has none of its own."""
 
@@ -382,18 +381,16 @@ class Var(NamedTuple):
 
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
+        m = record.outputs.shape[1]
+        weights, constant = self.latest(m)
         answers = []
-        for inputs, outputs in record.segments:
-            channels = np.hstack([outputs, inputs])
+        for channels in self.units.segments(record):
             # Of the first sample's past nothing is known; it counts for what would be before the others'.
             before = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
-            for start in range(0, len(outputs), TOGETHER):
-                now = inputs[start : start + TOGETHER]
-                pasts = before[np.arange(start, start + len(now))[:, None] + np.arange(self.lags)]
-                if not start:
-                    pasts[0] = self.units.center
-                answers.append(self.infer(pasts, now[:, None]).mean[:, 0])
-        return np.concatenate(answers)
+            past = lagged(before, self.lags)
+            past[0] = 0.0
+            answers.append(np.hstack([channels, past]) @ weights.T + constant)
+        return self._physical(np.concatenate(answers), np.zeros(1)).mean
 
     def _physical(self, mean: Array, variance: Array) -> Forecast:
         center, scale = (values[: mean.shape[-1]] for values in self.units)

@@ -104,10 +104,6 @@ class OnlineLearner:
         Raises:
             ValueError: names the argument that does not fit.
         """
-        if not (settings is None or isinstance(settings, Settings)):
-            raise ValueError(
-                f"settings must be a Settings, or None for the default ones, not {settings!r}"
-            )
         if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
             raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
         for name, number in (("n_inputs", n_inputs), ("n_outputs", n_outputs)):
@@ -148,7 +144,7 @@ class OnlineLearner:
             raise ValueError(
                 f"effect_directions must be {n_inputs} finite numbers, not {effect_directions!r}"
             )
-        self._memory = Memory(dt, block, most, n_inputs, n_outputs, directions)
+        self._memory = Memory(dt, block, most, directions)
         self._samples = 0
         self._first = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
         self._next = self._first

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -53,44 +54,36 @@ class Memory:
         dt: float,
         block: int,
         most: int,
-        inputs: int,
-        outputs: int,
         effect_directions: Array | None = None,
     ) -> None:
-        """Begins empty; keeps at ``most`` this many blocks of ``block`` samples of r ``inputs`` and m ``outputs``."""
+        """Begins empty; keeps at ``most`` this many blocks of ``block`` samples."""
         self.effect_directions = effect_directions
         self.blocks: deque[MemoryBlock] = deque(maxlen=most)
         self.dt = dt
         self.block = block
-        # Twice as long as what is kept, so that the latest samples are one slice and rows are rarely moved.
-        self._inputs, self._outputs = (
-            np.empty((2 * most * block, inputs)),
-            np.empty((2 * most * block, outputs)),
-        )
-        self._end = self._open = self._segment = 0
+        # since the last gap, the latest first
+        self._recent: deque[tuple[Array, Array]] = deque(maxlen=most * block)
+        self._open = 0  # of these, which no block holds yet
         self._begins = True
         self._time = np.nan
 
     def add(self, inputs: Array, outputs: Array, time: float) -> bool:
         """Takes the next sample, (r,) and (m,), of a ``time`` in s; returns whether it filled a block."""
-        if self._end == len(self._inputs):
-            self._move()
-        self._inputs[self._end] = inputs
-        self._outputs[self._end] = outputs
-        self._end = self._end + 1
+        self._recent.appendleft((inputs, outputs))
+        self._open += 1
         self._time = time
-        if self._end - self._open < self.block:
+        if self._open < self.block:
             return False
         self._close()
         return True
 
     def end_segment(self) -> bool:
         """A gap follows; returns whether that closed a block."""
-        closed = self._end > self._open
+        closed = self._open > 0
         if closed:
             self._close()
         self._begins = True
-        self._segment = self._end
+        self._recent.clear()
         return closed
 
     def record(self) -> Record:
@@ -98,26 +91,13 @@ class Memory:
         return record_of(self.blocks, self.dt, self.effect_directions)
 
     def latest(self, number: int) -> tuple[Array, Array]:
-        """Returns inputs and outputs of so many of the latest samples since the last gap; fewer where there are fewer.
-
-        They are valid until the next sample is added.
-        """
-        latest = slice(max(self._segment, self._end - number), self._end)
-        return self._inputs[latest], self._outputs[latest]
-
-    def _move(self) -> None:
-        kept = len(self._inputs) // 2
-        for table in (self._inputs, self._outputs):
-            table[:kept] = table[self._end - kept : self._end]
-        by = self._end - kept
-        self._end, self._open, self._segment = kept, self._open - by, max(self._segment - by, 0)
+        """Returns inputs and outputs of so many of the latest samples since the last gap, or of fewer."""
+        samples = [*islice(self._recent, number)][::-1]
+        inputs, outputs = zip(*samples, strict=True) if samples else ((), ())
+        return np.array(inputs), np.array(outputs)
 
     def _close(self) -> None:
-        rows = slice(self._open, self._end)
-        self.blocks.append(
-            MemoryBlock(
-                self._inputs[rows].copy(), self._outputs[rows].copy(), self._begins, self._time
-            )
-        )
-        self._open = self._end
+        inputs, outputs = self.latest(self._open)
+        self.blocks.append(MemoryBlock(inputs, outputs, self._begins, self._time))
+        self._open = 0
         self._begins = False
