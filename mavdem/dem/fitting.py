@@ -127,7 +127,10 @@ def generative_model(
 
 
 def _parameter_prior(
-    settings: CompleteSettings, scaling: Scaling, record: Record, r: int
+    settings: CompleteSettings,
+    scaling: Scaling,
+    record: Record,
+    r: int,
 ) -> tuple[Array, Array]:
     """Mean and precision of the engine's θ, for r inputs with the constant."""
     n = settings.order
@@ -153,7 +156,12 @@ def _parameter_prior(
     return mean, precision
 
 
-def of_vehicle(n: int, motors: int, m: int, constant: bool) -> NDArray[np.intp]:
+def of_vehicle(
+    n: int,
+    motors: int,
+    m: int,
+    constant: bool,
+) -> NDArray[np.intp]:
     """Indices in the engine's θ of the vehicle's: all but the column of B for the constant input."""
     A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
     B[:, motors:] = False
@@ -161,7 +169,10 @@ def of_vehicle(n: int, motors: int, m: int, constant: bool) -> NDArray[np.intp]:
 
 
 def held_by_prior(
-    precision: Array, scale: Array, settings: CompleteSettings, record: Record
+    precision: Array,
+    scale: Array,
+    settings: CompleteSettings,
+    record: Record,
 ) -> NDArray[np.bool_]:
     """(k,) which of the vehicle's parameters the prior of ``precision`` (k,) holds, in units of ``scale`` (k,).
 
@@ -194,7 +205,12 @@ def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) ->
     )
 
 
-def gain_of(model: GenerativeModel, belief: Belief, smoothness: float, dt: float) -> Array:
+def gain_of(
+    model: GenerativeModel,
+    belief: Belief,
+    smoothness: float,
+    dt: float,
+) -> Array:
     """(n, m) gain of the filter of what was learned; ``LinAlgError`` where there is no steady filter."""
     A, B, C = unpack(belief.theta, *model.sizes)
     noise = np.exp(-belief.lambda_)
@@ -204,7 +220,12 @@ def gain_of(model: GenerativeModel, belief: Belief, smoothness: float, dt: float
     return filter_gain(A, C, dt, noise[model.output_groups], process, smoothness)
 
 
-def predictor_of(theta: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
+def predictor_of(
+    theta: Array,
+    sizes: tuple[int, int, int],
+    gain: Array,
+    dt: float,
+) -> StateSpace:
     """The predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
     A, B, C = unpack(theta, *sizes)
     return StateSpace.of_transition(discretize(A, B, dt), C, gain)

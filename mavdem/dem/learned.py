@@ -265,7 +265,11 @@ class Learned(LearnedDownstream):
 
     @may_overflow
     def forecast_every_with_band(
-        self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL
+        self,
+        steps: int,
+        inputs: ArrayLike,
+        outputs: ArrayLike,
+        level: float = LEVEL,
     ) -> tuple[Array, Array, Array]:
         """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its expected squared error and band.
 
@@ -280,7 +284,11 @@ class Learned(LearnedDownstream):
         )
 
     def _known_every(
-        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+        self,
+        steps: int,
+        inputs: Array,
+        outputs: Array,
+        smooth: bool = False,
     ) -> Forecast:
         if self._jointly:
             return self.joint.known_every(steps, inputs, outputs, smooth)

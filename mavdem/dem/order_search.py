@@ -144,7 +144,12 @@ NARROWEST_STEPS = 1.5  # the derivatives of a narrower kernel are undersampled
 ROUNDING = 1e-9  # of a width that is meant to be a number of steps
 
 
-def embed_through_kernel(samples: Array, order: int, width: float, dt: float) -> Array:
+def embed_through_kernel(
+    samples: Array,
+    order: int,
+    width: float,
+    dt: float,
+) -> Array:
     """Generalized vectors of samples (T, m) convolved with a Gaussian kernel, where the whole kernel fits.
 
     Derivatives by a polynomial over a window are not quite those of one signal, and an additional state may explain the
@@ -384,7 +389,12 @@ def _moments(box: BlackBox, left: Array, right: Array) -> Array:
     return np.asarray(left @ box.data.gram @ right.T / box.data.number)
 
 
-def _regression(box: BlackBox, wanted: Array, regressors: Array, ridge: float) -> Array:
+def _regression(
+    box: BlackBox,
+    wanted: Array,
+    regressors: Array,
+    ridge: float,
+) -> Array:
     """Coefficients by least squares, with a ridge in units of the regressors' variances."""
     unit = np.sqrt(np.diag(_moments(box, regressors, regressors)))
     unit = np.where(unit > 0, unit, 1.0)[:, None]

@@ -60,7 +60,10 @@ def parallel_map(
 
 
 def _map_on(
-    executor: Executor, work: Callable[[Job], Result], jobs: Iterable[Job], ahead: int
+    executor: Executor,
+    work: Callable[[Job], Result],
+    jobs: Iterable[Job],
+    ahead: int,
 ) -> Generator[Result, None, None]:
     """At most ``ahead`` jobs are on their way."""
     sent: deque[Future[Result]] = deque()

@@ -138,7 +138,10 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
 
 
 def explicit_prior(
-    prior: Gaussian, weak: float, indices: NDArray[np.intp], scale: Array
+    prior: Gaussian,
+    weak: float,
+    indices: NDArray[np.intp],
+    scale: Array,
 ) -> tuple[Array, Array]:
     """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
 
@@ -157,7 +160,12 @@ def explicit_prior(
     return mean, precision
 
 
-def uniform_prior(settings: CompleteSettings, n: int, r: int, m: int) -> tuple[Array, Array]:
+def uniform_prior(
+    settings: CompleteSettings,
+    n: int,
+    r: int,
+    m: int,
+) -> tuple[Array, Array]:
     """η drawn from U[−1, 1] and P = ``parameter_precision``·I for every parameter (the paper, ``alg_settings``)."""
     k = n * n + n * r + m * n
     mean = np.random.default_rng(settings.seed).uniform(-1, 1, k)

@@ -224,7 +224,11 @@ class Settings:
         )
 
     def completed(
-        self, order: int, d: int, window: int, parameter_precision: float
+        self,
+        order: int,
+        d: int,
+        window: int,
+        parameter_precision: float,
     ) -> CompleteSettings:
         """Returns these settings, with ``order``, ``d``, ``window`` and ``parameter_precision`` where they are open."""
         chosen = {
@@ -283,6 +287,11 @@ def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
 
 
-def _require(holds: bool, name: str, expected: str, value: object) -> None:
+def _require(
+    holds: bool,
+    name: str,
+    expected: str,
+    value: object,
+) -> None:
     if not holds:
         raise ValueError(f"{name} must be {expected}, not {value!r}")

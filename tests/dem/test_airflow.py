@@ -12,7 +12,9 @@ from mavdem.facts.online import Airflow
 def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     """Specific force along body x and y is what thrust and weight do not explain, however much the thrust varies."""
     time = np.arange(0.0, 20.0, 0.01)
-    roll, pitch, yaw = 0.2, -0.1, 0.7
+    roll = 0.2
+    pitch = -0.1
+    yaw = 0.7
     thrust_axis = np.array(
         [
             np.cos(roll) * np.sin(pitch) * np.cos(yaw) + np.sin(roll) * np.sin(yaw),

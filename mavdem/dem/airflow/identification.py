@@ -214,7 +214,12 @@ def courses(moved: Motion, mean: Array, covariance: Array) -> tuple[Array, Array
     return filtered(places, moved).smoothed()
 
 
-def estimate_drag(time: Array, attitude: Array, velocity: Array, wind: Array) -> Drag:
+def estimate_drag(
+    time: Array,
+    attitude: Array,
+    velocity: Array,
+    wind: Array,
+) -> Drag:
     """Returns the vehicle's drag and lean by a known wind.
 
     Args:

@@ -231,7 +231,11 @@ class Motion(NamedTuple):
 
 
 def motion(
-    time: Array, attitude: Array, velocity: Array, step: float, wind: Array | None = None
+    time: Array,
+    attitude: Array,
+    velocity: Array,
+    step: float,
+    wind: Array | None = None,
 ) -> Motion:
     """Returns the motion on a grid, all of it in means over two steps that weigh their middle most.
 
@@ -319,7 +323,11 @@ class Filter:
         self.spreads = self.spreads * self._fade + self._process
 
     def update(
-        self, axes: Array, velocity: Array, force: Array, doubt: float = 0.0
+        self,
+        axes: Array,
+        velocity: Array,
+        force: Array,
+        doubt: float = 0.0,
     ) -> tuple[Array, Array]:
         """Takes what a step of ``Motion`` measured; returns errors (G, 2) and covariances of the predictions."""
         x = self.states

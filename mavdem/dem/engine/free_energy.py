@@ -48,7 +48,12 @@ def free_energy_action(
     return internal_energy(model, samples, moments, belief.theta, lambda_) + mean_field + entropy
 
 
-def free_energy(model: GenerativeModel, data: Array, states: Array, belief: Belief) -> Array:
+def free_energy(
+    model: GenerativeModel,
+    data: Array,
+    states: Array,
+    belief: Belief,
+) -> Array:
     """F(t) = U + W + H, (T,), Eq. ``free_E``, with the ½ that its W has lost, of samples ``data`` [ỹ; η̃] (T, ·).
 
     ``states`` (T, dim X) are the means of X; moments of the ``belief`` are not used. The priors and entropies of θ and
@@ -139,7 +144,10 @@ def theta_curvature(model: GenerativeModel, moments: GeneralizedMoments, weights
 
 
 def lambda_curvature(
-    model: GenerativeModel, moments: GeneralizedMoments, theta: Array, lambda_: Array
+    model: GenerativeModel,
+    moments: GeneralizedMoments,
+    theta: Array,
+    lambda_: Array,
 ) -> Array:
     """Ū_λλ (g, g)."""
     return (

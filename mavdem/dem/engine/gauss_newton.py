@@ -52,7 +52,11 @@ class Damping(NamedTuple):
 
 
 def gauss_newton(
-    objective: Objective, start: Quadratic, damping: Damping, iterations: int, converged: float
+    objective: Objective,
+    start: Quadratic,
+    damping: Damping,
+    iterations: int,
+    converged: float,
 ) -> tuple[list[Quadratic], float]:
     """Maximises from ``start`` until a step gains no more than ``converged``, by at most so many steps.
 

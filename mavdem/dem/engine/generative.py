@@ -21,7 +21,12 @@ from mavdem.dem.engine.linalg import Array, Indices, logdet
 from mavdem.dem.engine.model import unpack
 
 
-def taylor_weights(order: int, dt: float, window: int, at: float) -> Array:
+def taylor_weights(
+    order: int,
+    dt: float,
+    window: int,
+    at: float,
+) -> Array:
     """Weights that turn samples into derivatives: the least-squares polynomial of degree ``order`` over a window.
 
     With ``window = order + 1`` the polynomial interpolates, which is the inverse of the Taylor matrix that the
@@ -36,7 +41,13 @@ def taylor_weights(order: int, dt: float, window: int, at: float) -> Array:
     return per_step / dt ** np.arange(order + 1)[:, None]
 
 
-def embed(samples: Array, order: int, dt: float, window: int, at: int) -> Array:
+def embed(
+    samples: Array,
+    order: int,
+    dt: float,
+    window: int,
+    at: int,
+) -> Array:
     """Generalized vectors of ``samples`` (T, m), one for each place the whole window of :func:`taylor_weights` fits.
 
     (T − window + 1, (order + 1)·m): row i belongs to sample ``i + at``. Nothing is padded.
@@ -80,7 +91,12 @@ def temporal_precision(order: int, smoothness: float) -> Array:
     return inv(temporal_covariance(order, 1.0)) * np.outer(units, units)
 
 
-def sampled_output_precision(order: int, smoothness: float, dt: float, window: int) -> Array:
+def sampled_output_precision(
+    order: int,
+    smoothness: float,
+    dt: float,
+    window: int,
+) -> Array:
     """S of a noise on the samples themselves, z, whose derivatives are estimated from a window of them.
 
     W K Wᵀ (order + 1, order + 1) inverted, for the weights W of ``taylor_weights`` and K the autocorrelation between
@@ -90,7 +106,12 @@ def sampled_output_precision(order: int, smoothness: float, dt: float, window: i
     return _precision_in_steps(weights @ np.exp(-((lag / smoothness) ** 2) / 4) @ weights.T, dt)
 
 
-def sampled_state_precision(order: int, smoothness: float, dt: float, window: int) -> Array:
+def sampled_state_precision(
+    order: int,
+    smoothness: float,
+    dt: float,
+    window: int,
+) -> Array:
     """S of a noise that drives the states, w, whose k-th derivative is estimated as the k + 1-st of what it drives.
 
     So it is that of the noise's integral, of which the weights of derivatives see differences only: with
@@ -212,7 +233,8 @@ class GenerativeModel:
         """E at θ = 0; rows and columns of the places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
         n, r, m = self.sizes
         of_y, of_v, of_x = self.errors
-        y, v = of_y.stop, of_v.stop - of_v.start
+        y = of_y.stop
+        v = of_v.stop - of_v.start
         x = n * (self.p + 1)
         at_x = slice(y + v, y + v + x)
         at_v = slice(y + v + x, None)
@@ -228,7 +250,9 @@ class GenerativeModel:
             part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m)
         )
         number = np.zeros(fixed.shape, int)
-        p, d, q = self.p + 1, self.d + 1, self.q + 1
+        p = self.p + 1
+        d = self.d + 1
+        q = self.q + 1
         number[of_y, at_x] = np.kron(np.eye(p, dtype=int), C)
         number[of_x, at_x] = np.kron(np.eye(q, p, dtype=int), A)
         number[of_x, at_v] = np.kron(np.eye(q, d, dtype=int), B)

@@ -24,7 +24,11 @@ UNSTEADY = 1e100  # a covariance that grows without bound
 
 
 def steady_gain(
-    A: Array, C: Array, Q: Array, R: Array, S: Array | None = None
+    A: Array,
+    C: Array,
+    Q: Array,
+    R: Array,
+    S: Array | None = None,
 ) -> tuple[Array, Array]:
     """Returns the gain (n, m) K of x̂⁺ = A x̂ + K (y − C x̂), with which A − K C is stable, and the covariance (n, n).
 
@@ -114,7 +118,13 @@ class SteadyFilter(NamedTuple):
         following = recursion(self.closed, np.zeros((number - 1, len(read))), first)
         return np.append(first[0], following[:, 0]) / self.variance
 
-    def smoothed(self, pushes: Array, measured: Array, first: Array, read: Array) -> SteadySmoothed:
+    def smoothed(
+        self,
+        pushes: Array,
+        measured: Array,
+        first: Array,
+        read: Array,
+    ) -> SteadySmoothed:
         """Returns ``read`` (n,) · x in a segment, from all of its samples ``measured`` (T,).
 
         ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,).
@@ -143,7 +153,14 @@ class KalmanFilter(NamedTuple):
 
     @classmethod
     def of(
-        cls, A: Array, C: Array, Q: Array, R: Array, S: Array, first: Array, samples: int
+        cls,
+        A: Array,
+        C: Array,
+        Q: Array,
+        R: Array,
+        S: Array,
+        first: Array,
+        samples: int,
     ) -> KalmanFilter:
         """Returns that for noises as in :func:`steady_gain`, and a first state of covariance ``first`` (n, n)."""
         covariances = [first]
@@ -238,7 +255,12 @@ class Smoothed(NamedTuple):
     log_likelihood: float
 
 
-def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) -> Smoothed:
+def smoothed(
+    model: GaussianModel,
+    start: Array,
+    inputs: Array,
+    outputs: Array,
+) -> Smoothed:
     """Returns the smoothed states of one segment, and the likelihood of its outputs.
 
     The first state has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not

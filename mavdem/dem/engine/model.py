@@ -42,7 +42,10 @@ def pack(A: NDArray[Scalar], B: NDArray[Scalar], C: NDArray[Scalar]) -> NDArray[
 
 
 def unpack(
-    theta: NDArray[Scalar], n: int, r: int, m: int
+    theta: NDArray[Scalar],
+    n: int,
+    r: int,
+    m: int,
 ) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
     """A (n, n), B (n, r) and C (m, n) out of θ (n² + n·r + m·n,)."""
     a = n * n

@@ -96,7 +96,13 @@ class StateSpace(NamedTuple):
             states = np.vstack([start, recursion(self.A, self._pushes(inputs[:-1]), start)])
             return self.outputs(states[: len(inputs)], inputs)
 
-    def simulated_from(self, begins: Indices, horizon: int, states: Array, inputs: Array) -> Array:
+    def simulated_from(
+        self,
+        begins: Indices,
+        horizon: int,
+        states: Array,
+        inputs: Array,
+    ) -> Array:
         """(S, H, m): outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
 
         The ``horizon`` is H; beyond the last row of ``inputs`` (T, r) they stay as they are there.
@@ -111,7 +117,13 @@ class StateSpace(NamedTuple):
                 states = states @ self.A.T + pushes[rows]
         return predicted
 
-    def simulated_every(self, steps: int, start: Array, inputs: Array, outputs: Array) -> Array:
+    def simulated_every(
+        self,
+        steps: int,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+    ) -> Array:
         """(T, m): outputs without noise, from every ``steps``-th sample on of the state predicted from all before it.
 
         ``start`` (n,) is the first sample's state, with ``inputs`` (T, r) and ``outputs`` (T, m).
@@ -137,7 +149,12 @@ class StateSpace(NamedTuple):
 
 
 def filter_gain(
-    A: Array, C: Array, dt: float, measurement_noise: Array, process_noise: Array, smoothness: float
+    A: Array,
+    C: Array,
+    dt: float,
+    measurement_noise: Array,
+    process_noise: Array,
+    smoothness: float,
 ) -> Array:
     """(n, m) gain of the steady-state Kalman filter of a continuous model with coloured noise.
 

@@ -69,7 +69,10 @@ def state_slope(
 
 
 def e_step(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None
+    model: GenerativeModel,
+    samples: SufficientStatistics,
+    belief: Belief,
+    rate: float | None = None,
 ) -> Array:
     """The E step: θ along the gradient of F̄ given the rest, Eq. ``GA_basic``.
 
@@ -102,7 +105,10 @@ def theta_slope(
 
 
 def m_step(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, rate: float | None = None
+    model: GenerativeModel,
+    samples: SufficientStatistics,
+    belief: Belief,
+    rate: float | None = None,
 ) -> Array:
     """The M step: λ along the gradient of F̄ given the rest, by steps that are shortened until F̄ rises.
 
@@ -204,7 +210,13 @@ class StateFlow:
     start: Array
 
     @classmethod
-    def of(cls, model: GenerativeModel, of_data: Array, precision: Array, rate: float) -> StateFlow:
+    def of(
+        cls,
+        model: GenerativeModel,
+        of_data: Array,
+        precision: Array,
+        rate: float,
+    ) -> StateFlow:
         """The flow at k^X = ``rate`` up F, whose slope is ``of_data`` and ``precision`` of ``steps.state_slope``."""
         D = block_diag(derivative_operator(model.p, model.n), derivative_operator(model.d, model.r))
         return cls(D - rate * precision, rate * of_data, solve(precision, of_data))

@@ -189,7 +189,11 @@ class JointModel:
         return sum(self.terms.values())
 
     def known_every(
-        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+        self,
+        steps: int,
+        inputs: Array,
+        outputs: Array,
+        smooth: bool = False,
     ) -> var.Forecast:
         """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
 
@@ -215,7 +219,11 @@ class JointModel:
         return self.unknown_every(steps, inputs, outputs).mean
 
     def forecast_every_with_band(
-        self, steps: int, inputs: Array, outputs: Array, level: float
+        self,
+        steps: int,
+        inputs: Array,
+        outputs: Array,
+        level: float,
     ) -> tuple[Array, Array, Array]:
         """Returns :meth:`known_every`, mean and variance, and the half width of its band of probability ``level``."""
         mean, variance = self.known_every(steps, inputs, outputs)

@@ -49,7 +49,12 @@ DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
 RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
 
 
-def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
+def models_of(
+    thetas: Array,
+    sizes: tuple[int, int, int],
+    gain: Array,
+    dt: float,
+) -> StateSpace:
     """Models that differ in θ (b, k) alone, side by side; of n states, r inputs and m outputs, and C of the first."""
     A, B, C = (
         np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True)
@@ -135,7 +140,10 @@ def effective_number(lengths: Sequence[int], horizon: int) -> float:
 
 
 def horizon_of(
-    model: GenerativeModel, settings: CompleteSettings, scaling: Scaling, record: Record
+    model: GenerativeModel,
+    settings: CompleteSettings,
+    scaling: Scaling,
+    record: Record,
 ) -> int | None:
     """Samples of each simulation: ``settings.horizon``, or less where the effective sample size would be too small.
 

@@ -144,7 +144,11 @@ def lag_prior(lags: int, ridge: float) -> Array:
 
 
 def regress(
-    gram: Array, rows: float, prior: Array, targets: int | None = None, least: float = INPUT_NOISE
+    gram: Array,
+    rows: float,
+    prior: Array,
+    targets: int | None = None,
+    least: float = INPUT_NOISE,
 ) -> Regression:
     """Regresses samples of k channels on their lags, the first ``targets`` of them or all.
 
@@ -254,7 +258,13 @@ class Var(NamedTuple):
         inputs, outputs = record.segments[-1]
         return initial_lags(np.hstack([outputs, inputs]), self.lags)
 
-    def pasts(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
+    def pasts(
+        self,
+        past: Array,
+        steps: int,
+        inputs: Array,
+        outputs: Array,
+    ) -> Array:
         """Returns (S, lags, k), the samples before every ``steps``-th of those that follow a ``past``."""
         channels = np.concatenate([past[len(past) - self.lags :], np.hstack([outputs, inputs])])
         return np.asarray(
@@ -362,7 +372,12 @@ class Var(NamedTuple):
         return self._physical(states[..., 1:, :m], variance[1:, :m])
 
     def infer_every(
-        self, past: Array, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+        self,
+        past: Array,
+        steps: int,
+        inputs: Array,
+        outputs: Array,
+        smooth: bool = False,
     ) -> Forecast:
         """Returns (H, m) as :meth:`infer`, begun again at every ``steps``-th sample from all samples before it."""
         length = len(inputs)
@@ -372,7 +387,13 @@ class Var(NamedTuple):
         found = self.infer(pasts, inputs[pieces(len(pasts), steps, length)], smooth)
         return Forecast(*(table.reshape(-1, m)[:length] for table in found))
 
-    def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Forecast:
+    def predict_every(
+        self,
+        past: Array,
+        steps: int,
+        inputs: Array,
+        outputs: Array,
+    ) -> Forecast:
         """Returns (H, m) as :meth:`predict`, begun again at every ``steps``-th sample from all samples before it."""
         length, m = outputs.shape
         steps = max(1, min(steps, length))

@@ -253,7 +253,10 @@ def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> Wi
 
 
 def _wind_share(
-    parameters: Parameters, theta: Array, windows: FlightWindows, levels: Array
+    parameters: Parameters,
+    theta: Array,
+    windows: FlightWindows,
+    levels: Array,
 ) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
     from scipy.signal import butter, lfilter, sosfiltfilt  # it takes half a second to import

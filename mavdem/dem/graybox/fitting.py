@@ -125,7 +125,10 @@ class _LogJoint(NamedTuple):
 
 
 def fitted(
-    parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0
+    parameters: Parameters,
+    windows: FlightWindows,
+    start: Array,
+    promised: float = 0.0,
 ) -> GrayBoxFit:
     """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there.
 

@@ -62,7 +62,12 @@ def shortest_gust(physical: Physical, dt: float) -> float:
     return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
 
 
-def gusts(torque: Array, band: Array, record: Record, shortest: float = 0.0) -> Gusts:
+def gusts(
+    torque: Array,
+    band: Array,
+    record: Record,
+    shortest: float = 0.0,
+) -> Gusts:
     """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
     There are none where the errors that the band stands for are most of what the torque is.

@@ -279,7 +279,11 @@ def _distinct(thetas: Array, columns: list[int]) -> tuple[Array, NDArray[np.intp
 
 
 def followed(
-    step: Array, gains: Array, inputs: Array, first: Array, which: NDArray[np.intp]
+    step: Array,
+    gains: Array,
+    inputs: Array,
+    first: Array,
+    which: NDArray[np.intp],
 ) -> Array:
     """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
 
@@ -360,7 +364,13 @@ class Plant(NamedTuple):
         """Returns the steady filter of a rate measured with white ``noise``, rad/s; ``LinAlgError`` without one."""
         return SteadyFilter.of(self.step.state, self.process, noise)
 
-    def smoothed(self, noise: float, commanded: Array, steps: float, rate: Array) -> SteadySmoothed:
+    def smoothed(
+        self,
+        noise: float,
+        commanded: Array,
+        steps: float,
+        rate: Array,
+    ) -> SteadySmoothed:
         """Returns the wind's torque in a segment, rad/s², from all of its ``rate`` (T,), rad/s; else as above.
 
         At its beginning the motors have settled at what is commanded, with all that is steady, and there is no wind.

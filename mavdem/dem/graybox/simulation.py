@@ -40,7 +40,13 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
     return Forecast(mean[:, back], variance[:, back])
 
 
-def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: Array) -> Array:
+def _mean(
+    theta: Array,
+    delay: float,
+    record: Record,
+    order: list[int],
+    inputs: Array,
+) -> Array:
     """(H, 2) angle and rate of the plant with motors, damping and lag ``theta`` (r + 2,), without wind."""
     motors = theta[:-2]
     damping = theta[-2]

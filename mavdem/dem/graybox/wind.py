@@ -212,7 +212,12 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     )
 
 
-def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
+def _torques(
+    theta: Array,
+    physical: Physical,
+    record: Record,
+    column: int,
+) -> _Torques:
     """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
     effect = theta[:-3]
     (damping, lag, delay) = theta[-3:].tolist()
@@ -238,7 +243,12 @@ def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _
     return _Torques(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def steady(rate: Array, commanded: Array, damping: float, dt: float) -> float:
+def steady(
+    rate: Array,
+    commanded: Array,
+    damping: float,
+    dt: float,
+) -> float:
     """The mean torque, rad/s², that a segment's rate (T,) has besides the ``commanded`` torque (T,)."""
     return float((rate[-1] - rate[0]) / (len(rate) * dt) + damping * rate.mean() - commanded.mean())
 

@@ -159,7 +159,11 @@ class OnlineLearner:
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
     def update(
-        self, time: float, outputs: ArrayLike, inputs: ArrayLike, weak_since: float = np.nan
+        self,
+        time: float,
+        outputs: ArrayLike,
+        inputs: ArrayLike,
+        weak_since: float = np.nan,
     ) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
 

@@ -98,7 +98,13 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
 class _Tracked:
     """The state of a filter along the samples of a segment."""
 
-    def __init__(self, of: WindFilter, dt: float, inputs: Array, outputs: Array) -> None:
+    def __init__(
+        self,
+        of: WindFilter,
+        dt: float,
+        inputs: Array,
+        outputs: Array,
+    ) -> None:
         """From the latest samples of the segment, (T, r) and (T, m), on."""
         self._of, lag = of, len(of.weights)
         self._steps = of.physical.delay / dt
