@@ -12,7 +12,8 @@ from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import INJECTED, settled, worst
-from mavdem.condition.resonance import spectra
+from mavdem.condition.loop.response import LEAST_COHERENCE
+from mavdem.condition.resonance import WINDOW_SECONDS, spectra
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest.telemetry import Array
@@ -20,17 +21,14 @@ from mavdem.ingest.telemetry import Array
 FEWEST = 20  # setpoints, below which an error is chance
 DELAYS = np.arange(0.0, 0.62, 0.02)
 """s, that are tried: a multirotor is behind by 0.1 to 0.4, and what was sent less often comes later."""
-MOST = 5000  # setpoints that are compared, evenly taken
 WATCHED_ERROR = np.radians(3.0)
 BAD_ERROR = np.radians(10.0)
-"""rad, RMS without the delay: sound vehicles have up to 2.5° in hard steps, and ArduPilot's crash check begins at 30°.
-An error counts only where it is over half of what was asked, and is bad where it is larger than all of that: then no
-answer at all would be better. So a stick that is moved on the ground is none."""
+"""rad, RMS without the delay: sound vehicles have up to 2.5°, and 4° in steps of 45°; ArduPilot's crash check begins at
+30°. An error counts only where it is over half of what was asked, and is bad where it is larger than all of that: then
+no answer at all would be better. So a stick that is moved on the ground is none."""
 FREE_MODES = frozenset({"Acro", "Flip", "Throw", "Turtle"})
 """ArduPilot's modes in which the angle that is logged as asked for is none."""
-STEP_WINDOW = 4.0  # s, of the spectra by which the response to a step is known
 STEERED = np.radians(2.0)  # rad, standard deviation of a setpoint that shows it
-FAITHFUL = 0.8  # coherence of setpoint and angle, with which a frequency counts
 WATCHED_OVERSHOOT = 0.3
 """Of a step: that of a damping ratio of 0.36, for which the phase margin is about 36°."""
 
@@ -129,12 +127,11 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> AxisTracking | None
 def _compared(
     asked: Signal, angle: Signal, part: Segment
 ) -> tuple[Array, Array, Array, Array] | None:
-    """Times and values of setpoints, thinned, and of the angle, in one part; None without both."""
+    """Times and values of setpoints, and of the angle, in one part; None without both."""
     rows = np.flatnonzero(within(asked, part, slack=0))
     there = within(angle, part)
     if not len(rows) or np.count_nonzero(there) < 2:
         return None
-    rows = rows[:: -(-len(rows) // MOST)]
     return asked.time[rows], asked.values[rows], angle.time[there], angle.values[there]
 
 
@@ -151,8 +148,8 @@ def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
 
 def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
-    found = spectra(asked, angle, parts, STEP_WINDOW, SLOW_MOTION_RATE)
-    if found is None or not (known := found.coherence >= FAITHFUL).any():
+    found = spectra(asked, angle, parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
+    if found is None or not (known := found.coherence >= LEAST_COHERENCE).any():
         return None
     peak = np.max(np.abs(found.across[known]) / found.driver[known])
     damping = np.sqrt((1 - np.sqrt(1 - min(1 / peak, 1.0) ** 2)) / 2)

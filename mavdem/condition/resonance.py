@@ -31,7 +31,7 @@ from mavdem.ingest.telemetry import Array
 WINDOW_SECONDS = 2.0
 FEWEST_WINDOWS = 10
 """Of the spectra, by Welch, half over each other: so the error of T where the coherence is a half is a fifth."""
-LEAST_COHERENCE = 0.5
+LEAST_COHERENCE = 0.5  # of the rate with its setpoint, or with the motors
 # times the lowest frequency, up to which T is known without a gap between
 LEAST_BAND = 2.0
 STILL = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
@@ -39,15 +39,10 @@ PROMINENT = 3.0
 SIDES = 1.5
 """Times the straight line between the frequencies so many times lower and higher: a largest sensitivity of up to 2.3
 makes at most 2.5 of it, one of 4.9 makes 5 and more."""
-FASTEST_LOOP = (
-    40.0  # Hz: rate loops of multirotors cross over below, motors and propellers turn above
-)
-FOLLOWED = (
-    0.9  # coherence of the rate with the motors, from which it is motion and no noise of the sensor
-)
+# Hz: rate loops of multirotors cross over below, motors and propellers turn above
+FASTEST_LOOP = 40.0
 USUAL_ANGLE_GAIN = 4.5
 """1/s, ArduCopter's default, where the log has none; PX4's is 6.5."""
-HALF_POWER = 2**-0.5
 LOWEST = 1.0  # Hz, of T: below, the vehicle is moved to another place
 SLOWEST_PEAK = 6.0  # Hz, of the rate's own spectrum: below, it is steered, also by sines, and moved by the wind
 # of the highest frequency: above, interpolation between messages has lost a fifth of the power
@@ -224,7 +219,7 @@ def _response(signals: Signals, spectra: Spectra | None) -> Resonance | None:
         coherence=float(coherence[at]),
         highest=float(hertz[rows[-1]]),
         ms_interval=(float((sensitivity - half).max()), float((sensitivity + half).max())),
-        whole=bool(complementary.max() > HALF_POWER > complementary[-1]),
+        whole=bool(complementary.max() > 2**-0.5 > complementary[-1]),  # half of the power
     )
 
 
@@ -251,7 +246,7 @@ def _peak(axis: str, found: Spectra | None) -> Resonance | None:
     over = np.exp(size[rows] - sum(beside) / 2)
     best = int(np.argmax(over))
     coherence = float(found.coherence[rows[best]])
-    if not (over[best] >= PROMINENT and coherence >= FOLLOWED):
+    if not (over[best] >= PROMINENT and coherence >= LEAST_COHERENCE):
         return None
     return Resonance(
         axis=axis,

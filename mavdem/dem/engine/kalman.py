@@ -19,8 +19,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
 
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
-DOUBLINGS = 40  # of the steps that a covariance has taken: a filter as slow takes weeks
-UNSTEADY = 1e100  # a covariance that grows without bound
 
 
 def steady_gain(
@@ -62,7 +60,9 @@ def steady_gains(A: Array, Q: Array, R: Array) -> tuple[Array, Array]:
     seen = np.zeros_like(A)
     seen[:, 0, 0] = 1 / R
     P = (Q + Q.swapaxes(1, 2)) / 2
-    for _ in range(DOUBLINGS):
+    largest = np.abs(P).max(axis=(1, 2))
+    # A covariance without bound doubles each time, and is too large before it overflows.
+    while np.all(largest < np.finfo(np.float64).max ** (1 / 3)):
         solved = np.linalg.solve(np.eye(n) + seen @ P, np.concatenate([step, seen], axis=2))
         turned = solved[:, :, :n]
         seen = seen + step @ solved[:, :, n:] @ step.swapaxes(1, 2)
@@ -70,8 +70,6 @@ def steady_gains(A: Array, Q: Array, R: Array) -> tuple[Array, Array]:
         P = P + more
         step = step @ turned
         largest = np.abs(P).max(axis=(1, 2))
-        if not np.all(largest < UNSTEADY):
-            break
         if np.all(np.abs(more).max(axis=(1, 2)) <= STEADY * largest):
             variance = P[:, 0, 0]
             return (A @ P[:, :, :1])[:, :, 0] / (variance + R)[:, None], variance
