@@ -12,7 +12,14 @@ from importlib import import_module
 import click
 from click.shell_completion import shell_complete
 
-from mavdem.cli.output import INTERRUPTED, complain, ending_at_once, prepare_streams, say_aside
+from mavdem.cli.output import (
+    INTERRUPTED,
+    complain,
+    ending_at_once,
+    prepare_streams,
+    printable,
+    say_aside,
+)
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
@@ -50,6 +57,8 @@ class _Commands(click.Group):
             args = ["review", *args]
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
+            if command.name == "review":
+                say_aside(f"Reviewing {printable(' '.join(filter(is_log, rest)))} …")
             with ending_at_once():
                 command = imported_command(str(command.name))
         return name, command, rest

@@ -60,7 +60,7 @@ from mavdem.report.screen import (
 )
 from mavdem.report.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import advised, section
+from mavdem.report.words import section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -225,8 +225,7 @@ def review_page(assessment: Assessment) -> str:
     place = telemetry.system, telemetry.component
     known = {place: (analysis.verdict, analysis.condition, analysis.identity)}
     held = inventory(assessment.log, analysis.verdict.axis, "{}:{}".format(*place), None, known)
-    held["vehicles"][0] |= analysis.findings.as_dict() | {"model": analysis.model}
-    held["vehicles"][0]["headline"] = assessment.headline
+    held["vehicles"][0] |= assessment.of_documents | {"model": analysis.model}
     return log_page(heading, assessment, held)
 
 
@@ -235,7 +234,7 @@ def verdict_of(analysis: LogAnalysis) -> list[Block]:
     found = analysis.findings
     blocks = list[Block]()
     if analysis.learned is None and analysis.reason is not None:
-        blocks.append(Sentence(advised(analysis.reason), "No model:"))
+        blocks.append(Sentence(str(analysis.reason), "No model:"))
     return [*blocks, *graded(found), *map(warning, found.warnings)]
 
 
@@ -329,7 +328,7 @@ def _loops_of_axes(evidence: Evidence) -> Chapter:
     for one in margins_of(evidence):
         facts = [one.loop] if isinstance(one.loop, Fact) else []
         blocks += [
-            Sentence(advised(fact.but(names=(one.axis,))), f"{one.axis.capitalize()}:")
+            Sentence(str(fact.but(names=(one.axis,))), f"{one.axis.capitalize()}:")
             for fact in one.facts or facts
         ]
     known = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}

@@ -13,8 +13,8 @@ from mavdem.report.words import headline, section
 
 COLUMNS = 80
 """Of a terminal that nobody has widened."""
-LINES = 14
-"""Of the screen: 15 with where the page is."""
+LINES = 13
+"""Of the screen: 15 with what is being read, and where the page is."""
 
 
 def screen_of(assessment: Assessment) -> str:
