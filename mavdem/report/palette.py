@@ -1,7 +1,7 @@
 """The palette: one colour a meaning, in every picture, page and dashboard, as sRGB "#rrggbb".
 
 Each has a contrast of 3 or more with white and with a dark background (WCAG 2.2, 1.4.11), and those that meet in one
-picture differ also to people with two kinds of cones (tests/report/test_palette.py).
+picture differ also to people with two kinds of cones (Machado, Oliveira and Fernandes, 2009).
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from hover import (
     with_demand,
     with_pulses,
 )
+from numpy.testing import assert_allclose, assert_array_equal
 from recorded_flights import recorded
 
 from mavdem.alignment import phases
@@ -24,7 +25,6 @@ from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import OFF_GROUND
 
 HOVER = Hover()
@@ -32,14 +32,12 @@ LIFTED = 6.0
 LANDED = HOVER.landed
 
 
-def reporting(
-    time: np.ndarray, state: np.ndarray | int, without: tuple[str, ...] = ()
-) -> Telemetry:
+def reporting(time, state, without=()):
     landed = columns(time, landed_state=np.broadcast_to(state, time.shape))
     return changed(HOVER.telemetry(without=without), "EXTENDED_SYS_STATE", **landed)
 
 
-def in_air(time: np.ndarray) -> np.ndarray:
+def in_air(time):
     return (time > LIFTED) & (time < LANDED)
 
 
@@ -83,16 +81,7 @@ def test_a_vertical_speed_that_only_sinks_has_run_away():
     )
 
 
-def test_a_recorded_flight_whose_reports_come_at_its_end():
-    signals = Signals(recorded("real/logs/ardupilot_late_landed_state.tlog"))
-    (flight,) = phases.flying(signals, 0)
-    assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
-    ((start, end),) = phases.settled(signals, 0)
-    assert start < 55 and end == pytest.approx(106, abs=2)
-    assert learnability_of(signals).reason.code is not Reason.NEVER_AIRBORNE
-
-
-def eight_and_twelve(phase: int) -> np.ndarray:
+def eight_and_twelve(phase):
     """Stamps of a 100 Hz stream out of a loop of 4 ms."""
     steps = np.resize([0.008, 0.012], round(HOVER.end * 100))
     return np.round(phase * 0.004 + np.cumsum(steps), 3)
@@ -116,7 +105,7 @@ GROUNDED = Hover(hovering=40.0)
 ON_GROUND = GROUNDED.landed + 1.0  # the motors run on for 30 s, as if nobody disarmed them
 
 
-def landed(motors, rate=None) -> Telemetry:
+def landed(motors, rate=None):
     """A hover that lands, without any report of that: on the ground ``motors`` (4,) µs, and a roll ``rate`` of it."""
     time = np.arange(0.0, ON_GROUND + 30.0, 0.02)
     ground = time > GROUNDED.landed
@@ -139,13 +128,13 @@ FLOWN = landed([1600.0] * 4, GROUNDED.roll_rate)
 TIME = FLOWN.messages["SERVO_OUTPUT_RAW"]["time"]
 
 
-def in_landing_mode() -> Telemetry:
+def in_landing_mode():
     beat = FLOWN.messages["HEARTBEAT"]
     mode = np.where(beat["time"] < GROUNDED.sinking, 5, 9)
     return changed(FLOWN, "HEARTBEAT", custom_mode=mode, base_mode=beat["base_mode"] | 1)
 
 
-def chopped_after_calm() -> Telemetry:
+def chopped_after_calm():
     wild = np.where(TIME < 30, 2e-3, 0.5) * np.sin(3 * TIME)
     chopped = np.where(np.abs(TIME - 35) < 0.5, 1100.0, pulses(FLOWN))
     return changed(with_pulses(FLOWN, chopped), "ATTITUDE", rollspeed=wild)
@@ -261,7 +250,7 @@ def test_boots_are_never_joined():
     found = settled_segments(Signals(telemetry))
     assert sorted(segment.boot for segment in found) == [0, 1]
     flight = align(Signals(telemetry), found[1])
-    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
+    assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
     with pytest.raises(ValueError, match="segment"):
         align(Signals(telemetry), Segment(boot=3, start=0.0, end=9.0))
 
@@ -271,10 +260,8 @@ def test_a_uniform_source_keeps_its_samples():
     flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
     assert flight.dt == 0.01 and flight.effect_directions is None
     assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
-    np.testing.assert_allclose(flight.outputs[:, 1], HOVER.roll_rate(flight.time), atol=1e-12)
-    np.testing.assert_allclose(
-        flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9
-    )
+    assert_allclose(flight.outputs[:, 1], HOVER.roll_rate(flight.time), atol=1e-12)
+    assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9)
 
 
 @pytest.mark.parametrize("offset", [0.002, 0.005, 0.008])
@@ -306,9 +293,7 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     errors = np.abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time))
     assert errors.max() < 0.01 * 0.2
     # The filter is flat where the dynamics are.
-    np.testing.assert_allclose(
-        flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway
-    )
+    assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway)
     assert flight.provenance["resampling"]["attitude"] == str(
         Fact(Resampling.LOW_PASSED, rate=20.0)
     )
@@ -324,28 +309,6 @@ def test_lost_messages_and_jitter_part_nothing():
         found = settled_segments(Signals(HOVER.telemetry(stamps, HOVER.stamps(50.0))))
         assert sum(segment.duration for segment in found) > 39
         assert len(found) <= 1 + np.count_nonzero(np.diff(stamps) > MAX_GAP_SECONDS)
-
-
-@pytest.mark.parametrize(
-    ("name", "dt", "kept"),
-    [
-        ("sitl_ardupilot/ardupilot_inertia_wind5_steps.tlog", 0.01, "samples kept"),
-        ("sitl_ardupilot/ardupilot_wind5_mav1_50hz.tlog", 0.02, "samples kept"),
-        ("sitl_px4/px4_wind5_gust.tlog", 0.01, "linear"),
-    ],
-)
-def test_a_recorded_flight_gives_its_hover(name, dt, kept):
-    telemetry = recorded(name)
-    segment = settled_segments(Signals(telemetry))[0]
-    flight = align(Signals(telemetry), segment)
-    assert flight.dt == dt
-    assert flight.provenance["resampling"]["motors"] == kept
-    assert flight.provenance["motors"]["positions_assumed"] is False
-    assert 60 < flight.duration < 110
-    height = -telemetry.messages["LOCAL_POSITION_NED"]["z"]
-    when = telemetry.messages["LOCAL_POSITION_NED"]["time"]
-    inside = (when > segment.start) & (when < segment.end)
-    assert np.ptp(height[inside]) < 1.0 < np.ptp(height)
 
 
 def with_roll_demand(motor_rate, demand_rate):
@@ -367,7 +330,7 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
         assert flight.input_names == ("roll demand",)
         caution = next(each for each in verdict.cautions if each.code is Caution.DEMAND_IS_INPUT)
         assert caution.figures["motor_rate"] == pytest.approx(10.0)
-        np.testing.assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
+        assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
 
 
 def test_the_inputs_that_are_asked_for_are_taken():
@@ -386,7 +349,7 @@ def test_the_inputs_that_are_asked_for_are_taken():
         learnability_of(Signals(both, inputs="torque"))
 
 
-def yawing() -> Telemetry:
+def yawing():
     """A hover that swings by 0.3 rad in yaw over the south, by motors that turn as on an X quad."""
     telemetry = HOVER.telemetry(parameters=X_QUAD_PARAMETERS)
     time = telemetry.messages["ATTITUDE"]["time"]
@@ -403,15 +366,15 @@ def test_a_flight_of_yaw_has_the_rate_only():
     assert verdict.learnable and verdict.cautions == ()
     flight = verdict.flight
     assert (flight.output_names, flight.output_units) == (("yaw rate",), ("rad/s",))
-    np.testing.assert_allclose(flight.outputs[:, 0], 0.6 * np.cos(2 * flight.time), atol=1e-9)
-    np.testing.assert_array_equal(4 * flight.effect_directions, [1, 1, -1, -1])
+    assert_allclose(flight.outputs[:, 0], 0.6 * np.cos(2 * flight.time), atol=1e-9)
+    assert_array_equal(4 * flight.effect_directions, [1, 1, -1, -1])
     assert verdict.figures.input_sd == pytest.approx(30 / np.sqrt(2), rel=0.02)
     assert verdict.figures.consistency == pytest.approx(1, abs=1e-3)
     assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
     roll = learnability_of(Signals(telemetry, "roll")).flight
-    np.testing.assert_array_equal(4 * roll.effect_directions, X_QUAD)
-    np.testing.assert_array_equal(flight.time, roll.time)
-    np.testing.assert_array_equal(flight.inputs, roll.inputs)
+    assert_array_equal(4 * roll.effect_directions, X_QUAD)
+    assert_array_equal(flight.time, roll.time)
+    assert_array_equal(flight.inputs, roll.inputs)
 
 
 @pytest.mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])

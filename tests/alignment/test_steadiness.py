@@ -12,7 +12,7 @@ from mavdem.ingest.vocabulary import attitude_target, quaternion
 HOVER = Hover(hovering=40.0)
 
 
-def steady_seconds(turn: float = 0.0, stray: float = 0.0) -> float:
+def steady_seconds(turn=0.0, stray=0.0):
     """Of 40 s, for 5 s of which the nose turns by so many °/s, and for another 5 s roll strays so far, °."""
     telemetry = HOVER.telemetry(attitude_time=20.0, motor_time=20.0)
     time = telemetry.messages["ATTITUDE"]["time"]

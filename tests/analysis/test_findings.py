@@ -33,12 +33,12 @@ GOOD, LIMITED, NONE = Grade
 EFFECT, MOTION, WIND, PREDICTION, RESIDUALS = Purpose
 
 
-def found(purpose: Purpose, *known: object, **more: object) -> Finding:
+def found(purpose, *known, **more):
     """The finding on a purpose."""
     return next(one for one in findings_of(*known, **more).purposes if one.purpose is purpose)
 
 
-def of_vehicle(oscillation=None, **hover: object) -> SimpleNamespace:
+def of_vehicle(oscillation=None, **hover):
     """The condition of a vehicle with other figures of its motors."""
     return SimpleNamespace(hover=replace(HOVER, **hover), oscillation=oscillation)
 

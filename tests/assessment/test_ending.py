@@ -14,7 +14,6 @@ from mavdem.assessment.motion import motion_events
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 
 FAILS = 30.0
@@ -28,7 +27,7 @@ PLACES = np.array([[1, 1], [-1, -1], [1, -1], [-1, 1]]) / np.sqrt(2)
 OPPOSITE = (1, 0, 3, 2)
 
 
-def flight(rate: float = 10.0, **change: object) -> Telemetry:
+def flight(rate=10.0, **change):
     """A hover at 10 m whose setpoints, heights and clips are recorded."""
     made = Hover(sway=0.0, **change).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
     time = made.messages["ATTITUDE"]["time"]
@@ -42,7 +41,7 @@ def flight(rate: float = 10.0, **change: object) -> Telemetry:
     return changed(made, "VIBRATION", **columns(at, **counts))
 
 
-def leaning(made: Telemetry, towards: np.ndarray, angle: float, seconds: float) -> Telemetry:
+def leaning(made, towards, angle, seconds):
     """The attitude leaves at ``FAILS`` in the direction ``towards`` (2,), forward and right, by so many degrees."""
     columns = made.messages["ATTITUDE"]
     since = columns["time"] - FAILS
@@ -50,7 +49,7 @@ def leaning(made: Telemetry, towards: np.ndarray, angle: float, seconds: float) 
     return changed(made, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
 
 
-def falling(made: Telemetry, seconds: float = 2.0) -> Telemetry:
+def falling(made, seconds=2.0):
     """It falls from ``FAILS`` on, at 9 m/s in the end, and stops."""
     columns = made.messages["LOCAL_POSITION_NED"]
     since = columns["time"] - FAILS
@@ -58,7 +57,7 @@ def falling(made: Telemetry, seconds: float = 2.0) -> Telemetry:
     return changed(made, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
 
 
-def driven(made: Telemetry, motor: int, output: float, since: float = FAILS) -> Telemetry:
+def driven(made, motor, output, since=FAILS):
     """The outputs of a motor, from 0, are this from ``since`` on."""
     outputs = pulses(made)
     time = made.messages["SERVO_OUTPUT_RAW"]["time"]
@@ -66,13 +65,13 @@ def driven(made: Telemetry, motor: int, output: float, since: float = FAILS) -> 
     return with_pulses(made, outputs)
 
 
-def lost(motor: int, rate: float = 10.0) -> Telemetry:
+def lost(motor, rate=10.0):
     """Motor ``motor``, from 0, loses its thrust in flight, and its autopilot fights."""
     made = falling(leaning(flight(rate), PLACES[motor], 120.0, 100.0))
     return driven(driven(made, motor, 2000.0), OPPOSITE[motor], 1100.0)
 
 
-def judged(made: Telemetry, *reported: Fact) -> tuple[dict[object, Fact], Fact | None]:
+def judged(made, *reported):
     """The last event of each code, and the ending."""
     signals = Signals(made, inputs="motors")
     events = *motion_events(signals), *reported
@@ -200,7 +199,7 @@ def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
     assert (MotionEvent.TIPPED in events) is (code is Ending.TIPPED_OVER)
 
 
-def turned(direction: np.ndarray, angle: float) -> np.ndarray:
+def turned(direction, angle):
     """The direction, forward and right, turned clockwise by so many degrees."""
     cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return np.array([[cosine, -sine], [sine, cosine]]) @ direction
@@ -252,7 +251,7 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
     assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
 
 
-def felt(made: Telemetry, time: float, most: float = 100.0) -> Telemetry:
+def felt(made, time, most=100.0):
     """Its accelerometers feel so much, m/s², at that time, and the weight at others."""
     at = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 0.04)
     force = np.where(np.abs(at - time) < 0.03, most, 9.8)
@@ -270,7 +269,7 @@ def test_what_hits_something_first_is_not_said_to_have_lost_a_motor():
     assert events[MotionEvent.HIT].time == pytest.approx(FAILS + 2.0, abs=0.05)
 
 
-def thrust_lost(motor: int) -> Fact:
+def thrust_lost(motor):
     subject = f"motor {motor}"
     return Fact(Reported.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=subject, boot=0)
 

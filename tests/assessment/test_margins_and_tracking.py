@@ -25,14 +25,13 @@ from mavdem.facts.learnability import Reason, Remedy
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover(hovering=40.0)
 TIME = HOVER.stamps(100.0)
 IGNORED = {"rates": 7, "attitude": 128}  # bits of ATTITUDE_TARGET
 
 
-def evidence(telemetry: Telemetry, **known) -> Evidence:
+def evidence(telemetry, **known):
     signals = Signals(telemetry)
     judged = learnability_of(signals), condition_of(signals)
     none = (None, None, None)
@@ -40,13 +39,13 @@ def evidence(telemetry: Telemetry, **known) -> Evidence:
     return replace(found, **known)
 
 
-def noise(seed: int = 1) -> np.ndarray:
+def noise(seed=1):
     """White below 30 Hz."""
     values = np.random.default_rng(seed).standard_normal(len(TIME))
     return lfilter([0.2, 0.4, 0.2], [1.0, -0.3, 0.1], values)
 
 
-def closed_loop(margin: float, hertz: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
+def closed_loop(margin, hertz=10.0):
     """A rate and its setpoint, of ω² / (s² + 2 ζ ω s + ω²), which has about so many degrees of phase margin."""
     omega = 2 * np.pi * hertz
     damping = np.tan(np.radians(margin)) / 2
@@ -56,7 +55,7 @@ def closed_loop(margin: float, hertz: float = 10.0) -> tuple[np.ndarray, np.ndar
     return lfilter([0.0, sum(denominator)], denominator, setpoint) + 0.05 * noise(2), setpoint
 
 
-def asked(telemetry: Telemetry, rate=None, angle=None) -> Telemetry:
+def asked(telemetry, rate=None, angle=None):
     """With setpoints of roll at 100 Hz, (N,) rad/s or rad."""
     none = 0 * TIME
     half = none if angle is None else angle / 2
@@ -71,7 +70,7 @@ def asked(telemetry: Telemetry, rate=None, angle=None) -> Telemetry:
     return changed(telemetry, "ATTITUDE_TARGET", **columns(TIME, **fields))
 
 
-def flight(rate, setpoint) -> Telemetry:
+def flight(rate, setpoint):
     """A hover at 100 Hz with a roll rate and its setpoint, (N,) rad/s."""
     return asked(changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate), rate=setpoint)
 
@@ -163,7 +162,7 @@ def test_the_response_of_ardupilots_rate_loop_is_measured_at_its_own_rate(name, 
     assert np.mean(seen.ms_interval) == pytest.approx(ms, rel=0.05)
 
 
-def following(size: float, late: float = 0.2, error: float = 0.0) -> Evidence:
+def following(size, late=0.2, error=0.0):
     """Roll ``late`` s behind a setpoint of this standard deviation, rad, and that many rad off."""
 
     def steered(time):

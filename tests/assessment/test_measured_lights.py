@@ -31,31 +31,30 @@ from mavdem.facts.events import Reported
 from mavdem.facts.log import LogLight, Simulation
 from mavdem.facts.power import PowerLight
 from mavdem.facts.wind import NoWind, WindLight
-from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
 FLYING = (TIME > 12.0) & (TIME < 60.0)
 
 
-def evidence(telemetry: Telemetry, ending: Fact | None = None) -> Evidence:
+def evidence(telemetry, ending=None):
     signals = Signals(telemetry)
     log = log_of(telemetry)
     known = learnability_of(signals), condition_of(signals)
     return Evidence(log, signals, *known, (), air_of(signals), (), ending, {})
 
 
-def measured(message: str, parameters: dict[str, float] | None = None, **fields) -> Telemetry:
+def measured(message, parameters=None, **fields):
     """The hover at 20 Hz, with a message at 5 Hz."""
     telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
     return changed(telemetry, message, **columns(TIME, **fields))
 
 
-def battery(volts: np.ndarray, parameters: dict[str, float] | None = None) -> Telemetry:
+def battery(volts, parameters=None):
     return measured("SYS_STATUS", parameters, voltage_battery=1000 * volts)
 
 
-def held(cell: float, seconds: float = 20.0) -> np.ndarray:
+def held(cell, seconds=20.0):
     """The voltage of four cells: nearly full, but ``cell`` each for so many seconds of the flight."""
     low = (TIME >= 30.0) & (30.0 + seconds > TIME)
     return np.where(low, 4 * cell, 16.4)
@@ -125,7 +124,7 @@ def test_levels_of_the_supply(usual, least, code, level):
     assert (fact.code, fact.level) == (code, level)
 
 
-def filtered(flags: int = 831, **ratios) -> Telemetry:
+def filtered(flags=831, **ratios):
     """The hover with a filter's report: its ratios are 0.1, and others for some seconds."""
     names = ("velocity", "pos_horiz", "pos_vert", "compass")
     fields = {f"{name}_variance": np.full(len(TIME), 0.1) for name in names}
@@ -247,7 +246,7 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
         assert bool(fact.remedy) == (code is not LogLight.RECORDED_FAST)
 
 
-def standing(change: float) -> Telemetry:
+def standing(change):
     """The hover with a roll rate on the ground before that goes up and down by ``change``, rad/s."""
     telemetry = HOVER.telemetry(50.0, 50.0)
     attitude = telemetry.messages["ATTITUDE"]

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, disarmed, log_of, only, with_pulses, with_texts
+from numpy.testing import assert_allclose
 from recorded_flights import recorded
 from scipy.signal import lfilter
 
@@ -16,7 +17,7 @@ from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import LEVEL, condition_of, hover_of, mean_interval
-from mavdem.condition.inventory import Tier, autopilot_alarms, identity_of, inventory, tier_of
+from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
 from mavdem.documents import vehicle as documents
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason
@@ -31,7 +32,7 @@ SERIES = 1000
 """Series whose means have an interval."""
 
 
-def uneven(rate: float) -> Telemetry:
+def uneven(rate):
     """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° to the right; a battery, and vibration."""
     rng = np.random.default_rng(7)
     telemetry = HOVER.telemetry(attitude_time=rate, motor_time=rate)
@@ -137,13 +138,13 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
 def test_a_rate_ten_times_as_high_makes_the_interval_no_narrower_where_it_adds_nothing():
     slow = np.random.default_rng(4).standard_normal((600, 20))
     often = np.repeat(slow, 10, axis=0)
-    np.testing.assert_allclose(mean_interval(often, 60.0), mean_interval(slow, 60.0), rtol=1e-3)
+    assert_allclose(mean_interval(often, 60.0), mean_interval(slow, 60.0), rtol=1e-3)
 
 
 PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
 
 
-def leaning(motor_rate: float = 100.0) -> Telemetry:
+def leaning(motor_rate=100.0):
     """A hover about 10° of roll and -4° of pitch, motor 1 at 1800 µs and, every fourth message, at 1995 µs."""
     telemetry = HOVER.telemetry(motor_time=motor_rate)
     attitude = telemetry.messages["ATTITUDE"]
@@ -262,17 +263,15 @@ CALIBRATED = {"INS_ACCOFFS_X": 0.11, "INS_ACCOFFS_Y": -0.02, "INS_ACCOFFS_Z": 0.
 CALIBRATED |= {"INS_ACCSCAL_X": 1.001, "INS_ACCSCAL_Y": 0.99, "INS_ACCSCAL_Z": 1.0}
 
 
-def flown(
-    parameters: dict[str, float] | None = None, autopilot: str = "ARDUPILOTMEGA"
-) -> Telemetry:
+def flown(parameters=None, autopilot="ARDUPILOTMEGA"):
     return Hover().telemetry(10.0, 10.0, autopilot=autopilot, parameters=parameters)
 
 
-def with_version(telemetry: Telemetry, **fields: np.ndarray) -> Telemetry:
+def with_version(telemetry, **fields):
     return changed(telemetry, "AUTOPILOT_VERSION", **columns(np.array([1.0]), **fields))
 
 
-def name_of(telemetry: Telemetry) -> tuple[str, str]:
+def name_of(telemetry):
     found = identity_of(Signals(telemetry))
     return found.name, found.basis
 
@@ -354,7 +353,7 @@ def test_one_flight_recorded_both_ways_is_of_one_vehicle_and_another_is_of_anoth
 LONG = Hover(hovering=100.0)
 
 
-def tier(telemetry: Telemetry) -> Tier:
+def tier(telemetry):
     signals = Signals(telemetry)
     return tier_of(learnability_of(signals), condition_of(signals))
 
@@ -384,7 +383,7 @@ def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     assert submarine.name is None and submarine.reason.code is Reason.NO_MULTIROTOR
 
 
-def flight(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch, lowest: str) -> mavdem.Flight:
+def flight(telemetry, monkeypatch, lowest):
     monkeypatch.setattr(read, "read_log", lambda _: Log("", (telemetry,), (), (), 0, 0, (0.0, 0.0)))
     return mavdem.read_flight("log", tier=lowest)
 
@@ -420,7 +419,7 @@ def test_rates_that_contradict_the_angles_make_no_slow_motion(monkeypatch):
     assert flight(aliased, monkeypatch, "c").dt == pytest.approx(0.1)
 
 
-def told(telemetry: Telemetry) -> dict:
+def told(telemetry):
     speaker = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"ATTITUDE": 1000}, lost=4000)
     station = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60}, lost=100)
     return inventory(Log("made-up.tlog", (telemetry,), (speaker, station), (), 0, 0, (0.0, 0.0)))
@@ -433,7 +432,7 @@ def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
     assert station["missing_share"] is None
 
 
-def stamps_of_8_and_12() -> np.ndarray:
+def stamps_of_8_and_12():
     return np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
 
 

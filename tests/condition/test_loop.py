@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, px4_rotors
+from numpy.testing import assert_allclose, assert_array_equal
 from recorded_flights import shared
 
 import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition.loop.controllers import UNMODELLED, Controller, controller_of
+from mavdem.condition.loop.controllers import UNMODELLED, controller_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import TARGETS, advise, margin_rating
 from mavdem.condition.loop.margins import OpenLoop, transfer
@@ -82,7 +83,7 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
     ours = controller_of(ARDUPILOT, "roll", X_ROLL)
     assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
 
-    def output(thrust: float) -> float:
+    def output(thrust):
         expo = ARDUPILOT["MOT_THST_EXPO"]
         return 0.15 + 0.8 * (expo - 1 + np.sqrt((1 - expo) ** 2 + 4 * expo * thrust)) / (2 * expo)
 
@@ -154,7 +155,7 @@ def test_gains_that_change_in_flight_come_with_it():
     }
 
 
-def ac_pid(controller: Controller, error: np.ndarray) -> np.ndarray:
+def ac_pid(controller, error):
     """ArduPilot's AC_PID, cycle by cycle, without its setpoint's filter."""
     dt = controller.cycle
     filtered = 0.0
@@ -183,7 +184,7 @@ def test_the_controllers_response_is_that_of_its_program():
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
     turned = np.exp(-2j * np.pi * frequency[:, None] * controller.cycle * np.arange(8000))
     run = turned @ pulse / (1 - turned[:, 1])
-    np.testing.assert_allclose(transfer(controller, frequency)[1], run, rtol=1e-6)
+    assert_allclose(transfer(controller, frequency)[1], run, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("gain", "delay"), [(12.0, 0.03), (40.0, 0.03), (60.0, 0.03)])
@@ -251,7 +252,7 @@ def test_recorded_flights_agree_or_have_no_margins():
     loop = mavdem.Learned.from_json(learned.to_json()).loop()
     assert loop.agrees and loop.measured.fit > 80
     for name, values in learned.loop().figures.items():
-        np.testing.assert_array_equal(loop.figures[name], values)
+        assert_array_equal(loop.figures[name], values)
     with pytest.raises(mavdem.NotLearnable) as refused:
         mavdem.learn(mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))[:2000]).loop()
     assert refused.value.fact.code is Loops.NO_MARGINS

@@ -9,14 +9,12 @@ from hover import changed
 from recorded_flights import recorded, shared
 
 import mavdem
-from mavdem.alignment.drive import Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, air_of, wind_of
 from mavdem.condition.wind_velocity import coming_from, torque_explained
 from mavdem.dem.airflow.model import Drag, Filtered, motion
 from mavdem.errors import NotLearnable
-from mavdem.facts import Code
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
@@ -112,10 +110,8 @@ def test_hover_takes_the_drag_of_another_flight():
     assert (
         alone.status["drag"] == Status.NOT_IDENTIFIABLE and alone.status["speed"] != Status.REPORTED
     )
-    assert "over 3 s" in wind_blocks((alone, None, None))[0].text
     alone.status["speed"] = Status.NOT_IDENTIFIABLE
-    said = wind_blocks((alone, None, None))[0].text
-    assert said.endswith(", ± 11°. Intervals hold the mean with 90 %.") and "m/s" not in said
+    assert "m/s" not in wind_blocks((alone, None, None))[0].text
     document = alone.as_dict()
     assert document["speed"] is None and not document["velocity"] and not document["minutes"]
     assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
@@ -129,16 +125,9 @@ def test_hover_takes_the_drag_of_another_flight():
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
-    own = Signal(
-        wind.time, np.zeros(len(wind.time), np.int64), np.ones((len(wind.time), 2)), len(wind.time)
-    )
-    said = wind_blocks((wind, own, None))[0].text
-    # no angle to a direction of none
-    assert "own estimate is 1.4 m/s from SW" in said and said.endswith(" m/s.")
-    assert "own" not in wind_blocks((wind, Signal(own.time, own.boot + 1, own.values), ""))[0].text
 
 
-def refused(estimate, *given) -> Code:
+def refused(estimate, *given):
     with pytest.raises(NotLearnable) as refusal:
         estimate(*given)
     assert str(refusal.value)

@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from recorded_flights import shared
 
 from mavdem.alignment.read import choose_vehicle
@@ -26,7 +27,7 @@ MEAN = np.array([0.03, -0.02, 0.01])
 EFFECT = np.array([[0.8, 0.0], [0.1, -0.4], [0.3, -0.2]])
 
 
-def gusts(rng: np.random.Generator, samples: int) -> np.ndarray:
+def gusts(rng, samples):
     """(N, 2) lean in gusts of some seconds, rad."""
     kernel = np.hanning(200)
     return (
@@ -35,7 +36,7 @@ def gusts(rng: np.random.Generator, samples: int) -> np.ndarray:
     )
 
 
-def flown(seed: int, seconds: float = 60.0, noise: float = 0.02):
+def flown(seed, seconds=60.0, noise=0.02):
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, 0.02)
     lean = np.array([0.05, -0.03]) + gusts(rng, len(time))
@@ -66,7 +67,7 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
     assert np.std(away, axis=0).min() > 0.6
     # The battery does not change it.
     charged, empty = (figures(time, scale * commands, lean) for scale in (0.8, 1.2))
-    np.testing.assert_allclose(charged.mean, empty.mean)
+    assert_allclose(charged.mean, empty.mean)
 
 
 def test_a_balance_is_of_ten_seconds_at_least():
@@ -89,7 +90,7 @@ def test_what_cannot_be_seen_is_not_known():
     assert figures(*flown(1, seconds=15.0)) is None
 
 
-def frame(vehicle: str, frame_class: int, frame_type: int, motors: int):
+def frame(vehicle, frame_class, frame_type, motors):
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, motors + 1)}
     parameters = {"FRAME_CLASS": float(frame_class), "FRAME_TYPE": float(frame_type)} | functions
     layout = motor_geometry(vehicle, "ARDUPILOTMEGA", parameters, range(1, motors + 1), 8)
@@ -110,7 +111,7 @@ def layout(request):
     return LAYOUTS[request.param]
 
 
-def trimmed(layout, thrusts: np.ndarray) -> np.ndarray:
+def trimmed(layout, thrusts):
     """Commands by which a mixer holds the forces of a hover where motor i gives ``thrusts[i]`` for a command of 1."""
     forward, right = np.array(layout.positions).T
     forces = np.array([np.ones(len(right)), -right, forward, np.array(layout.spins, dtype=float)])
@@ -126,10 +127,8 @@ def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
         thrusts = np.ones(count)
         thrusts[motor] = 1 - 1e-5
         change = (trimmed(layout, thrusts) - trimmed(layout, np.ones(count))) / 1e-5
-        np.testing.assert_allclose(change, signatures.weak_motor_commands[motor], atol=1e-4)
-        np.testing.assert_allclose(
-            signatures.weights @ change, signatures.weak_motor[motor], atol=1e-4
-        )
+        assert_allclose(change, signatures.weak_motor_commands[motor], atol=1e-4)
+        assert_allclose(signatures.weights @ change, signatures.weak_motor[motor], atol=1e-4)
 
 
 def test_axes_and_names_are_those_of_the_layout(layout):
@@ -139,7 +138,7 @@ def test_axes_and_names_are_those_of_the_layout(layout):
         "thrust",
     )
     for axis, row in zip(signatures.axes[1:], signatures.weights[1:], strict=True):
-        np.testing.assert_allclose(row, layout.effect(axis))
+        assert_allclose(row, layout.effect(axis))
     # A motor can be named where places and spins are known and differ.
     assert signatures.names_a_motor
     coaxial = [*layout.positions, *layout.positions], [*layout.spins, *layout.spins]
@@ -159,7 +158,7 @@ def flights():
     return [health_figures(path) for path in sorted(shared("real/propeller").glob("*.BIN"))]
 
 
-def health_figures(path) -> HealthFigures:
+def health_figures(path):
     signals = Signals(choose_vehicle(read_log(path).vehicles), inputs="motors")
     condition = condition_of(signals)
     layout = signals.motors.layout

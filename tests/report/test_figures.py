@@ -7,6 +7,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import mavdem
 from mavdem.analysis.residuals import correlation
@@ -99,7 +100,7 @@ def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
     assert isinstance(learned.plot, Plots) and "bode()" in repr(learned.plot)
     (line,) = learned.plot.residuals().axes[0].lines
     errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
-    np.testing.assert_allclose(line.get_ydata()[1:], errors)
+    assert_allclose(line.get_ydata()[1:], errors)
     assert np.isnan(line.get_ydata()[0]) and not line.get_rasterized()
 
 
@@ -121,9 +122,9 @@ def test_the_flight_after_the_training_data_is_one_window(flight, learned):
     assert len(figure.axes) == 1 and figure.axes[0].get_ylabel() == "roll rate (°/s)"
     held = held_out_test(flight, after, learned)
     measured, mean = figure.axes[0].lines[:2]
-    np.testing.assert_allclose(measured.get_ydata(), np.degrees(after.outputs[:, 1]))
-    np.testing.assert_allclose(mean.get_ydata(), np.degrees(held.forecasts["forecast"][0, :, 1]))
-    np.testing.assert_allclose(mean.get_xdata(), after.time)
+    assert_allclose(measured.get_ydata(), np.degrees(after.outputs[:, 1]))
+    assert_allclose(mean.get_ydata(), np.degrees(held.forecasts["forecast"][0, :, 1]))
+    assert_allclose(mean.get_xdata(), after.time)
 
 
 def test_responses_are_those_of_python_control(learned):
@@ -135,11 +136,9 @@ def test_responses_are_those_of_python_control(learned):
     time = np.linspace(0, 1.5, 31)
     response = theirs(2j * np.pi * frequency)
     for output in (0, 1):
-        np.testing.assert_allclose(
-            ours.over_frequency(frequency, output)[0], response[output, 0], rtol=1e-9
-        )
+        assert_allclose(ours.over_frequency(frequency, output)[0], response[output, 0], rtol=1e-9)
     stepped = control.step_response(theirs, time).outputs[:, 0].T
-    np.testing.assert_allclose(ours.after_step(time)[0], stepped, rtol=1e-6, atol=1e-12)
+    assert_allclose(ours.after_step(time)[0], stepped, rtol=1e-6, atol=1e-12)
 
 
 def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damping(learned):
@@ -149,19 +148,19 @@ def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damp
     systems = physical_systems(physical, motors, 2)
     outputs = systems.after_step(time)[0]
     assert (outputs[time < 0.2] == 0).all() and (outputs[time > 0.22, 1] > 0).all()
-    np.testing.assert_allclose(outputs[-1, 1], physical.effect @ motors / 4.0, rtol=1e-3)
+    assert_allclose(outputs[-1, 1], physical.effect @ motors / 4.0, rtol=1e-3)
     rate = physical_systems(physical, motors, 1).after_step(time)[0]
-    np.testing.assert_allclose(rate[:, 0], outputs[:, 1])
+    assert_allclose(rate[:, 0], outputs[:, 1])
     assert systems.b[1:, 2].std() > 0 and (systems.delay > 0).all()
 
 
 def test_draws_are_as_far_apart_as_the_parameters_are_uncertain(learned):
     systems = model_systems(learned, np.ones(4))
     covariance = learned.theta_covariance
-    np.testing.assert_array_equal(systems.A[0], learned.model.A)
+    assert_array_equal(systems.A[0], learned.model.A)
     n = learned.model.A.size
     spread = np.cov(systems.A[1:].reshape(-1, n).T)
-    np.testing.assert_allclose(spread, covariance[:n, :n], atol=0.25 * covariance[:n, :n].max())
+    assert_allclose(spread, covariance[:n, :n], atol=0.25 * covariance[:n, :n].max())
 
 
 def test_a_correlation_is_found_at_its_lag():
@@ -178,9 +177,7 @@ def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effect
     command = AxisCommand.of(learned)
     up = flight.effect_directions > 0
     difference = flight.inputs[:, up].mean(axis=1) - flight.inputs[:, ~up].mean(axis=1)
-    np.testing.assert_allclose(
-        command.series(flight.inputs), difference - difference.mean(), atol=1e-9
-    )
+    assert_allclose(command.series(flight.inputs), difference - difference.mean(), atol=1e-9)
     assert command.weights @ command.motors == pytest.approx(1)
     blind = replace(learned, record=replace(learned.record, effect_directions=None))
     assert (
@@ -190,7 +187,7 @@ def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effect
         learned,
         record=replace(blind.record, inputs=learned.record.inputs[:, :1], input_names=("roll",)),
     )
-    np.testing.assert_array_equal(AxisCommand.of(demand).weights, [1.0])
+    assert_array_equal(AxisCommand.of(demand).weights, [1.0])
 
 
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):

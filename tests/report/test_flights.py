@@ -13,33 +13,26 @@ from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
 
 
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
+    cycle = {"headline": "Oscillates.", "headline_level": "bad"}
     rows = [
         flight_row("alpha", 0),
         flight_row("alpha", 1, health="drift"),
         flight_row("alpha", 2, health="unknown"),
         flight_row("beta", 0, health="fault", suspect_motor=2),
-        flight_row("gamma", 0),
+        flight_row("newer", 3, health="drift"),
+        flight_row("board", 1, **cycle, vehicle_basis="board", firmware="PX4 v1.16.0"),
+        flight_row("mended", 0, **cycle),
+        flight_row("mended", 1),
     ]
     text = text_of(fleet_blocks(rows))
-    assert text.startswith("2 of 3 vehicles need a look: beta (fault, motor 2) and alpha (drift).")
+    worst = (
+        "beta (fault, motor 2), newer (drift), alpha (drift) and board [QUADROTOR and PX4 v1.16.0]"
+    )
+    assert text.startswith(f"4 of 5 vehicles need a look: {worst} (Oscillates")
     unjudged = text_of(
         fleet_blocks([flight_row("quad", number, health="unknown") for number in range(3)])
     )
     assert unjudged.startswith("No vehicle could be judged yet.")
-
-
-def test_the_worst_and_the_newest_come_first_with_what_a_board_is_of():
-    board = {"vehicle_basis": "board", "frame": "QUADROTOR", "firmware": "PX4 v1.16.0"}
-    cycle = {"headline": "Oscillates at 7 Hz: do not fly.", "headline_level": "bad"}
-    rows = [
-        flight_row("older", 0, health="drift"),
-        flight_row("newer", 3, health="drift"),
-        flight_row("3900213235", 1, **board, **cycle),
-        flight_row("mended", 0, **cycle),
-        flight_row("mended", 1),
-    ]
-    said = "newer (drift), older (drift) and 3900213235 [QUADROTOR and PX4 v1.16.0] (Oscillates at 7 Hz: do not fly)."
-    assert text_of(fleet_blocks(rows)).startswith(f"3 of 4 vehicles need a look: {said}")
 
 
 def test_a_repaired_vehicle_says_that_later_flights_show_nothing():

@@ -10,7 +10,7 @@ import pytest
 from browser import FITS, HOSTILE, shown
 from live_rows import flown
 from made_up_analysis import assessment, physical
-from matplotlib.figure import Figure
+from numpy.testing import assert_allclose
 
 from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
@@ -37,7 +37,7 @@ NOTHING = dict.fromkeys(Spent, 0.0)
 class Balanced(HTMLParser):
     """Raises ``AssertionError`` for tags that do not close in order, and collects them."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
         self.open: list[str] = []
         self.seen: list[str] = []
@@ -60,7 +60,7 @@ class Balanced(HTMLParser):
         assert tag in VOID or self.open.pop() == tag
 
 
-def wave(label: str = "measured", samples: int = 20_000) -> Figure:
+def wave(label="measured", samples=20_000):
     with picture() as figure:
         axes = figure.subplots()
         time = np.linspace(0, 60, samples)
@@ -73,11 +73,11 @@ def wave(label: str = "measured", samples: int = 20_000) -> Figure:
     return figure
 
 
-def refuse() -> Figure:
+def refuse():
     raise ValueError("there is no wind")
 
 
-def page(name: str = "flight.tlog") -> str:
+def page(name="flight.tlog"):
     pictures = [Picture(name, name, lambda: wave(name)) for _ in range(2)]
     blocks = [
         Sentence("", lead=f"Good: {name}"),
@@ -197,8 +197,8 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
     assert (
         fits and len(whole) == 6 and picture == "none" and title == HOSTILE
     )  # modes, three angles, motors and wind torque
-    np.testing.assert_allclose(zoomed, 15.0, atol=0.5)
-    np.testing.assert_allclose(whole, 60.0, atol=0.5)
+    assert_allclose(zoomed, 15.0, atol=0.5)
+    assert_allclose(whole, 60.0, atol=0.5)
 
 
 @pytest.mark.slow
@@ -231,7 +231,7 @@ def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
     values[4321] = -9.0
     found, _ = Line("x", "", time, values).at(np.linspace(0, 100, 501))
     assert np.nanmax(found) == 9.0 and np.nanmin(found) == -9.0 and np.isnan(found[205:295]).all()
-    np.testing.assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
+    assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
 
 
 def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():

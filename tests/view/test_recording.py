@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from made_up_analysis import assessment, physical
 from made_up_motion import made_up_motion
+from numpy.testing import assert_allclose, assert_array_equal
 from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.assessment import Assessment
 from mavdem.evaluate import held_out_test
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
@@ -36,7 +36,7 @@ def learned():
     return mavdem.learn(PARTS, SETTINGS)
 
 
-def assessed() -> Assessment:
+def assessed():
     """An assessment with alarms, the first before the flight, and an ordinary event."""
     known = assessment(physical())
     alarms = [
@@ -49,13 +49,13 @@ def assessed() -> Assessment:
 
 
 @pytest.fixture(scope="module")
-def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory):
+def recording(learned, tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "flight.rrd"
     write_recording(path, PARTS, learned, held_out_test(PARTS[-1], TEST, learned), assessed())
     return path
 
 
-def lines(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def lines(path):
     """Times, s, and values of every line over boot clock, by entity path without its place in order."""
     found = {}
     for name, chunk, batch in chunks(path):
@@ -69,7 +69,7 @@ def lines(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def documents(path: Path) -> dict[str, str]:
+def documents(path):
     batches = {
         str(chunk.entity_path): chunk.to_record_batch() for chunk in RrdReader(path).stream()
     }
@@ -82,7 +82,7 @@ def documents(path: Path) -> dict[str, str]:
     }
 
 
-def without_gaps(line: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def without_gaps(line):
     times, values = line
     return times[np.isfinite(values)], values[np.isfinite(values)]
 
@@ -103,16 +103,14 @@ def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(
     }
     for line, (time, values) in expected.items():
         times, shown = without_gaps(drawn[line])
-        np.testing.assert_allclose(times, time, atol=1e-8)
-        np.testing.assert_allclose(shown, np.degrees(values), rtol=1e-9, atol=1e-9)
+        assert_allclose(times, time, atol=1e-8)
+        assert_allclose(shown, np.degrees(values), rtol=1e-9, atol=1e-9)
     # A gap after each segment, and a band as upright strokes.
     times, shown = drawn[f"outputs/{name}/measured"]
-    np.testing.assert_allclose(
-        times[np.isnan(shown)], [part.time[-1] for part in (*PARTS, TEST)], atol=1e-8
-    )
+    assert_allclose(times[np.isnan(shown)], [part.time[-1] for part in (*PARTS, TEST)], atol=1e-8)
     times, edges = without_gaps(drawn[f"residuals/{name}/90 % band"])
-    np.testing.assert_allclose(times, np.repeat(window, 2), atol=1e-8)
-    np.testing.assert_allclose(edges[1::2], np.minimum(np.degrees(half), edges.max()), rtol=1e-9)
+    assert_allclose(times, np.repeat(window, 2), atol=1e-8)
+    assert_allclose(edges[1::2], np.minimum(np.degrees(half), edges.max()), rtol=1e-9)
     shaded, _ = without_gaps(drawn[f"outputs/{name}/held out"])
     assert (shaded.min(), shaded.max()) == pytest.approx((window[0], window[-1]))
 
@@ -127,19 +125,19 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording,
     }
     for line, values in expected.items():
         times, shown = without_gaps(drawn[line])
-        np.testing.assert_allclose(times, TIME, atol=1e-8)
-        np.testing.assert_allclose(shown, values, atol=1e-9)
+        assert_allclose(times, TIME, atol=1e-8)
+        assert_allclose(shown, values, atol=1e-9)
 
 
 def test_every_plot_is_on_the_boot_clock_and_marked_where_something_went_wrong(
-    recording: Path,
-) -> None:
+    recording,
+):
     drawn = lines(recording)
     plots = {line.rsplit("/", 1)[0] for line in drawn}
     assert {f"{plot}/went wrong" for plot in plots} <= set(drawn) and len(plots) >= 6
     for plot in plots:
         times, _ = without_gaps(drawn[f"{plot}/went wrong"])
-        np.testing.assert_allclose(times, [CHANGED, CHANGED], atol=1e-8)
+        assert_allclose(times, [CHANGED, CHANGED], atol=1e-8)
 
 
 def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned):
@@ -177,7 +175,7 @@ MOTION = made_up_motion()
 ROTORS = 0.2 * np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 
 
-def pose(**instead) -> Pose:
+def pose(**instead):
     columns = {
         field.name: getattr(MOTION, field.name) for field in fields(Pose) if field.name != "rotors"
     }
@@ -185,7 +183,7 @@ def pose(**instead) -> Pose:
 
 
 @pytest.fixture(scope="module")
-def columns(tmp_path_factory: pytest.TempPathFactory):
+def columns(tmp_path_factory):
     """By entity path, what was sent over time by component, and the time, s."""
     path: Path = tmp_path_factory.mktemp("flown") / "flight.rrd"
     write_pose(path, "made up", pose())
@@ -210,11 +208,9 @@ def test_the_vehicle_is_where_it_was_and_turned_as_it_was(columns):
     vehicle = columns["/world/here/vehicle"]
     rows = np.searchsorted(MOTION.time, here["time"] - 1e-6)
     assert len(rows) == pytest.approx(50 * 20, abs=2)
-    np.testing.assert_allclose(
-        np.array(here["translation"])[:, 0], MOTION.position[rows], atol=1e-6
-    )
+    assert_allclose(np.array(here["translation"])[:, 0], MOTION.position[rows], atol=1e-6)
     x, y, z, w = np.array(vehicle["quaternion"])[:, 0].T
-    np.testing.assert_allclose(np.column_stack([w, x, y, z]), MOTION.attitude[rows], atol=1e-6)
+    assert_allclose(np.column_stack([w, x, y, z]), MOTION.attitude[rows], atol=1e-6)
 
 
 def test_thrust_points_up_and_the_wind_at_the_vehicle(columns):
@@ -232,15 +228,13 @@ def test_lines_are_what_was_flown_and_errors_what_was_not_known(columns):
         np.degrees(0.2), abs=0.1
     )
     for name in ("0 roll rate", "1 roll"):
-        np.testing.assert_array_equal(np.ravel(columns[f"/errors/{name}"]["scalars"]), 0.0)
+        assert_array_equal(np.ravel(columns[f"/errors/{name}"]["scalars"]), 0.0)
     # what touch-down does is not in the range
     late = np.abs(MOTION.time - MOTION.time[pose().carries()][-1]) < 0.1
     assert np.ptp(_plots(pose(known_rates=MOTION.known_rates + 9.0 * late[:, None]))[2].range) < 1.0
     for n, place in enumerate(("front right", "rear left", "front left", "rear right")):
         beyond = np.ravel(columns[f"/motors/{n} {place}"]["scalars"])
-        np.testing.assert_allclose(
-            beyond, MOTION.outputs[:, n] - MOTION.outputs.mean(axis=1), atol=1e-9
-        )
+        assert_allclose(beyond, MOTION.outputs[:, n] - MOTION.outputs.mean(axis=1), atol=1e-9)
 
 
 def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
