@@ -4,8 +4,6 @@ import json
 import sys
 from pathlib import Path
 
-import pytest
-
 from mavdem.cli.commands import main
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
@@ -16,21 +14,21 @@ FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
 SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
-def strict_json(text: str) -> dict:
+def strict_json(text):
     """A document without NaN and infinity."""
 
-    def unknown(name: str) -> None:
+    def unknown(name):
         raise AssertionError(f"{name} is not JSON")
 
     return json.loads(text, parse_constant=unknown)
 
 
-def run(*words: object) -> int:
+def run(*words):
     """The exit code of a command."""
     return main([*map(str, words)])
 
 
-def refused(capsys: pytest.CaptureFixture[str], code: int, *words: object) -> str:
+def refused(capsys, code, *words):
     """The one sentence with which a command ends with this code."""
     assert run(*words) == code
     said = capsys.readouterr()

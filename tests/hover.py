@@ -1,10 +1,9 @@
 """A made-up hover for tests: a vehicle whose every signal is a known function of time, sampled as a stream would."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mavdem.ingest.telemetry import Log, Telemetry, selected
 
@@ -39,33 +38,33 @@ class Hover:
     level: float = 11.0
 
     @property
-    def sinking(self) -> float:
+    def sinking(self):
         return self.level + self.hovering
 
     @property
-    def landed(self) -> float:
+    def landed(self):
         return self.sinking + 20.0
 
     @property
-    def end(self) -> float:
+    def end(self):
         return self.landed + 5.0
 
-    def roll(self, t: Array) -> Array:
+    def roll(self, t):
         return self.sway * (np.sin(2.1 * t) + 0.5 * np.sin(7.3 * t + 1.0))
 
-    def roll_rate(self, t: Array) -> Array:
+    def roll_rate(self, t):
         return self.sway * (2.1 * np.cos(2.1 * t) + 0.5 * 7.3 * np.cos(7.3 * t + 1.0))
 
-    def roll_command(self, t: Array) -> Array:
+    def roll_command(self, t):
         """The (left − right)/4 combination of the motors, µs."""
         return self.command * np.sin(5.0 * t)
 
-    def motors(self, t: Array) -> Array:
+    def motors(self, t):
         """(N, 4) pulse widths, µs: 1000 on the ground, 1600 and the command in the air."""
         flying = (t >= 6.0) & (t < self.landed)
         return np.where(flying[:, None], 1600.0 + X_QUAD * self.roll_command(t)[:, None], 1000.0)
 
-    def climb(self, t: Array) -> Array:
+    def climb(self, t):
         return np.where(
             (t > 6.0) & (t < self.level),
             2.0,
@@ -74,13 +73,13 @@ class Hover:
 
     def telemetry(
         self,
-        attitude_time: Array | float = 100.0,
-        motor_time: Array | float = 100.0,
-        vehicle: str = "QUADROTOR",
-        autopilot: str = "ARDUPILOTMEGA",
-        parameters: dict[str, float] | None = None,
-        without: tuple[str, ...] = (),
-    ) -> Telemetry:
+        attitude_time=100.0,
+        motor_time=100.0,
+        vehicle="QUADROTOR",
+        autopilot="ARDUPILOTMEGA",
+        parameters=None,
+        without=(),
+    ):
         """The stream: stamps of attitude and motors are given, or a rate in Hz."""
         at = self.stamps(attitude_time)
         mt = self.stamps(motor_time)
@@ -104,25 +103,23 @@ class Hover:
         kept = {name: table for name, table in messages.items() if name not in without}
         return Telemetry(1, 1, vehicle, autopilot, kept, parameters or {}, "made-up.tlog")
 
-    def stamps(self, rate_or_stamps: Array | float) -> Array:
+    def stamps(self, rate_or_stamps):
         if isinstance(rate_or_stamps, float):
             return np.arange(round(self.end * rate_or_stamps)) / rate_or_stamps
         return rate_or_stamps
 
 
-def columns(time: Array, boot: int = 0, **fields: NDArray) -> dict[str, NDArray]:
+def columns(time, boot=0, **fields):
     return {"time": time, "boot": np.full(len(time), boot), **fields}
 
 
-def changed(telemetry: Telemetry, message: str, **fields: NDArray) -> Telemetry:
+def changed(telemetry, message, **fields):
     """The telemetry with other columns in one message, or with another message."""
     table = {**telemetry.messages.get(message, {}), **fields}
     return replace(telemetry, messages={**telemetry.messages, message: table})
 
 
-def only(
-    telemetry: Telemetry, wanted: Callable[[Array], NDArray[np.bool_]], *messages: str
-) -> Telemetry:
+def only(telemetry, wanted, *messages):
     """The telemetry with those messages, of the kinds that are named or of all, whose time is ``wanted``."""
     for message in messages or telemetry.messages:
         table = telemetry.messages[message]
@@ -130,21 +127,19 @@ def only(
     return telemetry
 
 
-def pulses(telemetry: Telemetry) -> Array:
+def pulses(telemetry):
     """(4, N) the outputs of motors 1 to 4."""
     return np.array([telemetry.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"] for n in range(1, 5)])
 
 
-def with_pulses(telemetry: Telemetry, outputs: ArrayLike) -> Telemetry:
+def with_pulses(telemetry, outputs):
     """The telemetry with other outputs (k, N) of the motors from 1 on."""
     return changed(
         telemetry, "SERVO_OUTPUT_RAW", **{f"servo{n}_raw": row for n, row in enumerate(outputs, 1)}
     )
 
 
-def with_demand(
-    telemetry: Telemetry, rate: float = 100.0, pace: float = 1.0, group: float = 0.0
-) -> Telemetry:
+def with_demand(telemetry, rate=100.0, pace=1.0, group=0.0):
     """The telemetry with a controller's demand beside it: roll a sine of ``pace`` rad/s, pitch nothing."""
     time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
     controls = np.zeros((len(time), 8))
@@ -154,20 +149,20 @@ def with_demand(
     return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, **fields))
 
 
-def disarmed(telemetry: Telemetry) -> Telemetry:
+def disarmed(telemetry):
     """The telemetry of a vehicle that never armed."""
     beats = len(telemetry.messages["HEARTBEAT"]["time"])
     return changed(telemetry, "HEARTBEAT", base_mode=np.ones(beats, dtype=np.uint8))
 
 
-def with_texts(telemetry: Telemetry, *texts: bytes, severity: Sequence[int] = ()) -> Telemetry:
+def with_texts(telemetry, *texts, severity=()):
     """The telemetry with texts of the autopilot, one a second from 1 s on."""
     time = np.arange(1.0, len(texts) + 1)
     fields = {"text": np.array(texts), "severity": np.array(severity or [6] * len(texts))}
     return changed(telemetry, "STATUSTEXT", **columns(time, **fields))
 
 
-def px4_rotors(*rotors: tuple[float, ...]) -> dict[str, float]:
+def px4_rotors(*rotors):
     """The parameters of rotors, each with its place, forward and right, and perhaps the torque by its thrust."""
     known = {
         f"CA_ROTOR{n}_{name}": value
@@ -177,6 +172,6 @@ def px4_rotors(*rotors: tuple[float, ...]) -> dict[str, float]:
     return {"CA_ROTOR_COUNT": float(len(rotors)), **known}
 
 
-def log_of(telemetry: Telemetry) -> Log:
+def log_of(telemetry):
     """A log of that vehicle alone."""
     return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))

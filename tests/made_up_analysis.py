@@ -28,14 +28,14 @@ NAN = float("nan")
 class Parameters(SimpleNamespace):
     """Physical parameters as they are read by reports."""
 
-    def interval(self, level: float) -> SimpleNamespace:
+    def interval(self, level):
         return self.half
 
-    def mean_effect(self, level: float) -> tuple[float, float]:
+    def mean_effect(self, level):
         return self.mean
 
     @property
-    def identifiable(self) -> bool:
+    def identifiable(self):
         return self.status["effect"] != "not identifiable"
 
 
@@ -44,7 +44,7 @@ class Halves(SimpleNamespace):
         return iter((self.effect, self.damping, self.lag, self.delay))
 
 
-def physical(share: float | None = None, **status: str) -> Parameters:
+def physical(share=None, **status):
     """Physical parameters of which these are not reported; half widths of intervals are a ``share``, if given."""
     effect = np.array([-0.0684, 0.0698, 0.0686, -0.0693])
     damping = 1.9
@@ -71,7 +71,7 @@ def physical(share: float | None = None, **status: str) -> Parameters:
     )
 
 
-def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
+def model(parameters, **wind):
     """A learned model as reports read it, with other figures of the ``wind``."""
     rng = np.random.default_rng(0)
     record = SimpleNamespace(
@@ -106,12 +106,12 @@ def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
 
 
 def held_out(
-    forecast: float = 0.1,
-    last: float = 0.5,
-    band: float = 1.0,
-    expected: float = 0.01,
-    count: int = 40,
-) -> HeldOut:
+    forecast=0.1,
+    last=0.5,
+    band=1.0,
+    expected=0.01,
+    count=40,
+):
     """Windows in which the forecast and the last sample err by so much, and the mean by 1."""
     measured = np.zeros((count, 10, 2))
     errors = {"forecast": forecast, "prediction": 0.9, "constant mean": 1.0, "hold last": last}
@@ -135,7 +135,7 @@ HOVER = HoverFigures(
 )
 
 
-def analysis(parameters: Parameters) -> LogAnalysis:
+def analysis(parameters):
     learned = model(parameters)
     windows = held_out()
     verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
@@ -144,7 +144,7 @@ def analysis(parameters: Parameters) -> LogAnalysis:
     return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)
 
 
-def assessment(parameters: Parameters, **lights: Fact) -> Assessment:
+def assessment(parameters, **lights):
     """An assessment of the :func:`analysis` whose lights are good, but for these."""
     known = {str(light): prose(f"The {light}.").but(Level.GOOD) for light in Light} | lights
     headline = Fact(Headline.NOTHING_WRONG, Level.GOOD, names=OF_VEHICLE, missing=())

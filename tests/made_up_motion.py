@@ -15,7 +15,7 @@ ROLL = 0.2
 """rad, how far the roll swings, at 0.7 Hz."""
 
 
-def made_up_motion(seconds: float = 20.0, begin: float = 0.0, autopilot: str = "px4") -> Motion:
+def made_up_motion(seconds=20.0, begin=0.0, autopilot="px4"):
     """A flight of so many seconds, on the ground at its ends; its boot clock begins at ``begin``."""
     cycle = 1 / USUAL_RATES[autopilot]
     count = round(seconds / cycle)

@@ -16,22 +16,22 @@ from mavdem.dem.engine.generative import (
 Array = NDArray[np.float64]
 
 
-def positive_definite(rng: np.random.Generator, size: int) -> Array:
+def positive_definite(rng, size):
     factor = rng.standard_normal((size, size))
     return factor @ factor.T / size + np.eye(size)
 
 
 def random_model(
-    seed: int,
-    n: int,
-    r: int,
-    m: int,
-    p: int,
-    d: int,
-    drop: bool,
-    groups: bool,
-    bounded: bool = False,
-) -> GenerativeModel:
+    seed,
+    n,
+    r,
+    m,
+    p,
+    d,
+    drop,
+    groups,
+    bounded=False,
+):
     """A model with random priors: coupled parameters, coupled hyperparameters, one λ each or one for each channel.
 
     ``bounded``: whether something is known of x before it is seen.
@@ -64,14 +64,12 @@ def random_model(
     )
 
 
-def random_samples(seed: int, model: GenerativeModel) -> SufficientStatistics:
+def random_samples(seed, model):
     rng = np.random.default_rng(seed + 1)
     return SufficientStatistics.of(rng.standard_normal((40, model.hidden.start)))
 
 
-def random_belief(
-    seed: int, model: GenerativeModel, samples: SufficientStatistics
-) -> tuple[Array, Belief]:
+def random_belief(seed, model, samples):
     """Anything a belief may be, not only what the steps arrive at; and the linear map its X comes of."""
     rng = np.random.default_rng(seed + 2)
     k = len(model.prior.theta_mean)

@@ -6,13 +6,12 @@ from pathlib import Path
 import pytest
 
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Telemetry
 
 LOGS = Path(__file__).parents[1] / "logs"
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[2] / "shared/data"))
 
 
-def shared(name: str) -> Path:
+def shared(name):
     """A recorded log, by its path within the shared data."""
     path = SHARED / name
     if not path.exists():
@@ -20,6 +19,6 @@ def shared(name: str) -> Path:
     return path
 
 
-def recorded(name: str) -> Telemetry:
+def recorded(name):
     """The first vehicle of a recorded log."""
     return read_log(shared(name)).vehicles[0]

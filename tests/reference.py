@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
 from inspect import getdoc
@@ -38,7 +37,7 @@ class Published(NamedTuple):
 
 
 @cache
-def published() -> dict[str, Published]:
+def published():
     """Returns all documents, and the table of a fleet, by name."""
     row = with_schema(FlightRow, frozen=True, config=ConfigDict(use_attribute_docstrings=True))
     return {
@@ -55,7 +54,7 @@ def published() -> dict[str, Published]:
     }
 
 
-def _headed(name: str, schema: dict[str, Any], version: int) -> dict[str, Any]:
+def _headed(name, schema, version):
     """A document's ``schema`` with the keys of its header."""
     types = {str: "string", int: "integer", dict: "object"}
     keys = {
@@ -79,7 +78,7 @@ HEADER = (
 )
 
 
-def structure(schema: Any) -> Any:
+def structure(schema):
     """Returns a JSON ``schema`` without its wording."""
     if isinstance(schema, list):
         return [structure(one) for one in schema]
@@ -92,7 +91,7 @@ def structure(schema: Any) -> Any:
     }
 
 
-def schema_text(name: str) -> str:
+def schema_text(name):
     """Returns the JSON Schema of the document of this ``name``, 2020-12."""
     whole = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -102,7 +101,7 @@ def schema_text(name: str) -> str:
     return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
 
 
-def command_page() -> str:
+def command_page():
     """Returns the page of all commands, each as its --help is."""
     whole = click.Context(mavdem, info_name="mavdem", terminal_width=86, **mavdem.context_settings)
     contexts = [click.Context(imported_command(name), whole, name) for name in mavdem.commands]
@@ -113,7 +112,7 @@ def command_page() -> str:
     return "\n\n".join(["# Commands", *parts]) + "\n"
 
 
-def file_page() -> str:
+def file_page():
     """Returns the page of all documents: their keys with type, unit and meaning."""
     parts = ["# Files and JSON", INTRODUCTION, "## Every document"]
     parts += [
@@ -143,7 +142,7 @@ def file_page() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _attributes(record: type) -> str:
+def _attributes(record):
     """The attributes of a ``record`` that its docstring lists."""
     listed = re.findall(
         r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", getdoc(record) or "", re.MULTILINE
@@ -163,7 +162,7 @@ and the schema of the old one stays here. A number is null where its value is no
 are not in every document."""
 
 
-def _keys(record: Mapping[str, Any]) -> str:
+def _keys(record):
     rows = []
     for name, key in record["properties"].items():
         if name in heading("", 0, {}) and "$defs" in record:
@@ -173,7 +172,7 @@ def _keys(record: Mapping[str, Any]) -> str:
     return _table(["key", "type", "unit", "meaning"], rows)
 
 
-def _type(key: Mapping[str, Any]) -> str:
+def _type(key):
     """The type of a ``key`` of a schema in words."""
     if "$ref" in key:
         name = key["$ref"].rpartition("/")[2]
@@ -190,19 +189,19 @@ def _type(key: Mapping[str, Any]) -> str:
     return str(key.get("type", "any"))
 
 
-def _unit(key: Any) -> str:
+def _unit(key):
     if isinstance(key, dict):
         return key.get("unit") or next(filter(None, map(_unit, key.values())), "")
     return next(filter(None, map(_unit, key)), "") if isinstance(key, list) else ""
 
 
-def _table(header: list[str], rows: list[list[str]]) -> str:
+def _table(header, rows):
     return markdown(
         [Table(header, [[cell.replace("|", "\\|") for cell in row] for row in rows], words=True)]
     )
 
 
-def contents() -> dict[Path, str]:
+def contents():
     """Returns every file that is made here, and what it must hold."""
     schemas = {
         FOLDER / "schemas" / f"{name}-{one.version}.json": schema_text(name)
@@ -211,7 +210,7 @@ def contents() -> dict[Path, str]:
     return {FOLDER / "commands.md": command_page(), FOLDER / "files.md": file_page(), **schemas}
 
 
-def write() -> None:
+def write():
     """Writes them all; raises ``ValueError`` where a schema changed and its version did not."""
     for path, text in contents().items():
         before = json.loads(path.read_text()) if path.suffix == ".json" and path.exists() else None

@@ -11,7 +11,7 @@ RATE = 4.0
 GAIN = np.array([0.08, -0.08, -0.08, 0.08])
 
 
-def simulated(seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float = 0.0) -> Flight:
+def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
     """A roll axis with damping, driven by four motors and, with ``wind``, by coloured moments (rad/s²)."""
     rng = np.random.default_rng(seed)
     fine = 10
@@ -34,7 +34,7 @@ def simulated(seed: int = 0, samples: int = 850, wind: float = 0.0, lag: float =
     return Flight(DT * np.arange(samples), 1500 + motors, outputs + [0.2, 0.0])
 
 
-def in_closed_loop(samples: int = 1000, seed: int = 0, windy: float = 10.0) -> Flight:
+def in_closed_loop(samples=1000, seed=0, windy=10.0):
     """Roll and rate answered 0.03 s late through four motors; the wind decays over 0.5 s."""
     rng = np.random.default_rng(seed)
     fine = 5

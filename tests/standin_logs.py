@@ -8,26 +8,22 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO
 
 from refusals import prose
 
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.workers import Job, Limits, LogRows, Outcome, Reader, outcome_of
-
-if TYPE_CHECKING:
-    from mavdem.fleet.tracking import TrackedLogs
+from mavdem.fleet.workers import Limits, Outcome, outcome_of
 
 READ = "standin_logs:rows_of_log"
 LIMITS = Limits(seconds=2, megabytes=600)
 _held = list[IO[str]]()
 
 
-def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
+def rows_of_log(path, key, page):
     """Two rows of one of seven vehicles, by the log's size."""
     name = path.name
     if (gate := path.parents[1] / "gate").is_fifo():
@@ -67,30 +63,30 @@ class InThisProcess:
 
     limits = LIMITS
 
-    def __init__(self, read: Callable[..., LogRows] = rows_of_log) -> None:
+    def __init__(self, read=rows_of_log):
         self.read = read
         self.seen: list[str] = []
 
-    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+    def outcomes(self, jobs):
         for job in jobs:
             self.seen.append(job.path)
             yield outcome_of(job, self.read)
 
 
 def track(
-    out: Path,
-    *names: object,
-    baseline: Sequence[object] = (),
-    reader: Reader | None = None,
-    **options: Any,
-) -> "TrackedLogs":
+    out,
+    *names,
+    baseline=(),
+    reader=None,
+    **options,
+):
     from mavdem.fleet import tracking
 
     reader = reader or InThisProcess()
     return tracking.track(out, [*map(str, names)], reader, [*map(str, baseline)], **options)
 
 
-def make_logs(folder: Path, count: int, name: str = "log") -> list[Path]:
+def make_logs(folder, count, name="log"):
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}_{number}.bin" for number in range(count)]
     for number, path in enumerate(paths):
@@ -98,7 +94,7 @@ def make_logs(folder: Path, count: int, name: str = "log") -> list[Path]:
     return paths
 
 
-def table_of(out: Path) -> bytes:
+def table_of(out):
     """The table, byte for byte."""
     from mavdem.fleet.store import TABLE
 
@@ -106,7 +102,7 @@ def table_of(out: Path) -> bytes:
     return (out / TABLE).read_bytes()
 
 
-def fleet_of(out: Path, rows: Sequence[FlightRow]) -> None:
+def fleet_of(out, rows):
     """Makes a fleet of these rows, none of them judged."""
     from mavdem.fleet.sources import Source
     from mavdem.fleet.store import opened
@@ -119,12 +115,12 @@ def fleet_of(out: Path, rows: Sequence[FlightRow]) -> None:
         fleet.publish(lambda rows, _: rows)
 
 
-def statuses(out: Path) -> dict[str, str]:
+def statuses(out):
     from mavdem.fleet.store import read_rows
 
     return {Path(row.file).name: row.status for row in read_rows(out) if row.status != "ok"}
 
 
-def seen_by(pid: int, path: str) -> tuple[str, bool]:
+def seen_by(pid, path):
     """As of ``cluster.machine``: a log that this process alone has."""
     return "the same", os.getpid() == pid

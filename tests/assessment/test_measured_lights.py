@@ -134,7 +134,7 @@ def filtered(flags=831, **ratios):
     return measured("EKF_STATUS_REPORT", flags=glitch, **fields)
 
 
-def idle_filter() -> Telemetry:
+def idle_filter():
     """The hover with a filter that does not run: all its ratios are 0."""
     names = ("velocity", "pos_horiz", "pos_vert", "compass")
     return measured("EKF_STATUS_REPORT", **{f"{name}_variance": 0 * TIME for name in names})

@@ -51,6 +51,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     [
         (["learn", FLIGHT, "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
         (["learn", FLIGHT, "--out", "x", "--vehicle", "foo"], "'foo' is no vehicle"),
+        (["learn", FLIGHT, "--out", "x", "--axis", "yaw"], "'yaw' is not one of 'roll', 'pitch'"),
         (
             ["learn", FLIGHT, "--out", "x", "--train", "many"],
             "'many' is no length: give seconds, as in 7s",

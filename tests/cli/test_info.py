@@ -35,18 +35,3 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     assert run("info", path) == 1
     said = capsys.readouterr()
     assert said.err == "" and said.out.count("ATTITUDE comes at 4.0 Hz") == 1
-
-
-def test_the_text_reports_the_same(capsys):
-    path = LOGS / "px4_wind5_steps.tlog"
-    assert run("info", path, "--axis", "pitch") == 0
-    said = capsys.readouterr().out
-    assert "\nNext: " in said and "\nA pitch model can be learned from 5:1 (" in said
-    assert "Health: no motor was found to lose thrust in 60 s of settled flight." in said
-    # Logs that were cut by message type lack most sequence numbers; that is no loss, and is not called one.
-    vehicle, station = said.splitlines()[-2:]
-    assert (
-        "keeps only some message types" in vehicle and station == "From 255:190 (GCS): 60 messages."
-    )
-    assert run("info", path, "--vehicle", "7") == 1
-    assert "5:1" in capsys.readouterr().err

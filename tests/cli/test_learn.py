@@ -220,14 +220,6 @@ def test_what_cannot_be_written_leaves_the_old_results(
     assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
 
 
-def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
-    assert run("learn", FLIGHT, "--axis", "yaw", "--out", tmp_path / "out") == 2
-    said = capsys.readouterr()
-    assert said.out == "" and "'yaw' is not one of 'roll', 'pitch', 'all'" in said.err
-    assert run("info", FLIGHT, "--axis", "yaw") == 0
-    assert "The physical parameters of yaw can be learned from" in capsys.readouterr().out
-
-
 @pytest.mark.slow
 def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

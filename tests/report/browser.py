@@ -5,8 +5,6 @@ import json
 import re
 import shutil
 import subprocess
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,7 +13,7 @@ FITS = "return document.documentElement.scrollWidth <= innerWidth"
 HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
 
 
-def shown(page: str, script: str, folder: Path, width: int = 1600, *more: str) -> tuple[str, Any]:
+def shown(page, script, folder, width=1600, *more):
     """The title of a page and what a script in it returns; the browser may not complain of anything."""
     if CHROMIUM is None:
         pytest.skip("there is no Chromium")

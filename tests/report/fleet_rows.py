@@ -15,7 +15,7 @@ MOTORS = (
 START = datetime(2026, 1, 5, 9, tzinfo=UTC)
 
 
-def flight_row(vehicle: str, number: int, axis: str = "roll", **changed: object) -> FlightRow:
+def flight_row(vehicle, number, axis="roll", **changed):
     """A row of tier a, of flights a day apart."""
     values: dict[str, object] = {
         "file": f"/logs/{vehicle}/{number:04d}.ulg",
@@ -51,7 +51,7 @@ def flight_row(vehicle: str, number: int, axis: str = "roll", **changed: object)
     return FlightRow(**(values | changed))
 
 
-def fleet_rows(flights: int, seed: int = 1) -> list[FlightRow]:
+def fleet_rows(flights, seed=1):
     """So many flights of two axes each of five vehicles, of which the second has a fault at its end; 3 refused logs."""
     rng = np.random.default_rng(seed)
     rows = []

@@ -5,10 +5,10 @@ from datetime import timedelta
 
 from fleet_rows import flight_row
 
-from mavdem.fleet.difference import since_baseline, vehicle_difference
+from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.report.blocks import text_of
-from mavdem.report.difference import baseline_blocks, difference_blocks
+from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
 
 
@@ -85,22 +85,6 @@ def flown(number, vehicle="quad", **changed):
 
 
 WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
-
-
-def words(before, after):
-    return text_of(difference_blocks(vehicle_difference(before, after)))
-
-
-def test_wind_battery_and_lean_are_conditions():
-    other = {"wind_torque_sd": 4.0, "voltage_mean": 14.0, "lean_roll": 0.2}
-    text = words(flown(0), flown(1, **other))
-    condition = next(line for line in text.splitlines() if line.startswith("Conditions"))
-    assert "battery 16.0 → 14.0 V" in condition and "+11° of roll" in condition
-    assert "wind torque on roll 46 → 229 °/s²" in condition
-    assert "Nothing changed beyond chance." in text
-    allowed = "shares for the lean and mean control effectiveness for battery and mean output"
-    assert f"Intervals that allow for conditions: {allowed}." in condition
-    assert "wind torque on roll 46 → 46 °/s²" in words(flown(0), flown(1))
 
 
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():

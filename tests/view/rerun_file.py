@@ -2,21 +2,18 @@
 
 import re
 import warnings
-from collections.abc import Iterator
-from pathlib import Path
 
-import pyarrow as pa
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import RrdReader
 
 
-def chunks(path: Path) -> Iterator[tuple[str, Chunk, pa.RecordBatch]]:
+def chunks(path):
     """Everything over time: the entity's path, without the slash before it, the chunk and its rows."""
     for chunk in _reader(path).stream():
         if not (chunk.is_static or str(chunk.entity_path).startswith("/__")):
             yield _plain(chunk.entity_path), chunk, chunk.to_record_batch()
 
 
-def views(path: Path) -> list[str]:
+def views(path):
     """The origins, without the slash, of the views of the one blueprint."""
     reader = _reader(path)
     column = "ViewBlueprint:space_origin"
@@ -29,13 +26,13 @@ def views(path: Path) -> list[str]:
     ]
 
 
-def _reader(path: Path) -> RrdReader:
+def _reader(path):
     with warnings.catch_warnings():
         # Of a flight under way there is no table of chunks at the end of the file.
         warnings.simplefilter("ignore")
         return RrdReader(path)
 
 
-def _plain(path: object) -> str:
+def _plain(path):
     letters = re.sub(r"\\u\{(\w+)\}", lambda found: chr(int(found[1], 16)), str(path))
     return letters.replace("\\", "").lstrip("/")
