@@ -54,17 +54,6 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert FULL.effect_interval == (0.02, None) and rows[2].file == "odd\\udcff\n.bin"
 
 
-def test_logs_in_another_order_give_the_same_bytes(tmp_path):
-    rows = [
-        FlightRow(file=f"{n}.bin", key=f"{n}-1", vehicle=f"quad {n % 5}", axis="roll")
-        for n in range(20)
-    ]
-    for name, order in (("one", rows), ("other", rows[::-1])):
-        fleet_of(tmp_path / name, order)
-    assert table_of(tmp_path / "one") == table_of(tmp_path / "other")
-    assert read_rows(tmp_path / "one") == sorted(rows, key=lambda row: row.order)
-
-
 def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys):
     make_logs(tmp_path / "logs", 1, "damaged")
     track(tmp_path / "fleet", tmp_path / "logs")

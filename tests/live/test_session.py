@@ -91,15 +91,9 @@ def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]
         for each in FRAMES
         if start <= each[0] - FIRST < start + seconds or (not start and each[0] < FIRST)
     ]
-    return together(here, FIRST, 0.05)
-
-
-def together(
-    frames: list[tuple[float, bytes]], begin: float, every: float
-) -> list[list[tuple[float, bytes]]]:
     return [
         list(batch)
-        for _, batch in groupby(frames, key=lambda each: max((each[0] - begin) // every, -1.0))
+        for _, batch in groupby(here, key=lambda each: max((each[0] - FIRST) // 0.05, -1.0))
     ]
 
 

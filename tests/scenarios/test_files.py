@@ -1,7 +1,6 @@
 """Scenario files: those that come with the package load; what is wrong in another is said in one sentence."""
 
 import pytest
-from hypothesis import strategies as st
 
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
@@ -79,30 +78,3 @@ def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
     guess = "there is no scenario 'hover_blowr' .did you mean 'hover_blower'.*; there are ardu"
     with pytest.raises(ValueError, match=guess):
         load("hover_blowr")
-
-
-VALUES = st.one_of(st.integers(), st.floats(), st.text(max_size=5), st.booleans(), st.none())
-PLACES = [
-    ("duration",),
-    ("height",),
-    ("seed",),
-    ("description",),
-    ("wind",),
-    ("moments",),
-    ("excitation",),
-    ("stream",),
-    ("nothing",),
-    ("vehicle", "model"),
-    ("vehicle", "battery_sag"),
-    ("wind", 0),
-    ("wind", 0, "kind"),
-    ("wind", 0, "s"),
-    ("wind", 0, "nothing"),
-    ("excitation", "kind"),
-    ("excitation", "period"),
-    ("faults", "reboot"),
-    ("stream", "rates"),
-    ("stream", "rate"),
-    ("moments", 0, "sd"),
-    ("sensors", "delay"),
-]
