@@ -29,19 +29,20 @@ from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import Method, Outcome, evaluate_window
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.window import Window, windows
-from mavdem.export.conversion import STREAMS
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
+from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.report.blocks import Block
 from mavdem.report.page import Picture
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.gains import cycle_of
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.simulation import Simulation, fly
+from sitl_scenarios.simulation import fly
 
 EXPERIMENTS = (1, 2, 3, 4, 5)
 SAMPLE = 2  # the experiment that the paper's figures of one flight show
@@ -76,11 +77,14 @@ def logged(scenario: Scenario, name: str = "flight") -> Flight:
     motion = fly(scenario)
     with TemporaryDirectory() as folder:
         log = Path(folder) / f"{name}.tlog"
-        with log.open("wb") as file:
-            STREAMS[".tlog"](
-                file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
-            )
+        write_log(log, scenario, motion)
         return read_flight(log)
+
+
+def write_log(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:
+    """Writes a telemetry log of a simulated flight."""
+    with open(path, "wb") as file:
+        write_tlog(file, recorded(scenario, motion, cycle_of(scenario), lambda _: None))
 
 
 def hover(scenario: Scenario, motion: Motion) -> Flight:

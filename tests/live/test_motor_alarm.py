@@ -11,15 +11,13 @@ from mavlink_streams import SHARED, message
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
 from mavdem.cli.live import _status_line
-from mavdem.condition.loop.controllers import USUAL_RATES
 from mavdem.facts.session import Session, Spent
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.tlog import write_tlog
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import LiveHistory
+from mavdem.paper.runner import write_log
 from mavdem.report.live import live_report
-from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
@@ -51,10 +49,7 @@ def flown(request, tmp_path_factory):
         duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream
     )
     path = tmp_path_factory.mktemp("weak") / "flight.tlog"
-    with path.open("wb") as file:
-        write_tlog(
-            file, recorded(scenario, fly(scenario), 1 / USUAL_RATES[request.param], lambda _: None)
-        )
+    write_log(path, scenario, fly(scenario))
     return path
 
 

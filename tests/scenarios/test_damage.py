@@ -9,16 +9,15 @@ import pytest
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
-from mavdem.export.conversion import STREAMS
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.paper.runner import write_log
 from sitl_scenarios.dynamics import SPINS, Damage, damages, frame, pulse
 from sitl_scenarios.files import load, scenario_of
-from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.simulation import Simulation, fly
+from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
@@ -129,10 +128,7 @@ def brief(name: str, duration: float, **vehicle: object) -> Scenario:
 
 def logged(scenario: Scenario, folder: Path) -> tuple[Motion, Telemetry]:
     motion = fly(scenario)
-    with (folder / "flight.tlog").open("wb") as file:
-        STREAMS[".tlog"](
-            file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
-        )
+    write_log(folder / "flight.tlog", scenario, motion)
     return motion, read_log(folder / "flight.tlog").vehicles[0]
 
 

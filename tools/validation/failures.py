@@ -29,11 +29,11 @@ from mavdem.assessment.motion import motion_events
 from mavdem.facts import Fact
 from mavdem.ingest import Telemetry, read_log
 from mavdem.ingest.motors import MOTOR_COUNTS, MotorGeometry, motor_geometry
-from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import ARDUPILOT, attitude_target, heartbeat_fields, quaternion
+from mavdem.paper.runner import write_log
 from sitl_scenarios.dynamics import euler, turned
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.mavlink.transmitter import recorded, rows_of_motion
+from sitl_scenarios.mavlink.transmitter import rows_of_motion
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
@@ -100,9 +100,7 @@ def _quad(
     motion, lost = _to_the_ground(flight, start)
     what = f"quad {frame} {flight.stream.autopilot} {model}"
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "flight.tlog"
-        with path.open("wb") as file:
-            write_tlog(file, recorded(flight, motion, Simulation(flight).cycle, lambda _: None))
+        write_log(path := Path(folder) / "flight.tlog", flight, motion)
         return Failure(what, motors, read_log(path).vehicles[0], lost)
 
 

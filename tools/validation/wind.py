@@ -19,11 +19,10 @@ import numpy as np
 
 from mavdem import Drag, wind
 from mavdem.condition.wind_velocity import coming_from
-from mavdem.export.conversion import STREAMS
+from mavdem.paper.runner import write_log
 from mavdem.report.blocks import Table, markdown
 from sitl_scenarios.files import load, scenario_of
-from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.simulation import Simulation, fly
+from sitl_scenarios.simulation import fly
 
 NAMES = ("legs", "hover", "turns", "jump", "calm", "turning", "profile")
 HEADS = [
@@ -64,10 +63,7 @@ def flown(
     }
     motion = fly(scenario := scenario_of(table))
     with TemporaryDirectory() as folder:
-        with (log := Path(folder) / "flight.tlog").open("wb") as file:
-            STREAMS[".tlog"](
-                file, recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
-            )
+        write_log(log := Path(folder) / "flight.tlog", scenario, motion)
         found = wind(log, drag=drag)
     truth = np.column_stack(
         [np.interp(found.time, motion.time, part) for part in motion.wind[:, :2].T]
