@@ -12,10 +12,9 @@ from itertools import islice
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-import numpy as np
+from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.mavlink.definitions import columns, definitions, seeds
-from mavdem.ingest.mavlink.framing import GOOD, find_frames
+from mavdem.ingest.mavlink.definitions import definitions
 from sitl_scenarios.mavlink.autopilots import Result, Severity
 from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.simulation import Simulation
@@ -39,20 +38,19 @@ class Received(NamedTuple):
 
 def addressed_messages(datagram: bytes, system: int, component: int) -> list[Received]:
     """The messages in a datagram that are understood and meant for this component, or for all."""
-    data = np.frombuffer(datagram, dtype=np.uint8)
+    parser = dialect.MAVLink(None)
+    parser.robust_parsing = True
     understood = []
-    for frames in find_frames(data, seeds()):
-        for row in np.flatnonzero(frames.verdict == GOOD).tolist():
-            definition = definitions()[int(frames.message_id[row])]
-            if definition.name not in UNDERSTOOD:
-                continue
-            read = columns(data, frames.start[row : row + 1], definition)
-            fields = {name: values[0] for name, values in read.items()}
-            to_system = fields["target_system"]
-            to_component = fields["target_component"]
-            if to_system in (system, BROADCAST_ID) and to_component in (component, BROADCAST_ID):
-                sender = int(frames.system[row]), int(frames.component[row])
-                understood.append(Received(definition.name, fields, *sender))
+    for message in parser.parse_buffer(datagram) or ():
+        name = message.get_type()
+        if (
+            name in UNDERSTOOD
+            and message.target_system in (system, BROADCAST_ID)
+            and message.target_component in (component, BROADCAST_ID)
+        ):
+            fields = {field: getattr(message, field) for field in message.get_fieldnames()}
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            understood.append(Received(name, fields, *sender))
     return understood
 
 
@@ -99,7 +97,7 @@ class CommandHandler:
             case "PARAM_REQUEST_READ":
                 known = self._transmitter.parameters
                 index = int(received.fields["param_index"])
-                by_name = known.get(_text(received.fields["param_id"]))
+                by_name = known.get(received.fields["param_id"])
                 if (
                     found := by_name
                     if index < 0
@@ -108,7 +106,7 @@ class CommandHandler:
                     self._transmitter.tell(found)
             case "PARAM_SET":
                 if (
-                    old := self._transmitter.parameters.get(_text(received.fields["param_id"]))
+                    old := self._transmitter.parameters.get(received.fields["param_id"])
                 ) is not None:
                     value = float(received.fields["param_value"])
                     bitwise = self._transmitter.autopilot.bitwise
@@ -212,7 +210,3 @@ def _name(message: float) -> str:
     """Of the message with this id; empty when there is none."""
     definition = definitions().get(round(message)) if isfinite(message) else None
     return definition.name if definition else ""
-
-
-def _text(field: bytes) -> str:
-    return field.split(b"\0", 1)[0].decode("ascii", errors="replace")

@@ -187,7 +187,8 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     why = {fact.figures.get("name", fact.code): reason for fact, reason in found.incomparable}
     inner = why[quantity].figures.get("reasons", (why[quantity],))
     assert [fact.code for fact in inner] == [reason]
-    document = whole("diff", {"a": "A", "b": "B", "parameters": [], **found.as_dict()})
+    known = {"a": "A", "b": "B", "parameters": [], "headlines": {"a": None, "b": None}}
+    document = whole("diff", known | found.as_dict())
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
