@@ -10,11 +10,9 @@ from collections.abc import Callable, Iterable
 from enum import IntEnum
 from itertools import islice
 from math import inf, isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
-from pymavlink.dialects.v20 import all as dialect
-
-from mavdem.ingest.mavlink.definitions import definitions
+from mavdem.ingest.mavlink.definitions import definitions, messages_in
 from sitl_scenarios.mavlink.autopilots import Result, Severity
 from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.simulation import Simulation
@@ -27,31 +25,15 @@ UNDERSTOOD = frozenset(
 """Messages that are answered; each names its target."""
 
 
-class Received(NamedTuple):
-    """A message of ``name`` with its ``fields`` from ``system`` and ``component``."""
-
-    name: str
-    fields: dict[str, Any]
-    system: int
-    component: int
-
-
-def addressed_messages(datagram: bytes, system: int, component: int) -> list[Received]:
-    """The messages in a datagram that are understood and meant for this component, or for all."""
-    parser = dialect.MAVLink(None)
-    parser.robust_parsing = True
-    understood = []
-    for message in parser.parse_buffer(datagram) or ():
-        name = message.get_type()
-        if (
-            name in UNDERSTOOD
-            and message.target_system in (system, BROADCAST_ID)
-            and message.target_component in (component, BROADCAST_ID)
-        ):
-            fields = {field: getattr(message, field) for field in message.get_fieldnames()}
-            sender = message.get_srcSystem(), message.get_srcComponent()
-            understood.append(Received(name, fields, *sender))
-    return understood
+def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any]:
+    """The messages in a datagram, of pymavlink, that are understood and meant for this component, or for all."""
+    return [
+        message
+        for message in messages_in(datagram)
+        if message.get_type() in UNDERSTOOD
+        and message.target_system in (system, BROADCAST_ID)
+        and message.target_component in (component, BROADCAST_ID)
+    ]
 
 
 class Command(IntEnum):
@@ -81,23 +63,24 @@ class CommandHandler:
         self._report = report
         self.accepted = 0
 
-    def answer(self, received: Received) -> None:
+    def answer(self, received: Any) -> None:
         """Does what a message asks for; the reply goes out with the transmitter's next block."""
-        whom = {"target_system": received.system, "target_component": received.component}
-        match received.name:
+        whom = {
+            "target_system": received.get_srcSystem(),
+            "target_component": received.get_srcComponent(),
+        }
+        match received.get_type():
             case "COMMAND_LONG" | "COMMAND_INT":
-                command = int(received.fields["command"])
-                result = self._result(
-                    command, float(received.fields["param1"]), float(received.fields["param2"])
-                )
+                command = int(received.command)
+                result = self._result(command, float(received.param1), float(received.param2))
                 self.accepted += result == Result.ACCEPTED
                 self._transmitter.ask("COMMAND_ACK", command=command, result=result, **whom)
             case "PARAM_REQUEST_LIST":
                 self._transmitter.tell_parameters()
             case "PARAM_REQUEST_READ":
                 known = self._transmitter.parameters
-                index = int(received.fields["param_index"])
-                by_name = known.get(received.fields["param_id"])
+                index = int(received.param_index)
+                by_name = known.get(received.param_id)
                 if (
                     found := by_name
                     if index < 0
@@ -105,20 +88,16 @@ class CommandHandler:
                 ) is not None:
                     self._transmitter.tell(found)
             case "PARAM_SET":
-                if (
-                    old := self._transmitter.parameters.get(received.fields["param_id"])
-                ) is not None:
-                    value = float(received.fields["param_value"])
+                if (old := self._transmitter.parameters.get(received.param_id)) is not None:
+                    value = float(received.param_value)
                     bitwise = self._transmitter.autopilot.bitwise
                     self._transmitter.parameters[old.name] = old.changed(value, bitwise) or old
                     self._transmitter.tell(self._transmitter.parameters[old.name])
             case "REQUEST_DATA_STREAM":
                 # The rate, Hz, of a group of messages, or of all groups.
                 groups = self._transmitter.autopilot.groups
-                group = int(received.fields["req_stream_id"])
-                rate = (
-                    int(received.fields["req_message_rate"]) if received.fields["start_stop"] else 0
-                )
+                group = int(received.req_stream_id)
+                rate = int(received.req_message_rate) if received.start_stop else 0
                 chosen = list(groups) if group == 0 else [group]
                 self._set_intervals(
                     (name for one in chosen for name in groups.get(one, ())),
@@ -126,9 +105,7 @@ class CommandHandler:
                 )
             case "MISSION_REQUEST_LIST":
                 # There never is a mission.
-                self._transmitter.ask(
-                    "MISSION_COUNT", mission_type=received.fields["mission_type"], **whom
-                )
+                self._transmitter.ask("MISSION_COUNT", mission_type=received.mission_type, **whom)
 
     def _result(self, command: int, first: float, second: float) -> int:
         """Obeys a command with its first two parameters; returns the MAV_RESULT."""

@@ -257,7 +257,7 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
         frames = request.due(0.2 * number, None, known)
         assert len(frames) <= 1
         for one in addressed_messages(b"".join(frames), VEHICLE.system, VEHICLE.component):
-            name = one.fields["param_id"].encode()
+            name = one.param_id.encode()
             tries[name] += 1
             if tries[name] == 3:  # the requests before, or their replies, are lost
                 known[name] = Message("PARAM_VALUE", 0.0, 0.0, (name, 1.0, 9))

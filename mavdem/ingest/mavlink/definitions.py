@@ -110,6 +110,13 @@ def columns(
     return filled
 
 
+def messages_in(data: bytes) -> list[Any]:
+    """Returns the messages in ``data`` as pymavlink has them; damage is BAD_DATA."""
+    parser = dialect.MAVLink(None)
+    parser.robust_parsing = True
+    return parser.parse_buffer(data) or []
+
+
 def enum_name(enum: str, value: int) -> str:
     """The name of an enum's entry without the enum's own name: ("MAV_TYPE", 2) is "QUADROTOR"; else the number."""
     entry = dialect.enums[enum].get(value)
