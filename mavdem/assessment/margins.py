@@ -34,16 +34,15 @@ class AxisMargins:
 
     @property
     def facts(self) -> list[Fact]:
-        """What is said of it: of the loops and of the response, and else of the spectrum."""
+        """What is known of it: of the loops or else of the spectrum, and of the response."""
         found = []
         if isinstance(self.loop, Loop) and self.loop.agrees is not False:
             found.append(_of_loop(self.loop))
+        elif self.peak is not None:
+            found.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
         if self.response is not None:
             found.append(_of_response(self.response))
-        known = [fact for fact in found if fact.level is not Level.UNKNOWN]
-        if not known and self.peak is not None:
-            known = [_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak)]
-        return known
+        return [fact for fact in found if fact.level is not Level.UNKNOWN]
 
 
 def margins_of(evidence: Evidence) -> tuple[AxisMargins, ...]:
