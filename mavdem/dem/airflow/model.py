@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import g as GRAVITY  # noqa: N812
+from scipy.spatial.transform import Rotation
 
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, require_positive_definite
@@ -243,12 +244,10 @@ def motion(
     manoeuvres do not look like drag. ``time`` (T,) and ``step`` are in s; ``attitude`` (T, 3), roll, pitch and yaw in
     rad, and velocity (T, 3), m/s north, east and down; a known ``wind`` (T, 2), m/s, is taken off the velocity.
     """
-    cr, cp, cy = np.cos(attitude).T
-    sr, sp, sy = np.sin(attitude).T
-    x = (cp * cy, cp * sy, -sp)
-    y = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp)
+    turned = Rotation.from_euler("ZYX", attitude[:, ::-1]).as_matrix()
+    x, y, z = np.transpose(turned, (2, 1, 0))
     # body z, by its part downwards
-    tilt = (cr * sp * cy + sr * sy) / (cr * cp), (cr * sp * sy - sr * cy) / (cr * cp)
+    tilt = z[:2] / z[2]
     air = np.zeros((2, len(time))) if wind is None else wind.T
     start = time[0] - float(np.median(np.diff(time))) / 2
     count = int((time[-1] - start) / step + 1e-6) + 1

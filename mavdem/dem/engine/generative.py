@@ -7,7 +7,7 @@ Everything here is linear in the data, so the data enter the engine as one matri
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
 from typing import NamedTuple
@@ -348,7 +348,6 @@ class GeneralizedMoments:
     model: GenerativeModel
     gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
     stack: Array  # (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃]
-    _latest: tuple[Array, Array, Array] | None = field(default=None, init=False)
 
     @classmethod
     def of(
@@ -368,19 +367,9 @@ class GeneralizedMoments:
 
     def errors(self, theta: Array) -> Array:
         """Σ_t ε̃ε̃ᵀ; the errors are taken before the moments, since they are far smaller than what they lie between."""
-        return self._errors(theta)[0]
+        errors = self.model.error_operator(theta) @ self.stack
+        return errors @ self.gram @ errors.T
 
     def squared_errors(self, theta: Array) -> Array:
         """Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
-        return self._errors(theta)[1]
-
-    def _errors(self, theta: Array) -> tuple[Array, Array]:
-        # Several steps in turn use those of the same θ.
-        if self._latest is None or self._latest[0] is not theta:
-            errors = self.model.error_operator(theta) @ self.stack
-            moments = errors @ self.gram @ errors.T
-            object.__setattr__(
-                self, "_latest", (theta, moments, self.model.squared_errors(moments))
-            )
-        assert self._latest is not None
-        return self._latest[1:]
+        return self.model.squared_errors(self.errors(theta))
