@@ -231,8 +231,8 @@ class ErrorBands:
 
     def update(self) -> None:
         """Computes the half widths again; done once a block, since it takes all errors."""
-        # NaN last
-        sizes = np.sort(np.where(np.isfinite(self._errors), np.abs(self._errors), np.nan))
+        # infinity and NaN last
+        sizes = np.sort(np.abs(self._errors))
         number = np.isfinite(sizes).sum(axis=-1, keepdims=True)
         # The next error is below the k-th of n with probability k/(n + 1).
         places = (
