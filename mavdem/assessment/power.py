@@ -52,6 +52,9 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     if voltage is None or not len(means):
         return
     parameters = signals.telemetry.parameters
+    acted_on = max(parameters.get(name, 0.0) for name in LOW_LEVELS + CRITICAL_LEVELS)
+    if np.ptp(voltage.values) == 0 or voltage.values.max() <= acted_on:
+        return  # no battery is connected to what measures it
     cells = _cells(signals, float(np.percentile(voltage.values, 99)))
     steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
     rows = round(LOW_SECONDS / max(float(np.median(steps)), 1e-3)) if len(steps) else 0

@@ -35,6 +35,7 @@ from mavdem.facts.wind import NoWind, WindLight
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
 FLYING = (TIME > 12.0) & (TIME < 60.0)
+SAG = np.where(FLYING, -0.01, 0.0)
 
 
 def evidence(telemetry, ending=None):
@@ -80,9 +81,9 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
         (held(3.6), {"BATT_LOW_VOLT": 14.5}, Level.WATCH),
         (held(3.6), {"BATT_CRT_VOLT": 14.5}, Level.BAD),
         # It can have seven cells, and eight.
-        (np.full(len(TIME), 8 * FULL_CELL[0] + 0.2), {}, Level.UNKNOWN),
-        (np.full(len(TIME), 7 * FULL_CELL[1] - 0.2), {}, Level.UNKNOWN),
-        (np.full(len(TIME), 8 * FULL_CELL[0] + 0.2), {"BAT1_N_CELLS": 8.0}, Level.GOOD),
+        (8 * FULL_CELL[0] + 0.2 + SAG, {}, Level.UNKNOWN),
+        (7 * FULL_CELL[1] - 0.2 + SAG, {}, Level.UNKNOWN),
+        (8 * FULL_CELL[0] + 0.2 + SAG, {"BAT1_N_CELLS": 8.0}, Level.GOOD),
     ],
 )
 def test_levels_of_the_battery(volts, parameters, level):
@@ -90,6 +91,16 @@ def test_levels_of_the_battery(volts, parameters, level):
     assert fact.level is level
     assert (fact.code is PowerLight.BATTERY_LOW) == (level in (Level.WATCH, Level.BAD))
     assert (fact.code is PowerLight.CELLS_UNKNOWN) == (level is Level.UNKNOWN)
+
+
+@pytest.mark.parametrize(
+    ("volts", "parameters"),
+    [(6.0 + SAG, {"FS_BATT_VOLTAGE": 10.5}), (12.6 + 0 * SAG, {}), (12.6 + SAG, {})],
+)
+def test_what_is_no_battery_is_not_judged(volts, parameters):
+    """Below the failsafe in the whole log, or always the same; the last is a battery."""
+    code = power_light(evidence(battery(volts, parameters))).code
+    assert (code is PowerLight.POWER_UNMEASURED) == (volts.max() < 11 or np.ptp(volts) == 0)
 
 
 def test_what_follows_a_loss_is_no_fault_of_the_battery():
