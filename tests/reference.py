@@ -42,7 +42,9 @@ def published():
     row = with_schema(FlightRow, frozen=True, config=ConfigDict(use_attribute_docstrings=True))
     return {
         **{
-            name: Published(_headed(name, one.model.model_json_schema(), one.version), *one[1:])
+            name: Published(
+                _headed(name, one.model.model_json_schema(by_alias=False), one.version), *one[1:]
+            )
             for name, one in DOCUMENTS.items()
         },
         "model": Published(

@@ -52,7 +52,9 @@ DOCUMENTS = {
 def header(name: str) -> dict[str, Any]:
     """Returns what the document of this ``name`` begins with: its name, the versions, and units by key."""
     published = DOCUMENTS[name]
-    return heading(name, published.version, units_of(published.model.model_json_schema()))
+    return heading(
+        name, published.version, units_of(published.model.model_json_schema(by_alias=False))
+    )
 
 
 def whole(name: str, document: Any) -> dict[str, Any]:
