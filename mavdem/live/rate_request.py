@@ -18,12 +18,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
-from mavdem.ingest.mavlink.definitions import (
-    FrameSender,
-    composed_frames,
-    definition_named,
-    definitions,
-)
+from mavdem.ingest.mavlink.definitions import FrameSender, definitions
 from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.messages import Message
 
@@ -131,7 +126,7 @@ class RateRequest:
         parameters: Sequence[str] = (),
     ) -> None:
         self.events: list[Fact] = []
-        self._target = {"target_system": vehicle.system, "target_component": vehicle.component}
+        self._target = vehicle
         self._parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
         self._next = -np.inf
         self._intervals = [
@@ -155,8 +150,9 @@ class RateRequest:
         while self._parameters and self._parameters[0] in known:
             self._parameters.popleft()
         if self._parameters and now >= self._next:
-            fields = self._target | {"param_id": self._parameters.popleft(), "param_index": -1}
-            frames.append(_frame("PARAM_REQUEST_READ", GROUND_STATION, fields))
+            name = self._parameters.popleft()
+            asked = dialect.MAVLink_param_request_read_message(*self._target, name, -1)
+            frames.append(_frame(asked, GROUND_STATION))
             self._next = now + PARAMETER_SECONDS
         for interval in self._intervals:
             rate = None if measured is None else measured.get(interval.message_id, 0.0)
@@ -294,29 +290,22 @@ class RateRequest:
         interval.came = False
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
-        fields = self._target | {"command": command, "param1": first, "param2": second}
-        return _frame("COMMAND_LONG", GROUND_STATION, fields)
+        given = (first, second, *[0.0] * 5)
+        message = dialect.MAVLink_command_long_message(*self._target, command, 0, *given)
+        return _frame(message, GROUND_STATION)
 
 
 def greeting() -> bytes:
     """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
-    fields = {
-        "type": dialect.MAV_TYPE_GCS,
-        "autopilot": dialect.MAV_AUTOPILOT_INVALID,
-        "system_status": ACTIVE,
-        "mavlink_version": dialect.WIRE_PROTOCOL_VERSION_NUMBER,
-    }
-    return _frame("HEARTBEAT", GREETER, fields)
+    kind, autopilot = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID
+    message = dialect.MAVLink(None).heartbeat_encode(kind, autopilot, 0, 0, ACTIVE)
+    return _frame(message, GREETER)
 
 
 _sequence = count()
 
 
-def _frame(name: str, sender: FrameSender, fields: Mapping[str, Any]) -> bytes:
-    definition = definition_named(name)
-    assert definition is not None
-    payload = np.zeros(1, dtype=definition.wire)
-    for field, value in fields.items():
-        payload[field] = value
-    number = np.array([next(_sequence) % 256], dtype=np.uint8)
-    return composed_frames(payload, definition, sender, number)[0].tobytes()
+def _frame(message: Any, sender: FrameSender) -> bytes:
+    link = dialect.MAVLink(None, *sender)
+    link.seq = next(_sequence) % 256
+    return bytes(message.pack(link))

@@ -18,6 +18,7 @@ from mavdem.live.rate_request import (
     STOPPED,
     Arrivals,
     RateRequest,
+    greeting,
 )
 from sitl_scenarios.mavlink.commands import addressed_messages
 
@@ -78,6 +79,12 @@ def test_intervals_are_noted_then_set_and_given_back():
     request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
     assert request.due(10.0, {}) == [] and request.events == []
     assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)]
+
+
+def test_a_greeting_is_the_heartbeat_of_a_ground_station_that_nobody_misses():
+    (beat,) = dialect.MAVLink(None).parse_buffer(greeting())
+    said_of_it = beat.get_srcSystem(), beat.type, beat.autopilot, beat.mavlink_version
+    assert said_of_it == (254, dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 3)
 
 
 def test_no_answer_and_a_refusal_are_reported():
