@@ -92,25 +92,23 @@ def turning_combinations(record: Record) -> Array:
     lags = min(MIXER_LAGS, max(1, record.longest // 4))
     prior = var.lag_prior(lags, MIXER_RIDGE)
 
-    def of_outputs(combinations: Array) -> tuple[var.Regression, var.ChannelUnits, float]:
-        units, statistics = _statistics(record, combinations, lags)
-        return (
-            var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE),
-            units,
-            statistics.rows,
-        )
+    def of_outputs(statistics: var.LagStatistics) -> var.Regression:
+        return var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE)
 
     found = turning_patterns(r)
-    every, units, rows = of_outputs(np.eye(r))
-    effects = every.mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
+    units, statistics = _statistics(record, np.eye(r), lags)
+    effects = (
+        of_outputs(statistics).mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0)
+        / units.scale[m:]
+    )
     size = float(np.linalg.norm(effects))
     costs = [0.0 if place < X_PATTERNS else PLUS_COST for place in range(len(found))]
     if size > 0:
         # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
         found.append(effects / size)
-        costs.append(0.5 * (r - 1) * np.log(rows))
+        costs.append(0.5 * (r - 1) * np.log(statistics.rows))
     energies = [
-        of_outputs(one[:, None])[0].free_energy - cost
+        of_outputs(_statistics(record, one[:, None], lags)[1]).free_energy - cost
         for one, cost in zip(found, costs, strict=True)
     ]
     return np.asarray(found[int(np.argmax(energies))][:, None])

@@ -249,19 +249,17 @@ class OnlineLearner:
     def _checked(
         self, time: float, inputs: ArrayLike, outputs: ArrayLike
     ) -> tuple[float, Array, Array]:
-        now = real_numbers(time, "time")
-        u = real_numbers(inputs, "inputs")
-        y = real_numbers(outputs, "outputs")
-        u = np.atleast_1d(u)
-        y = np.atleast_1d(y)
-        given = {"time": now, "inputs": u, "outputs": y}
-        shapes = ((), self._sizes[:1], self._sizes[1:])
-        for (name, numbers), shape in zip(given.items(), shapes, strict=True):
-            if numbers.shape != shape or not np.isfinite(numbers).all():
-                raise ValueError(f"{name} must be finite and of shape {shape}, not {numbers}")
+        given = (("time", time, 1), ("inputs", inputs, self._sizes[0]))
+        checked = []
+        for name, values, size in (*given, ("outputs", outputs, self._sizes[1])):
+            numbers = np.atleast_1d(real_numbers(values, name))
+            if numbers.shape != (size,) or not np.isfinite(numbers).all():
+                raise ValueError(f"{name} must be finite and of shape ({size},), not {numbers}")
             if np.abs(numbers).max() > LARGEST:
                 raise ValueError(f"{name} must not be larger than {LARGEST:g}")
-        return float(now), u, y
+            checked.append(numbers)
+        now, u, y = checked
+        return float(now[0]), u, y
 
     def _begin_segment(self) -> None:
         if self._memory.end_segment():
