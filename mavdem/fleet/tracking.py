@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.alignment.drive import MotorGeometry
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
@@ -110,7 +111,9 @@ def health_figures(row: FlightRow) -> HealthFigures:
             mean, spread, lean, effect.reshape(3, 2), error.reshape(3, 2), row.duration or 0.0
         )
     if motors:
-        signatures = motor_signatures(len(motors), row.positions or (), row.spins or ())
+        numbers = tuple(range(len(motors)))
+        layout = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
+        signatures = motor_signatures(layout)
     name = f"{row.file} {row.system} {row.component}"
     sound = row.oscillation is None and max(row.saturated or (0.0,)) < SATURATED
     return HealthFigures(

@@ -71,22 +71,12 @@ class MotorSignatures:
         return bool((cosines[~np.eye(len(size), dtype=bool)] < 0.99).all())
 
 
-def motor_signatures(
-    motors: int, positions: Sequence[tuple[float, float]] = (), spins: Sequence[int] = ()
-) -> MotorSignatures:
-    """Those of a vehicle with so many ``motors``; ``positions`` and ``spins`` are as ``MotorGeometry`` has them.
-
-    Both are empty where not known, and spins may be zeros then. Raises ValueError: they are of other motors.
-    """
-    if motors < 1 or {len(positions), len(spins)} - {0, motors}:
-        raise ValueError(
-            f"positions and spins must be of the {motors} motors, of which there is one at least"
-        )
-    layout = MotorGeometry((), (), tuple(positions), spins=tuple(spins) if all(spins) else ())
+def motor_signatures(layout: MotorGeometry) -> MotorSignatures:
+    """Returns those of a vehicle whose motors are as the ``layout`` has them."""
+    motors = len(layout.motors)
     effects = {axis: effect for axis in AXES if (effect := layout.effect(axis)) is not None}
-    return MotorSignatures(
-        ("thrust", *effects), np.array([np.full(motors, 1.0 / motors), *effects.values()])
-    )
+    weights = np.array([np.full(motors, 1.0 / motors), *effects.values()])
+    return MotorSignatures(("thrust", *effects), weights)
 
 
 class BalanceFigures(NamedTuple):
@@ -108,9 +98,7 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     motors = signals.motors
     if motors is None:
         return None
-    signatures = motor_signatures(
-        len(motors.layout.motors), motors.layout.positions, motors.layout.spins
-    )
+    signatures = motor_signatures(motors.layout)
     runs = []
     seconds = 0.0
     segments = sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start))

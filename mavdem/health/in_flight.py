@@ -95,25 +95,15 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
 
     ``prior``: long-run variance (a,) of a block, with so many degrees of ``freedom``.
     """
-    whole = len(blocks)
-    cut = len(blocks) - windows
-    weights = np.exp(np.arange(whole) * (BLOCK_SECONDS / MEMORY_SECONDS))
-    weight = np.cumsum(weights)[cut - 1]
-    square = np.cumsum(weights**2)[cut - 1]
-    before = np.cumsum(weights[:, np.newaxis] * blocks, axis=0)[cut - 1] / weight[:, np.newaxis]
-    weighed = weight**2 / square
-    sums = _sums(blocks)
-    means = [
-        (batch, (sums[batch:] - sums[:-batch]) / batch) for batch in BATCHES if len(sums) > batch
-    ]
-    batches = [(batch, _sums(mean), _sums(mean**2)) for batch, mean in means]
-    after = (sums[whole] - sums[cut]) / windows[:, np.newaxis]
-    noise = _long_run(
-        batches, np.zeros_like(cut), cut, before, np.broadcast_to(prior, before.shape), freedom
-    )
-    here = np.maximum(
-        noise, _long_run(batches, cut, np.full_like(cut, whole), after, noise, PRIOR_FREEDOM)
-    )
+    number = np.arange(len(blocks))
+    is_after = number >= len(blocks) - windows[:, np.newaxis]
+    weights = np.where(is_after, 0.0, np.exp(number * (BLOCK_SECONDS / MEMORY_SECONDS)))
+    weights /= weights.sum(axis=1, keepdims=True)
+    weighed = 1 / (weights**2).sum(axis=1)
+    before = weights @ blocks
+    after = is_after @ blocks / windows[:, np.newaxis]
+    noise = _long_run(blocks, ~is_after, before, prior, freedom)
+    here = np.maximum(noise, _long_run(blocks, is_after, after, noise, PRIOR_FREEDOM))
     variance = noise / weighed[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
     return _Changes(after - before, variance, freedom + weighed / 4, noise)
 
@@ -123,34 +113,22 @@ def _turn(heading: Any, before: Any) -> Any:
     return (heading - before + np.pi) % (2 * np.pi) - np.pi
 
 
-def _sums(values: Array) -> Array:
-    """(N + 1, a) sums of the rows of ``values`` (N, a) before each."""
-    return np.cumsum(np.pad(values, ((1, 0), (0, 0))), axis=0)
-
-
 def _long_run(
-    batches: Sequence[tuple[int, Array, Array]],
-    begin: Places,
-    end: Places,
-    mean: Array,
-    prior: Array,
-    freedom: float,
+    blocks: Array, chosen: NDArray[np.bool_], mean: Array, prior: Array, freedom: float
 ) -> Array:
-    """(w, a) n times the variance of a mean over n blocks, of those from ``begin`` to ``end`` (w,) about ``mean``.
+    """(w, a) n times the variance of a mean over n blocks, of the run that is ``chosen`` (w, N), about ``mean`` (w, a).
 
-    ``batches`` are numbers of blocks, with the :func:`_sums` of their means and of the squares of these; the ``prior``
-    (w, a) has so many degrees of ``freedom``.
+    The ``prior``, (a,) or (w, a), has so many degrees of ``freedom``.
     """
+    sums = np.cumsum(np.pad(blocks, ((1, 0), (0, 0))), axis=0)
     variance = prior
-    for batch, first, second in batches:
-        start = np.minimum(begin, len(first) - 1)
-        last = np.minimum(np.maximum(end - batch + 1, start), len(first) - 1)
-        count = (last - start)[:, np.newaxis]
-        squares = (
-            second[last] - second[start] - 2 * mean * (first[last] - first[start]) + count * mean**2
-        )
+    for batch in (batch for batch in BATCHES if batch <= len(blocks)):
+        means = (sums[batch:] - sums[:-batch]) / batch
+        inside = chosen[:, : len(means)] & chosen[:, batch - 1 :]
+        count = inside.sum(axis=1, keepdims=True)
+        squares = inside @ means**2 - 2 * mean * (inside @ means) + count * mean**2
         # Batches overlap: as many count as follow each other.
-        several = np.where(count > batch, (end - begin)[:, np.newaxis] / batch, 0.0)
+        several = np.where(count > batch, chosen.sum(axis=1, keepdims=True) / batch, 0.0)
         held = 2 * freedom / batch
         seen = several * batch * squares / np.maximum(count, 1)
         variance = np.maximum(variance, (held * prior + seen) / (held + several))
@@ -285,7 +263,7 @@ class MotorWatch:
         self.weak: dict[int, MotorAlarm] = {}
         self._layout = layout
         self._boot = boot
-        signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
+        signatures = motor_signatures(layout)
         self._is_named = signatures.names_a_motor
         self.obstacle = None if self._is_named else Fact(InFlight.MOTOR_PLACES_UNKNOWN)
         self._weights = signatures.weights[1:]

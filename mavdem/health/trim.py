@@ -48,7 +48,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
         return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
     if balance is None:
         return Fact(Trim.TRIM_UNKNOWN, least_duration=LEAST_SECONDS)
-    signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
+    signatures = motor_signatures(layout)
     effect, variance = lean_effects([balance])
     level = balance.mean - effect[0] @ balance.lean
     error = np.sqrt(balance.error**2 + variance[0] @ balance.lean**2)

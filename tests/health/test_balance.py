@@ -20,9 +20,15 @@ from mavdem.health.balance import (
     motor_signatures,
 )
 from mavdem.ingest import read_log
-from mavdem.ingest.motors import motor_geometry
+from mavdem.ingest.motors import MotorGeometry, motor_geometry
 
-QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
+
+def quad(positions=(), spins=()):
+    return motor_signatures(MotorGeometry((1, 2, 3, 4), (1, 2, 3, 4), positions, spins=spins))
+
+
+PLACES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+QUAD_X = quad(PLACES, (1, 1, -1, -1))
 MEAN = np.array([0.03, -0.02, 0.01])
 EFFECT = np.array([[0.8, 0.0], [0.1, -0.4], [0.3, -0.2]])
 
@@ -80,13 +86,13 @@ def test_what_cannot_be_seen_is_not_known():
     time, commands, lean = flown(1)
     steady = figures(time, commands, np.full((len(time), 2), 0.02))
     assert np.isnan(steady.lean_effect).all() and np.isfinite(steady.mean).all()
-    without_spins = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)])
+    without_spins = quad(PLACES)
     assert np.isfinite(figures(time, commands, lean, without_spins).mean).tolist() == [
         True,
         True,
         False,
     ]
-    assert figures(time, commands, lean, motor_signatures(4)) is None
+    assert figures(time, commands, lean, quad()) is None
     assert figures(*flown(1, seconds=15.0)) is None
 
 
@@ -122,7 +128,7 @@ def trimmed(layout, thrusts):
 
 def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
     count = len(layout.motors)
-    signatures = motor_signatures(count, layout.positions, layout.spins)
+    signatures = motor_signatures(layout)
     for motor in range(count):
         thrusts = np.ones(count)
         thrusts[motor] = 1 - 1e-5
@@ -133,24 +139,26 @@ def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
 
 def test_axes_and_names_are_those_of_the_layout(layout):
     count = len(layout.motors)
-    signatures = motor_signatures(count, layout.positions, layout.spins)
-    assert signatures.axes == ("thrust", "roll", "pitch", "yaw") and motor_signatures(4).axes == (
-        "thrust",
-    )
+    signatures = motor_signatures(layout)
+    assert signatures.axes == ("thrust", "roll", "pitch", "yaw")
+    assert quad().axes == ("thrust",)
     for axis, row in zip(signatures.axes[1:], signatures.weights[1:], strict=True):
         assert_allclose(row, layout.effect(axis))
     # A motor can be named where places and spins are known and differ.
     assert signatures.names_a_motor
-    coaxial = [*layout.positions, *layout.positions], [*layout.spins, *layout.spins]
-    assert not motor_signatures(2 * count, *coaxial).names_a_motor
-    for known in ((layout.positions,), ((), layout.spins), (layout.positions, [0] * count)):
-        assert not motor_signatures(count, *known).names_a_motor
-
-
-@pytest.mark.parametrize("given", [(0,), (4, [(1, 0)] * 3), (4, (), [1, -1])])
-def test_other_numbers_of_motors_are_refused(given):
-    with pytest.raises(ValueError, match="must"):
-        motor_signatures(*given)
+    coaxial = {
+        "motors": layout.motors * 2,
+        "positions": layout.positions * 2,
+        "spins": layout.spins * 2,
+    }
+    unknown = (
+        {"positions": ()},
+        {"spins": ()},
+        {"spins": (0,) * count},
+        {"spins": (1, *(0,) * (count - 1))},
+    )
+    for other in (coaxial, *unknown):
+        assert not motor_signatures(replace(layout, **other)).names_a_motor
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +170,7 @@ def health_figures(path):
     signals = Signals(choose_vehicle(read_log(path).vehicles), inputs="motors")
     condition = condition_of(signals)
     layout = signals.motors.layout
-    signatures = motor_signatures(len(layout.motors), layout.positions, layout.spins)
+    signatures = motor_signatures(layout)
     known = (
         signatures,
         balance_of_signals(signals),

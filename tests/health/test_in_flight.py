@@ -20,13 +20,15 @@ HEXA = np.array([(np.cos(at), np.sin(at)) for at in np.radians([90, -90, -30, 15
 OCTO = np.array([(np.cos(at), np.sin(at)) for at in np.radians(np.arange(22.5, 360, 45))])
 # places and spins
 FRAMES = {4: (X, (1, 1, -1, -1)), 6: (HEXA, (-1, 1, -1, 1, 1, -1)), 8: (OCTO, (1, -1) * 4)}
-SIGNATURES = {motors: motor_signatures(motors, *frame) for motors, frame in FRAMES.items()}
-MIXERS = {motors: np.linalg.pinv(signatures.weights) for motors, signatures in SIGNATURES.items()}
 
 
 def geometry(places, spins):
     motors = tuple(range(1, len(places) + 1))
     return MotorGeometry(motors, motors, tuple(map(tuple, places)), spins=spins)
+
+
+SIGNATURES = {motors: motor_signatures(geometry(*frame)) for motors, frame in FRAMES.items()}
+MIXERS = {motors: np.linalg.pinv(signatures.weights) for motors, signatures in SIGNATURES.items()}
 
 
 def quad(*balance):

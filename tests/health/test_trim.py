@@ -62,7 +62,7 @@ def test_the_pattern_is_named(mean, code, figures):
 def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
     """Of more than four motors neighbours help the weak one, and other causes are as likely."""
     plan = layout(motors)
-    signatures = motor_signatures(motors, plan.positions, plan.spins).weak_motor[:, 1:]
+    signatures = motor_signatures(plan).weak_motor[:, 1:]
     for name, signature in zip(plan.names, 0.4 * signatures, strict=True):
         found = trim_of(flown(signature), plan)
         assert found.subject == (name if motors == 4 else "")

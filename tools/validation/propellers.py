@@ -15,6 +15,7 @@ import click
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mavdem.alignment.drive import MotorGeometry
 from mavdem.health.assessment import assess
 from mavdem.health.balance import HealthFigures, balance_figures, motor_signatures
 from mavdem.ingest.vocabulary import IN_AIR
@@ -28,7 +29,8 @@ MOTORS = (
     "motor 3 (front left)",
     "motor 4 (rear right)",
 )
-QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
+PLACES = ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
+QUAD_X = motor_signatures(MotorGeometry((1, 2, 3, 4), (1, 2, 3, 4), PLACES, spins=(1, 1, -1, -1)))
 VERDICTS = ("ok", "drift", "fault", "unknown")
 KINDS: dict[str, dict[str, dict[str, float]]] = {"healthy": {}}
 for percent in (95, 90, 85, 80, 70):
