@@ -7,7 +7,6 @@ not follow its attitude setpoint work against something else than their own weak
 from __future__ import annotations
 
 from math import nan
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,20 +24,7 @@ MAX_STRAY = np.radians(15.0)
 """Of roll and pitch from their setpoints: half of the error from which ArduPilot's crash check counts a loss."""
 
 
-class Followed(NamedTuple):
-    """The attitude of one boot and its setpoint at ``time`` (N,), s.
-
-    Attributes:
-        angles: (N, 3) roll, pitch and heading, rad, the last without jumps.
-        asked: (N, 2) setpoints of roll and pitch, rad; NaN where there is none.
-    """
-
-    time: Array
-    angles: Array
-    asked: Array
-
-    @property
-    def strays(self) -> NDArray[np.bool_]:
+def strays(self) -> NDArray[np.bool_]:
         """(N,) where roll or pitch is known to be far from its setpoint."""
         return strays(self.angles[:, :2], self.asked)
 
@@ -55,11 +41,27 @@ def strays(angles: Array, asked: Array) -> NDArray[np.bool_]:
     return np.asarray((np.abs(angles - asked) > MAX_STRAY).any(axis=-1))
 
 
-def followed(signals: Signals, boot: int) -> Followed | None:
-    """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
+def steady(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of settled flight of ``boot`` in which its motors may be compared."""
+    time, heading, astray = _followed(signals, boot)
+    turned = np.abs(heading - np.interp(time - TURN_SECONDS, time, heading))
+    return both(settled(signals, boot), where(time, ~astray & ~(turned > MAX_TURN)))
+
+
+def headings(signals: Signals, boot: int, time: Array) -> Array:
+    """Returns the heading at ``time`` (N,), s of ``boot``, rad; NaN where the attitude strays, 0 where not recorded."""
+    known, heading, astray = _followed(signals, boot)
+    return np.interp(time, known, np.where(astray, nan, heading))
+
+
+def _followed(signals: Signals, boot: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Times (N,), s, of the attitude, the heading, rad, without jumps, and where roll or pitch strays.
+
+    Where it was not recorded, heading and time are a single 0, which holds for ever.
+    """
     yaw = attitude(signals.telemetry, "yaw")
     if yaw is None or not (rows := yaw.boot == boot).any():
-        return None
+        return np.zeros(1), np.zeros(1), np.zeros(1, dtype=np.bool_)
     time = yaw.time[rows]
     angles = []
     asked = []
@@ -69,20 +71,4 @@ def followed(signals: Signals, boot: int) -> Followed | None:
         known = (one for one in setpoints(signals.telemetry, axis) if one.unit == "rad")
         setpoint = next(known, None)
         asked.append(np.full(len(time), nan) if setpoint is None else held(setpoint, boot, time))
-    return Followed(time, np.column_stack([*angles, yaw.angle[rows]]), np.column_stack(asked))
-
-
-def steady(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of settled flight of ``boot`` in which its motors may be compared."""
-    flight = followed(signals, boot)
-    intervals = settled(signals, boot)
-    return intervals if flight is None else both(intervals, where(flight.time, flight.steady))
-
-
-def headings(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns the heading at ``time`` (N,), s of ``boot``, rad; NaN where the attitude strays, 0 where not recorded."""
-    flight = followed(signals, boot)
-    if flight is None:
-        return np.zeros(len(time))
-    heading = np.where(flight.strays, nan, flight.angles[:, 2])
-    return np.interp(time, flight.time, heading)
+    return time, yaw.angle[rows], strays(np.column_stack(angles), np.column_stack(asked))

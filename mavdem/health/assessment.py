@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -203,8 +202,6 @@ DETECTABLE_RISE = 0.2
 """What must show in a flight, or it cannot be called healthy: of four motors, a third less thrust."""
 RISES = np.linspace(0.0, 1.0, 401)[1:]
 MAX_MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
-# Of the healthy flights' mean, by axis
-CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 
 
 def lost_thrust(rise: float, exponent: float = 2.0) -> float:
@@ -226,7 +223,6 @@ class Candidates:
         signatures: of the vehicle's motors.
         change: (S, 3) of roll, pitch and yaw, in shares of the mean command.
         spread: (S, 3) standard deviation of the change about that.
-        centre: (S, 3) error of the healthy flights' mean, in its standard errors: of the candidates without a change.
         prior: (S,), with the sum 1.
         groups: the candidates of each name in ``PRIORS``; those of the motors in the order of motors, then of
             ``RISES``.
@@ -235,11 +231,10 @@ class Candidates:
     def __init__(self, signatures: MotorSignatures, priors: Mapping[str, float] = PRIORS) -> None:
         """Weighs the groups by ``priors``, of any sum."""
         total = sum(priors.values())
-        centres = np.array(list(product(CENTRE_ERRORS, repeat=3)))
         motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
         sizes, weights = shift_sizes(SHIFT)
         likely = {
-            "healthy": np.prod(list(product(CENTRE_WEIGHTS, repeat=3)), axis=1),
+            "healthy": np.ones(1),
             "motor": np.tile(np.exp(-RISES / MEAN_RISE), len(signatures.weak_motor)),
             **dict.fromkeys(("load", "yaw", "other"), weights),
         }
@@ -249,8 +244,7 @@ class Candidates:
         self.prior = np.concatenate(
             [priors[name] / total * weights / weights.sum() for name, weights in likely.items()]
         )
-        self.change, self.spread, self.centre = np.zeros((3, len(self.prior), 3))
-        self.centre[self.groups["healthy"]] = centres
+        self.change, self.spread = np.zeros((2, len(self.prior), 3))
         self.change[self.groups["motor"]] = motors
         for name, axes in {"load": (1, 1, 0), "yaw": (0, 0, 1), "other": (1, 1, 1)}.items():
             self.spread[self.groups[name]] = np.outer(sizes, axes)
@@ -260,15 +254,13 @@ class Candidates:
         prior = (
             self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
         )
-        # The candidates without a change carry the common error of the mean themselves, and so share it over flights.
-        changed = np.arange(len(prior)) >= self.groups["healthy"].stop
         spread = self.spread.copy()
         shifted = self.groups["load"]
         weak = self.groups["motor"]
         # Yaw by a load that shifted, as far as the flights' effects of lean leave it: wind pulls beside the load.
         spread[shifted, 2] = spread[shifted, 0] * away.lean
-        scale = np.sqrt(away.scale**2 + changed[:, None] * away.centre_error**2 + spread**2)
-        scales = (away.change - self.change - self.centre * away.centre_error) / scale
+        scale = np.sqrt(away.scale**2 + away.centre_error**2 + spread**2)
+        scales = (away.change - self.change) / scale
         from scipy.stats import t as student  # it takes half a second to import
 
         likelihood = (student.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)
@@ -342,7 +334,7 @@ class EffortChange(NamedTuple):
     more: float  # by which share it is greater
     usual: float  # half the width of an interval of 90 % of healthy flights
     probability: float  # that it changed
-    # (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes
+    # (S,) the probabilities of no change, then of changes by size
     candidates: Array
 
 
@@ -360,19 +352,13 @@ def effort_change(
     centre_error = np.sqrt(scatter / len(efforts))
     more = float(np.log(flight.effort) - centre)
     sizes, weights = shift_sizes(EFFORT_SHIFT)
-    prior = np.append(
-        (1 - EFFORT_CHANGED) * CENTRE_WEIGHTS / CENTRE_WEIGHTS.sum(), EFFORT_CHANGED * weights
-    )
+    prior = np.append(1 - EFFORT_CHANGED, EFFORT_CHANGED * weights)
     if before is not None:
         prior = PERSISTENCE * before.candidates + (1 - PERSISTENCE) * prior
-    # All flights share the error of the mean: without a change it is a candidate, as in the balance.
-    expected = np.append(CENTRE_ERRORS * centre_error, np.zeros_like(sizes))
-    scale = np.sqrt(scatter + np.append(np.zeros_like(CENTRE_ERRORS), centre_error**2 + sizes**2))
+    scale = np.sqrt(scatter + centre_error**2 + np.append(0.0, sizes) ** 2)
     from scipy.stats import t as student  # it takes half a second to import
 
-    posterior = prior * student.pdf((more - expected) / scale, freedom) / scale
+    posterior = prior * student.pdf(more / scale, freedom) / scale
     posterior /= posterior.sum()
     usual = float(quantile(LEVEL, freedom) * np.hypot(np.sqrt(scatter), centre_error))
-    return EffortChange(
-        float(np.expm1(more)), usual, float(posterior[len(CENTRE_ERRORS) :].sum()), posterior
-    )
+    return EffortChange(float(np.expm1(more)), usual, float(1 - posterior[0]), posterior)
