@@ -24,18 +24,6 @@ MAX_STRAY = np.radians(15.0)
 """Of roll and pitch from their setpoints: half of the error from which ArduPilot's crash check counts a loss."""
 
 
-def strays(self) -> NDArray[np.bool_]:
-        """(N,) where roll or pitch is known to be far from its setpoint."""
-        return strays(self.angles[:, :2], self.asked)
-
-    @property
-    def steady(self) -> NDArray[np.bool_]:
-        """(N,) where it does not stray, and the nose keeps its heading."""
-        heading = self.angles[:, 2]
-        turned = np.abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
-        return np.asarray(~self.strays & ~(turned > MAX_TURN))
-
-
 def strays(angles: Array, asked: Array) -> NDArray[np.bool_]:
     """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
     return np.asarray((np.abs(angles - asked) > MAX_STRAY).any(axis=-1))
