@@ -16,6 +16,7 @@ from hover import (
     with_pulses,
 )
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment import phases
@@ -46,10 +47,10 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
     (flight,) = phases.flying(Signals(telemetry), 0)
-    assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
+    assert flight == approx((LIFTED, LANDED), abs=1.1)
     verdict = learnability_of(Signals(telemetry))
     assert verdict.learnable and verdict.segment is not None
-    assert verdict.segment.end == pytest.approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
+    assert verdict.segment.end == approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
 
 
 @pytest.mark.parametrize("state", [3, 4])
@@ -57,12 +58,12 @@ def test_taking_off_and_landing_are_airborne_and_not_settled(state):
     time = HOVER.stamps(2.0)
     signals = Signals(reporting(time, np.where(in_air(time), state, 1)))
     (flight,) = phases.flying(signals, 0)
-    assert flight == pytest.approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
+    assert flight == approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
     # What is undefined reports nothing.
     (flight,) = phases.flying(
         Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0
     )
-    assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
+    assert flight == approx((LIFTED, LANDED), abs=1.1)
     # Without any motors a report holds until another.
     time = np.array([1.0, 30.0, 60.0])
     signals = Signals(reporting(time, np.array([1, 2, 2]), without=("SERVO_OUTPUT_RAW",)))
@@ -76,9 +77,7 @@ def test_a_vertical_speed_that_only_sinks_has_run_away():
         changed(telemetry, "LOCAL_POSITION_NED", vz=np.full(len(position["time"]), 5.0))
     )
     ((start, end),) = phases.settled(signals, 0)
-    assert (start, end) == pytest.approx(
-        (LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5
-    )
+    assert (start, end) == approx((LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5)
 
 
 def eight_and_twelve(phase):
@@ -90,15 +89,15 @@ def eight_and_twelve(phase):
 def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cut_by_the_clock():
     (segment,) = settled_segments(Signals(HOVER.telemetry()))
     assert segment.boot == 0
-    assert segment.start == pytest.approx(HOVER.level, abs=1.0)
-    assert segment.end == pytest.approx(HOVER.sinking, abs=1.0)
+    assert segment.start == approx(HOVER.level, abs=1.0)
+    assert segment.end == approx(HOVER.sinking, abs=1.0)
     (segment,) = settled_segments(Signals(HOVER.telemetry(without=("LOCAL_POSITION_NED",))))
-    assert segment.start == pytest.approx(6.0 + TRANSIENT_SECONDS, abs=1.0)
-    assert segment.end == pytest.approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
+    assert segment.start == approx(6.0 + TRANSIENT_SECONDS, abs=1.0)
+    assert segment.end == approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
     # A log cut out of a hover is used whole.
     cut_out = only(HOVER.telemetry(), lambda time: (time >= 15) & (time < 45))
     (segment,) = settled_segments(Signals(cut_out))
-    assert (segment.start, segment.end) == pytest.approx((15, 44.99))
+    assert (segment.start, segment.end) == approx((15, 44.99))
 
 
 GROUNDED = Hover(hovering=40.0)
@@ -166,10 +165,8 @@ FLIGHTS = {
 def test_the_ground_shows_without_any_report_and_nothing_else_is_ground(name):
     telemetry, lifted, down = FLIGHTS[name]
     ((start, end),) = phases.settled(Signals(telemetry), 0)
-    assert start == pytest.approx(lifted + TRANSIENT_SECONDS, abs=1.5)
-    assert (
-        end > ON_GROUND if down == inf else end == pytest.approx(down - TRANSIENT_SECONDS, abs=1.5)
-    )
+    assert start == approx(lifted + TRANSIENT_SECONDS, abs=1.5)
+    assert end > ON_GROUND if down == inf else end == approx(down - TRANSIENT_SECONDS, abs=1.5)
 
 
 def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
@@ -195,7 +192,7 @@ def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_re
     ((start, end),) = phases.off_ground(
         phases.flying(signals := Signals(with_pulses(telemetry, pulses)), 0), signals, 0
     )
-    assert (start, end) == pytest.approx((LIFTED, LANDED), abs=1.0)
+    assert (start, end) == approx((LIFTED, LANDED), abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -215,11 +212,11 @@ def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_re
 )
 def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
     signals = Signals(recorded(f"real/logs/{name}"), inputs="motors")
-    assert [edge for span in phases.settled(signals, 0) for edge in span] == pytest.approx(
+    assert [edge for span in phases.settled(signals, 0) for edge in span] == approx(
         settled, abs=0.5
     )
     verdict = learnability_of(Signals(signals.telemetry))
-    assert verdict.figures.airborne == pytest.approx(airborne, abs=1.0)
+    assert verdict.figures.airborne == approx(airborne, abs=1.0)
     grounded = verdict.reason.code is Reason.NEVER_AIRBORNE
     assert grounded == (verdict.figures.airborne == 0)
 
@@ -329,7 +326,7 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
     else:
         assert flight.input_names == ("roll demand",)
         caution = next(each for each in verdict.cautions if each.code is Caution.DEMAND_IS_INPUT)
-        assert caution.figures["motor_rate"] == pytest.approx(10.0)
+        assert caution.figures["motor_rate"] == approx(10.0)
         assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
 
 
@@ -338,7 +335,7 @@ def test_the_inputs_that_are_asked_for_are_taken():
     verdict = learnability_of(Signals(both, inputs="demand"))
     flight = align(Signals(both, inputs="demand"), verdict.segment)
     assert verdict.learnable and verdict.cautions[0].code is Caution.DEMAND_IS_INPUT
-    assert flight.input_names == ("roll demand",) and flight.dt == pytest.approx(0.02)
+    assert flight.input_names == ("roll demand",) and flight.dt == approx(0.02)
     slow_motors = learnability_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
     assert slow_motors.reason.figures["remedy"].code is Remedy.LEAVE_OUT_MOTORS
     neither = learnability_of(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
@@ -368,8 +365,8 @@ def test_a_flight_of_yaw_has_the_rate_only():
     assert (flight.output_names, flight.output_units) == (("yaw rate",), ("rad/s",))
     assert_allclose(flight.outputs[:, 0], 0.6 * np.cos(2 * flight.time), atol=1e-9)
     assert_array_equal(4 * flight.effect_directions, [1, 1, -1, -1])
-    assert verdict.figures.input_sd == pytest.approx(30 / np.sqrt(2), rel=0.02)
-    assert verdict.figures.consistency == pytest.approx(1, abs=1e-3)
+    assert verdict.figures.input_sd == approx(30 / np.sqrt(2), rel=0.02)
+    assert verdict.figures.consistency == approx(1, abs=1e-3)
     assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
     roll = learnability_of(Signals(telemetry, "roll")).flight
     assert_array_equal(4 * roll.effect_directions, X_QUAD)

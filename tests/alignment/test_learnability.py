@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns, disarmed, only, pulses, with_demand, with_pulses
+from pytest import approx
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.drive import DEMAND_MESSAGE
@@ -46,12 +47,12 @@ def test_a_hover_at_100_hz_is_learnable():
     learnability = judged(HOVER.telemetry())
     assert learnability.reason.code is Reason.LEARNABLE
     figures = learnability.figures
-    assert figures.attitude_rate == pytest.approx(100) and figures.motor_rate == pytest.approx(100)
+    assert figures.attitude_rate == approx(100) and figures.motor_rate == approx(100)
     assert learnability.reason.figures["motor_rate"] == figures.motor_rate
-    assert figures.input_sd == pytest.approx(HOVER.command / np.sqrt(2), rel=0.02)
-    assert figures.consistency == pytest.approx(1, abs=1e-3)
-    assert figures.armed == pytest.approx(HOVER.landed + 1 - 5, abs=1.0)
-    assert figures.airborne == pytest.approx(HOVER.landed - 6, abs=2.0)
+    assert figures.input_sd == approx(HOVER.command / np.sqrt(2), rel=0.02)
+    assert figures.consistency == approx(1, abs=1e-3)
+    assert figures.armed == approx(HOVER.landed + 1 - 5, abs=1.0)
+    assert figures.airborne == approx(HOVER.landed - 6, abs=2.0)
 
 
 def test_messages_are_called_by_their_names_in_the_log():
@@ -77,9 +78,9 @@ def slow_then_fast(change, fast_from):
 def test_the_fast_part_of_a_flight_is_learned_from_and_the_slow_part_is_not(fast_from):
     learnability = judged(slow_then_fast(100.0, fast_from))
     assert learnability.learnable
-    assert learnability.segment.start == pytest.approx(fast_from, abs=0.1)
-    assert learnability.figures.attitude_rate == pytest.approx(100, rel=1e-3)
-    assert learnability.figures.attitude_gap == pytest.approx(0.01)
+    assert learnability.segment.start == approx(fast_from, abs=0.1)
+    assert learnability.figures.attitude_rate == approx(100, rel=1e-3)
+    assert learnability.figures.attitude_gap == approx(0.01)
 
 
 def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest():
@@ -88,7 +89,7 @@ def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest
     )
     reason = refused_for(LONG.telemetry(stamps, stamps))
     assert reason.code is Reason.STREAMS_TOO_SLOW
-    assert reason.figures["rates"] == pytest.approx((15.0, 15.0), abs=5)
+    assert reason.figures["rates"] == approx((15.0, 15.0), abs=5)
 
 
 def test_all_messages_are_blamed_that_are_slow_and_none_that_is_not():
@@ -113,7 +114,7 @@ STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_
 def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
     reason = learnability_of(Signals(slowed(change)), components=(STATION,)).reason
     assert reason.code is Reason.SLOWED_DOWN and reason.figures["name"] == "ATTITUDE"
-    assert reason.figures["start"] == pytest.approx(change, abs=1)
+    assert reason.figures["start"] == approx(change, abs=1)
     assert 3 < reason.figures["rate"] < 5
     remedy = reason.figures["remedy"]
     assert remedy.code is Remedy.STOP_ASKING_FOR_RATES and remedy.figures["names"] == ("255:190",)
@@ -162,7 +163,7 @@ def test_the_longest_segment_that_can_be_learned_from_is_taken_or_the_longest_ex
     longest, second = settled_segments(Signals(telemetry))
     learnability = judged(telemetry)
     assert learnability.learnable and learnability.segment == second
-    assert learnability.figures.duration == pytest.approx(second.duration, abs=0.1)
+    assert learnability.figures.duration == approx(second.duration, abs=0.1)
     refused = judged(with_contradiction(telemetry, 0.0, LONG.end))
     assert not refused.learnable and refused.segment == longest
     assert refused.reason.code is Reason.RATE_CONTRADICTS_ANGLE
@@ -181,7 +182,7 @@ def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
 def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_idles_lower():
     telemetry = HOVER.telemetry()
     strong = with_pulses(telemetry, 1000 + (pulses(telemetry) - 1000) // 3)
-    assert refused_for(strong).figures["least_collective"] == pytest.approx(0.2)
+    assert refused_for(strong).figures["least_collective"] == approx(0.2)
     strong = dataclasses.replace(strong, parameters={**strong.parameters, "MOT_SPIN_MIN": 0.06})
     assert judged(strong).learnable
 
@@ -200,7 +201,7 @@ def test_a_figure_is_doubted_below_its_limit_only(figure, limit, caution):
         cautions = cautions_of(signals, dataclasses.replace(figures, **{figure: value}))
         assert codes(cautions) - {Caution.MIXER_ASSUMED} == doubted
         # 1/(1 + 20): rounding can shrink what is learned by 5 %.
-        assert all(fact.figures.get("share", 0.05) == pytest.approx(0.05, 0.1) for fact in cautions)
+        assert all(fact.figures.get("share", 0.05) == approx(0.05, 0.1) for fact in cautions)
 
 
 def with_outputs(outputs=None, **parameters):
@@ -242,7 +243,7 @@ REFUSED = {
         HOVER.telemetry(100.0, 10.0),
         Reason.STREAMS_TOO_SLOW,
         Remedy.ARDUPILOT_STREAMS,
-        {"names": ("SERVO_OUTPUT_RAW",), "rates": pytest.approx((10.0,), 0.01)},
+        {"names": ("SERVO_OUTPUT_RAW",), "rates": approx((10.0,), 0.01)},
     ),
     "slow PX4": (
         HOVER.telemetry(4.0, 4.0, autopilot="PX4"),
@@ -260,7 +261,7 @@ REFUSED = {
         HOVER.telemetry(GAPS, GAPS),
         Reason.TOO_SHORT,
         None,
-        {"duration": pytest.approx(2.5, 0.02)},
+        {"duration": approx(2.5, 0.02)},
     ),
     "no attitude": (
         HOVER.telemetry(without=("ATTITUDE",)),
@@ -293,7 +294,7 @@ REFUSED = {
         idling(),
         Reason.NEVER_AIRBORNE,
         Remedy.RECORD_A_FLIGHT,
-        {"collective": pytest.approx(0.105, abs=0.005), "least_collective": pytest.approx(0.2)},
+        {"collective": approx(0.105, abs=0.005), "least_collective": approx(0.2)},
     ),
     "shaking": (
         shaking(),
@@ -342,7 +343,7 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
     near = learnability_of(Signals(rounded(Hover(command=0.5))))
     assert near.learnable
     truth = (0.5**2 / 2) / (1 / 12 * np.sum(X_QUAD**2) / 16)
-    assert near.figures.input_snr == pytest.approx(truth, rel=0.3)
+    assert near.figures.input_snr == approx(truth, rel=0.3)
     refused = refused_for(rounded(Hover(command=0.1)))
     assert refused.code is Reason.COMMAND_ROUNDED and refused.figures["command_step"] == 1
 
@@ -409,7 +410,7 @@ def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
 ):
     reason = refused_for(held(in_whole_pulses(HOVER.telemetry()), message, rows, (only,)))
     assert reason.code is Reason.VALUES_REPEATED and reason.figures["name"] == message
-    assert reason.figures["rate"] == pytest.approx(100)
+    assert reason.figures["rate"] == approx(100)
     # At its turning points a rounded command may be the same twice running.
     assert 0.9 * told <= reason.figures["fresh_rate"] <= 1.01 * told
 
@@ -432,19 +433,17 @@ def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
     whole = in_whole_pulses(Hover(command=2.0).telemetry())
     assert np.mean((np.diff(pulses(whole)) == 0).all(axis=0)) > 0.8
     learnability = judged(whole)
-    assert learnability.learnable and learnability.figures.motor_fresh == pytest.approx(100)
+    assert learnability.learnable and learnability.figures.motor_fresh == approx(100)
 
 
 def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     doubted = learnability_of(Signals(with_steps(0.05, HOVER.telemetry())))
     assert doubted.learnable
     assert Caution.NEAR_RESOLUTION in codes(doubted.cautions)
-    assert doubted.figures.angle_step == pytest.approx(
-        0.05
-    ) and doubted.figures.rate_step == pytest.approx(0.05)
+    assert doubted.figures.angle_step == approx(0.05) and doubted.figures.rate_step == approx(0.05)
     time = np.arange(0, 40, 0.01)
     change = HOVER.roll(time + 0.2) - HOVER.roll(time)
-    assert doubted.figures.output_snr == pytest.approx(change.var() / (0.05**2 / 6), rel=0.3)
+    assert doubted.figures.output_snr == approx(change.var() / (0.05**2 / 6), rel=0.3)
     time = HOVER.stamps(100.0)
     slow = changed(
         HOVER.telemetry(),
@@ -455,7 +454,7 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     assert judged(slow).learnable
     refused = refused_for(with_steps(0.05, slow))
     assert refused.code is Reason.OUTPUT_ROUNDED
-    assert refused.figures["angle_step"] == pytest.approx(0.05)
+    assert refused.figures["angle_step"] == approx(0.05)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hover import Hover, changed, columns, log_of, only
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from recorded_flights import shared
 
 from mavdem.alignment.align import Segment, align, settled_segments
@@ -35,7 +36,7 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
     full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
     flight, verdict = learnable_flight(log_of(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
-    assert verdict.cautions and verdict.figures.saturation == pytest.approx(0.5, abs=0.1)
+    assert verdict.cautions and verdict.figures.saturation == approx(0.5, abs=0.1)
     assert flight.cautions == verdict.cautions
     assert flight.provenance["cautions"] == [str(caution) for caution in verdict.cautions]
     assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
@@ -70,7 +71,7 @@ def test_segments_have_one_step_also_where_a_link_lost_messages():
     )
     flights, _ = segments_of(log_of(lossy))
     assert [one.dt for one in flights] == [0.01, 0.01]
-    assert flights[0].provenance["rates"]["attitude"] == pytest.approx(89, abs=1)
+    assert flights[0].provenance["rates"]["attitude"] == approx(89, abs=1)
     assert_allclose(flights[0].outputs[:, 0], HOVER.roll(flights[0].time), atol=1e-3)
 
 
@@ -83,7 +84,7 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     (flight,), verdict = segments_of(log)
     judged = {each.reason.code for each in learnabilities(Signals(log.vehicles[0]))}
     assert judged == {Reason.LEARNABLE, Reason.SLOWER_THAN_LONGEST}
-    assert flight.time[0] == pytest.approx(36) and flight.dt == 0.01
+    assert flight.time[0] == approx(36) and flight.dt == 0.01
     (caution,) = set(flight.cautions) - set(verdict.cautions)
     assert caution.code is Caution.SEGMENTS_LEFT_OUT
     assert (caution.figures["count"], caution.figures["segments"]) == (2, 3)

@@ -16,6 +16,7 @@ from hover import (
     with_pulses,
 )
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive, signals
@@ -195,8 +196,8 @@ def test_every_frame_balances(frame_class, frame_type, count):
     yawless = frame_class == 1 and frame_type in (16, 17)
     assert (found.effect("yaw") is None) == yawless
     for axis in ("roll", "pitch", *([] if yawless else ["yaw"])):
-        assert found.effect(axis).sum() == pytest.approx(0, abs=1e-6)
-        assert np.abs(found.effect(axis)).sum() == pytest.approx(1)
+        assert found.effect(axis).sum() == approx(0, abs=1e-6)
+        assert np.abs(found.effect(axis)).sum() == approx(1)
         # Turning about one axis turns nothing about the others.
         others = [found.effect(other) for other in ("roll", "pitch") if other != axis]
         assert_allclose(np.array(others) @ found.effect(axis), 0, atol=1e-6)
@@ -259,7 +260,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
 def test_scales_are_distinguished(values, name, unit, step):
     scale = output_scale(values[:, None], {})
     assert (scale.name, scale.unit) == (name, unit)
-    assert scale.step == pytest.approx(step)
+    assert scale.step == approx(step)
 
 
 def test_the_range_of_pulse_widths_is_the_autopilots_when_it_says():
@@ -365,10 +366,6 @@ def test_cells_add_up_and_the_whole_may_be_in_the_place_of_the_first(split):
     [("LOCAL_POSITION_NED", "z", -12.0), ("GLOBAL_POSITION_INT", "relative_alt", 12000.0)],
 )
 def test_the_height_is_in_metres_above_the_start(message, field, value):
-    moved = columns(np.arange(5.0), **{field: np.full(5, value), "boot": np.zeros(5, int)})
-    telemetry = HOVER.telemetry(10.0)
-    others = {
-        name: sent for name, sent in telemetry.messages.items() if name not in signals.HEIGHT_FIELDS
-    }
-    found = Signals(changed(replace(telemetry, messages=others), message, **moved)).height
-    assert found.values == pytest.approx(12.0)
+    flown = HOVER.telemetry(10.0, without=("LOCAL_POSITION_NED",))
+    telemetry = changed(flown, message, **columns(np.arange(5.0), **{field: np.full(5, value)}))
+    assert Signals(telemetry).height.values == approx(12.0)

@@ -1,8 +1,8 @@
 """Steady flight: neither where the nose turns nor where the attitude strays from its setpoint."""
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns
+from pytest import approx
 
 from mavdem.alignment.phases import total
 from mavdem.alignment.signals import Signals
@@ -26,10 +26,10 @@ def steady_seconds(turn=0.0, stray=0.0):
 
 def test_a_turn_and_what_strays_are_not_steady():
     whole = steady_seconds()
-    assert whole == pytest.approx(40.0, abs=3.0)
+    assert whole == approx(40.0, abs=3.0)
     assert steady_seconds(turn=9.5) == whole
     # and the second after it, over which headings are compared
-    assert whole - steady_seconds(turn=40.0) == pytest.approx(5.5, abs=0.5)
+    assert whole - steady_seconds(turn=40.0) == approx(5.5, abs=0.5)
     assert steady_seconds(stray=14.0) == whole
-    assert whole - steady_seconds(stray=16.0) == pytest.approx(5.0, abs=0.2)
-    assert steady_seconds(turn=180.0) == pytest.approx(whole - 6.0, abs=0.2)
+    assert whole - steady_seconds(stray=16.0) == approx(5.0, abs=0.2)
+    assert steady_seconds(turn=180.0) == approx(whole - 6.0, abs=0.2)

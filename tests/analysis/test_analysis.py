@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_up_analysis import held_out
 from numpy.testing import assert_allclose
+from pytest import approx
 from recorded_flights import LOGS, shared
 from simulated import simulated
 
@@ -146,21 +147,21 @@ def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
         assert ratios == sorted(ratios) and errors["constant mean"]["relative"] == 1
     forecast = learned.forecast(test.inputs)
     one_step = learned.one_step()
-    assert report["forecast_mspe"][MethodName.JOINT]["total"] == pytest.approx(
+    assert report["forecast_mspe"][MethodName.JOINT]["total"] == approx(
         evaluate.mspe(test.outputs, forecast).total
     )
     one_step_error = evaluate.mspe(train.outputs[1:], one_step[1:]).total
-    assert report["one_step_mspe"][MethodName.JOINT]["total"] == pytest.approx(one_step_error)
+    assert report["one_step_mspe"][MethodName.JOINT]["total"] == approx(one_step_error)
     variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
-    assert report["expected_error"] == pytest.approx(variance.mean())
+    assert report["expected_error"] == approx(variance.mean())
     parameters = report["physical"]
     for name, status in parameters["status"].items():
         assert (parameters["interval_90_percent"][name] is None) == (status == "not identifiable")
     ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
-    assert report["prediction"]["error_ratio"] == pytest.approx(ahead)
+    assert report["prediction"]["error_ratio"] == approx(ahead)
     useful = (learned.useful_steps * learned.dt).tolist()
     assert report["prediction"]["half_explained_seconds"] == useful
-    assert sum(report["joint"]["free_energy"].values()) == pytest.approx(learned.joint.free_energy)
+    assert sum(report["joint"]["free_energy"].values()) == approx(learned.joint.free_energy)
 
 
 @pytest.mark.slow

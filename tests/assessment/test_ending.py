@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from failures import judged as simulated
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
+from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
@@ -89,12 +90,12 @@ def test_a_sound_flight_has_no_ending():
 def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(motor, rate):
     events, ending = judged(lost(motor, rate))
     assert events[MotionEvent.ATTITUDE_LOST].figures["angle"] > np.radians(80)
-    assert events[MotionEvent.FELL].figures["speed"] == pytest.approx(9.0, abs=0.5)
+    assert events[MotionEvent.FELL].figures["speed"] == approx(9.0, abs=0.5)
     assert events[MotionEvent.MOTOR_AT_ITS_STOP].subject == NAMES[motor]
     assert ending.code is Ending.CONTROL_LOST
     assert ending.level is Level.BAD
-    assert ending.time == pytest.approx(FAILS, abs=0.15)
-    assert ending.figures["height"] == pytest.approx(10.0, abs=0.5)
+    assert ending.time == approx(FAILS, abs=0.15)
+    assert ending.figures["height"] == approx(10.0, abs=0.5)
     assert ending.figures["cause"].code is FailedFirst.LIMIT_FIRST
     assert ending.subject == ending.figures["cause"].subject == NAMES[motor]
 
@@ -227,9 +228,9 @@ def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
 def test_a_fall_that_stops_at_once_is_a_crash_also_with_the_attitude_held():
     made = only(falling(flight()), lambda time: time < FAILS + 4.0)
     events, ending = judged(made)
-    assert events[MotionEvent.HIT].time == pytest.approx(FAILS + 2.0, abs=0.4)
+    assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.4)
     assert ending.code is Ending.CRASHED
-    assert ending.figures["speed"] == pytest.approx(9.0, abs=1.5)
+    assert ending.figures["speed"] == approx(9.0, abs=1.5)
 
 
 def test_a_fall_with_all_motors_idle_says_so():
@@ -261,12 +262,12 @@ def felt(made, time, most=100.0):
 def test_what_hits_something_first_is_not_said_to_have_lost_a_motor():
     _, ending = judged(felt(lost(1), FAILS - 0.2))
     assert ending.code is Ending.CRASHED
-    assert ending.time == pytest.approx(FAILS - 0.2, abs=0.05)
+    assert ending.time == approx(FAILS - 0.2, abs=0.05)
     assert ending.subject == ""
     events, ending = judged(felt(lost(1), FAILS + 2.0))
     assert ending.code is Ending.CONTROL_LOST
     assert ending.subject == NAMES[1]
-    assert events[MotionEvent.HIT].time == pytest.approx(FAILS + 2.0, abs=0.05)
+    assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.05)
 
 
 def thrust_lost(motor):
@@ -302,7 +303,7 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     counts = np.where(clips["time"] > 20.0, 3.0, 0.0) + np.where(clips["time"] > 22.0, 4.0, 0.0)
     events, ending = judged(changed(made, "VIBRATION", clipping_1=counts))
     assert ending is None
-    assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == pytest.approx(10.0, abs=0.5)
+    assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert events[MotionEvent.CLIPPED].figures["count"] == 7
 
 

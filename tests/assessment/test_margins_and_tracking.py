@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, log_of, with_pulses
+from pytest import approx
 from recorded_flights import LOGS, recorded
 from scipy.signal import lfilter
 
@@ -89,9 +90,9 @@ def test_a_resonance_is_seen_by_the_response_to_the_setpoint(margin, code, level
     seen = margins_of(found)[0].response
     assert seen is not None and seen.by_setpoint
     if level is Level.BAD:
-        assert seen.frequency == pytest.approx(10.0, abs=1.0) and seen.coherence > 0.9
+        assert seen.frequency == approx(10.0, abs=1.0) and seen.coherence > 0.9
         peak = 1 / (2 * np.sin(np.radians(margin / 2)))
-        assert seen.peak == pytest.approx(peak, rel=0.2)
+        assert seen.peak == approx(peak, rel=0.2)
 
 
 def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
@@ -115,8 +116,8 @@ def test_a_peak_that_the_motors_share_stands_out_without_a_setpoint(damping, sta
     assert (light.code is MarginsLight.RATE_STANDS_OUT) is stands_out
     if stands_out:
         assert light.level is Level.WATCH
-        assert light.figures["frequency"] == pytest.approx(10.0, abs=1.0)
-        assert light.figures["ratio"] == pytest.approx(1 / (2.4 * damping), rel=0.25)
+        assert light.figures["frequency"] == approx(10.0, abs=1.0)
+        assert light.figures["ratio"] == approx(1 / (2.4 * damping), rel=0.25)
 
 
 def test_what_the_autopilot_injects_shows_no_margin():
@@ -137,7 +138,7 @@ def test_slow_messages_show_no_margins():
     refusal = Fact(Reason.STREAMS_TOO_SLOW, remedy=Fact(Remedy.RECORD_A_FLIGHT))
     light = margins_light(evidence(telemetry, loops={"roll": refusal}))
     assert (light.code, light.level) == (MarginsLight.MARGINS_UNKNOWN, Level.UNKNOWN)
-    assert light.figures["rate"] == pytest.approx(10.0) and light.figures["because"] is refusal
+    assert light.figures["rate"] == approx(10.0) and light.figures["because"] is refusal
 
 
 def test_the_worst_loop_of_a_flight_is_rated():
@@ -158,8 +159,8 @@ def test_the_response_of_ardupilots_rate_loop_is_measured_at_its_own_rate(name, 
     signals = Signals(recorded(f"sitl_raw/{name}.BIN.xz"))
     seen = response_of(signals, settled_parts(signals))
     assert seen is not None and seen.ms_interval is not None
-    assert seen.peak == pytest.approx(peak, rel=0.05)
-    assert np.mean(seen.ms_interval) == pytest.approx(ms, rel=0.05)
+    assert seen.peak == approx(peak, rel=0.05)
+    assert np.mean(seen.ms_interval) == approx(ms, rel=0.05)
 
 
 def following(size, late=0.2, error=0.0):
@@ -175,12 +176,10 @@ def following(size, late=0.2, error=0.0):
 def test_tracking_has_the_error_without_the_delay():
     light = tracking_light(following(0.1))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
-    assert light.figures["delay"] == pytest.approx(0.2, abs=0.021)
+    assert light.figures["delay"] == approx(0.2, abs=0.021)
     assert light.figures["angle_error"] < 0.01
     roll = tracking_of(following(0.1, late=0.0, error=0.02))[0]
-    assert roll.offset == pytest.approx(0.02, rel=0.05) and roll.error == pytest.approx(
-        0.02, rel=0.05
-    )
+    assert roll.offset == approx(0.02, rel=0.05) and roll.error == approx(0.02, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -208,7 +207,7 @@ def test_overshoot_is_that_of_a_step(damping, level):
     found = evidence(asked(changed(HOVER.telemetry(), "ATTITUDE", roll=answer), angle=steps))
     expected = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
     roll = tracking_of(found)[0]
-    assert roll.overshoot == pytest.approx(expected, abs=0.06)
+    assert roll.overshoot == approx(expected, abs=0.06)
     light = tracking_light(found)
     assert light.level is level
     assert level is Level.GOOD or light.code is TrackingLight.OVERSHOOTS_SETPOINT

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, log_of
+from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment.learnability import learnability_of
@@ -67,8 +68,8 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     telemetry = changed(battery(volts), "SYS_STATUS", current_battery=100 * amperes)
     fact = power_light(evidence(telemetry))
     assert (fact.code, fact.level) == (PowerLight.BATTERY_HELD, Level.GOOD)
-    assert fact.figures["cells"] == 4 and fact.figures["resistance"] == pytest.approx(0.04)
-    assert fact.figures["voltage"] == pytest.approx(15.8, abs=0.1)
+    assert fact.figures["cells"] == 4 and fact.figures["resistance"] == approx(0.04)
+    assert fact.figures["voltage"] == approx(15.8, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,7 @@ def test_levels_of_the_filter(telemetry, code, level):
     fact = estimator_light(evidence(telemetry))
     assert (fact.code, fact.level) == (code, level)
     if level is Level.BAD:
-        assert fact.figures["name"] == "velocity" and fact.time == pytest.approx(30.2)
+        assert fact.figures["name"] == "velocity" and fact.time == approx(30.2)
 
 
 @pytest.mark.parametrize(
@@ -212,7 +213,7 @@ def test_a_compass_whose_field_is_another_in_flight(change, code):
     field = 400.0 * np.where(TIME > 6.0, 1 + change, 1.0)
     report = columns(TIME, xmag=0.6 * field, ymag=0 * field, zmag=0.8 * field)
     fact = estimator_light(evidence(changed(filtered(), "RAW_IMU", **report)))
-    assert fact.code is code and fact.figures.get("change", change) == pytest.approx(change)
+    assert fact.code is code and fact.figures.get("change", change) == approx(change)
 
 
 @pytest.mark.parametrize(("time", "level"), [(30.0, Level.WATCH), (2.0, Level.GOOD)])

@@ -2,8 +2,8 @@
 
 import json
 
-import pytest
 from command_line import LOGS, run
+from pytest import approx
 
 
 def test_a_sample_flight_can_be_learnt_from(capsys):
@@ -15,8 +15,8 @@ def test_a_sample_flight_can_be_learnt_from(capsys):
     known = vehicle["system"], vehicle["autopilot"], vehicle["vehicle"]
     assert known == (5, "PX4", "QUADROTOR")
     rates = [vehicle["messages"][name]["rate"] for name in ("ATTITUDE", "SERVO_OUTPUT_RAW")]
-    assert rates == pytest.approx([100, 100], rel=0.01)
-    assert vehicle["segments"][0]["duration"] == pytest.approx(60, abs=1)
+    assert rates == approx([100, 100], rel=0.01)
+    assert vehicle["segments"][0]["duration"] == approx(60, abs=1)
     assert vehicle["watched"] and vehicle["alarms"] == vehicle["autopilot_alarms"] == []
 
 
@@ -29,9 +29,7 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     )
     held = json.loads(said.out)
     (vehicle,) = held["vehicles"]
-    assert not held["learnable"] and vehicle["messages"]["ATTITUDE"]["rate"] == pytest.approx(
-        4, rel=0.1
-    )
+    assert not held["learnable"] and vehicle["messages"]["ATTITUDE"]["rate"] == approx(4, rel=0.1)
     assert run("info", path) == 1
     said = capsys.readouterr()
     assert said.err == "" and said.out.count("ATTITUDE comes at 4.0 Hz") == 1

@@ -9,6 +9,7 @@ from io import StringIO
 import numpy as np
 import pytest
 from command_line import run
+from pytest import approx
 
 WEIGHT = 1.52 * 9.81 / 4
 
@@ -44,8 +45,8 @@ def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     sih = {name: float(value) for name, value in rows}
     lift = sih["motorConstant"] * sih["maxRotVelocity"] ** 2  # Gazebo's, N at full command
     # Thrust in hover by formula, and what a share of the command adds to it; PX4's curve is linear here.
-    assert [sih["SIH_T_MAX"] * hover, lift * hover**2] == pytest.approx([WEIGHT, WEIGHT], rel=1e-3)
-    assert frame["hoverThrOut"] == pytest.approx(hover, rel=1e-3)
+    assert [sih["SIH_T_MAX"] * hover, lift * hover**2] == approx([WEIGHT, WEIGHT], rel=1e-3)
+    assert frame["hoverThrOut"] == approx(hover, rel=1e-3)
     effects = [
         arm * WEIGHT / hover / inertia,
         sih["SIH_L_ROLL"] * sih["SIH_T_MAX"] / sih["SIH_IXX"],
@@ -54,9 +55,9 @@ def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     effects += [arm * 2 * lift * hover / sih["ixx"]]
     with np.load(folder / "flight.truth.npz") as truth:
         true = 1000 * np.abs(truth["roll_effect"]).mean()
-        assert body["hover"] == pytest.approx((truth["trim"][0] - 1000) / 1000, abs=0.01)
-    assert effects == pytest.approx([true] * 4, rel=0.1)
-    assert effects == pytest.approx([effects[0]] * 4, rel=1e-3)
+        assert body["hover"] == approx((truth["trim"][0] - 1000) / 1000, abs=0.01)
+    assert effects == approx([true] * 4, rel=0.1)
+    assert effects == approx([effects[0]] * 4, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -64,7 +65,7 @@ def test_it_flies_the_setpoints_again_much_as_the_vehicle_did(folder):
     compared = json.loads((folder / "said.json").read_text())["alike"]
     assert np.abs(compared["levels"]).max() < 1.5  # dB
     for name in ("sway", "rate", "peak"):
-        assert compared[name][1] == pytest.approx(compared[name][0], rel=0.1), name
+        assert compared[name][1] == approx(compared[name][0], rel=0.1), name
 
 
 @pytest.mark.slow

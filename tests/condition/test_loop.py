@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hover import Hover, changed, columns, px4_rotors
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from recorded_flights import shared
 
 import mavdem
@@ -70,13 +71,13 @@ def test_gains_have_their_names_and_units_before_arducopter_34():
         "MOT_THST_EXPO": 0.5,
     }
     of_demand = controller_of(old, "roll", (1.0,))
-    assert of_demand.p == pytest.approx(0.13 * np.degrees(100) / 4500, rel=0.003)
+    assert of_demand.p == approx(0.13 * np.degrees(100) / 4500, rel=0.003)
     assert (of_demand.angle, of_demand.error_filter) == (9.0, 20.0)
     of_motors = controller_of(old, "roll", X_ROLL)
-    assert of_motors.p == pytest.approx(of_demand.p / 2**0.5, rel=0.003)
+    assert of_motors.p == approx(of_demand.p / 2**0.5, rel=0.003)
     assert of_motors.spin == (0.13, 0.95)
     assert controller_of({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
-    assert of_motors.changed({"RATE_RLL_P": 0.26}).p == pytest.approx(2 * of_motors.p)
+    assert of_motors.changed({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
 
 
 def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
@@ -88,13 +89,11 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
         return 0.15 + 0.8 * (expo - 1 + np.sqrt((1 - expo) ** 2 + 4 * expo * thrust)) / (2 * expo)
 
     slope = (output(0.3005) - output(0.2995)) / 0.001
-    assert ours.per_demand([output(0.3)] * 4) == pytest.approx(
-        np.multiply(ours.mixer, slope), rel=1e-5
-    )
+    assert ours.per_demand([output(0.3)] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
     theirs = controller_of(PX4)
     assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.changed({"MC_ROLLRATE_D": 0.0}).d == 0
     # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
-    assert theirs.mixer == pytest.approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.expo == 0.3
+    assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.expo == 0.3
 
 
 @pytest.mark.parametrize(
@@ -193,10 +192,10 @@ def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
     s = 2j * np.pi * frequency
     loop = (gain * np.exp(-s * delay) / s)[None]
     found = OpenLoop(frequency, loop, loop / (1 + loop), 1 / s / (1 + loop))
-    assert found.crossover == pytest.approx(gain / (2 * np.pi), rel=1e-3)
-    assert found.phase_margin == pytest.approx(90 - np.degrees(gain * delay), abs=0.1)
-    assert found.gain_margin == pytest.approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
-    assert found.delay_margin == pytest.approx(np.pi / 2 / gain - delay, abs=1e-4)
+    assert found.crossover == approx(gain / (2 * np.pi), rel=1e-3)
+    assert found.phase_margin == approx(90 - np.degrees(gain * delay), abs=0.1)
+    assert found.gain_margin == approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
+    assert found.delay_margin == approx(np.pi / 2 / gain - delay, abs=1e-4)
     assert bool(found.stable[0]) == (gain * delay < np.pi / 2)
 
 
@@ -214,9 +213,9 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     plant = physical(record)
     loop = loop_of(plant, record)
     crossover, phase, gain, ms = known["roll_rate_margins"]
-    assert loop.crossover == pytest.approx(
-        crossover, rel=0.1
-    ) and loop.phase_margin == pytest.approx(phase, abs=6)
+    assert loop.crossover == approx(crossover, rel=0.1) and loop.phase_margin == approx(
+        phase, abs=6
+    )
     for name, true in (
         ("crossover", crossover),
         ("phase_margin", phase),
@@ -225,9 +224,9 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     ):
         low, high = getattr(loop, f"{name}_interval")
         assert low <= true <= high
-    assert loop.attitude.crossover == pytest.approx(known["roll_attitude_margins"][0], rel=0.1)
+    assert loop.attitude.crossover == approx(known["roll_attitude_margins"][0], rel=0.1)
     assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
-    assert loop.measured.controller_gain == pytest.approx(1, abs=0.2)
+    assert loop.measured.controller_gain == approx(1, abs=0.2)
     name = loop.controller.names["p"]
     doubled = loop.changed({name: 2 * record.parameters[name]})
     assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
@@ -309,7 +308,7 @@ def test_the_gains_have_the_margins_in_95_of_100_plants_that_fit_and_keep_their_
     code = Gains.STEP_TOWARDS_MARGINS if factor > 2 else Gains.SET_GAINS
     assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
     assert factor < 2 or (max(ratios) < 0.67 and found.gains["MC_ROLL_P"].set <= 6.5)
-    assert factor > 2 or found.noise.heat == pytest.approx(ratios[0] ** 2, rel=2e-3)
+    assert factor > 2 or found.noise.heat == approx(ratios[0] ** 2, rel=2e-3)
 
 
 @pytest.mark.parametrize(("factor", "level"), [(1.0, "good"), (1.7, "watch"), (6.0, "bad")])
@@ -364,7 +363,7 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert twin.notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and twin.arm == (0.1, 0.2)
     inertia = twin.notes["inertia"].figures
     assert inertia["pitch"] is None and inertia["roll"].code is Twins.EFFECT_NOTE
-    assert inertia["roll"].figures["share"] == pytest.approx(0.8 * 1.645 * 0.0095 / 0.36, rel=0.1)
+    assert inertia["roll"].figures["share"] == approx(0.8 * 1.645 * 0.0095 / 0.36, rel=0.1)
     assert twin.notes["moment"].code is Twins.MOMENT_NOTE
     halves = loop.plant.interval()
     assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=halves.damping)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hover import changed
+from pytest import approx
 from recorded_flights import recorded, shared
 
 import mavdem
@@ -98,7 +99,7 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
     explained = torque_explained(wind, time, torque)
     share = explained.figures["share"]
     assert explained.code is (WindShare.SHARE_KNOWN if legs else WindShare.SHARE_UNKNOWN)
-    assert share == (pytest.approx(0.98, abs=0.02) if legs else None)
+    assert share == (approx(0.98, abs=0.02) if legs else None)
     chance = torque_explained(wind, time, np.random.default_rng(1).normal(size=len(time)))
     assert not chance.figures["share"]
 
@@ -182,28 +183,22 @@ def test_side_steps_on_the_grid_are_no_drag():
 
 
 def test_solo_beside_an_anemometer():
-    with shared("real/wind/solo_sonic_1hz.csv").open() as file:
-        table = np.genfromtxt(file, delimiter=",", names=True, dtype=None, encoding=None)
+    path = shared("real/wind/solo_sonic_1hz.csv")
+    table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding=None)
     stamps = np.array([np.datetime64(one[:19]) for one in table["datetime"]]).astype(float)
     attitude = np.radians(np.column_stack([table["solo_roll"], table["solo_pitch"], 0 * stamps]))
-    still = np.zeros((len(stamps), 3))
-    origin = np.radians(table["sonic_wind_dir"])
-    air = -table["sonic_wind"][:, None] * np.column_stack([np.cos(origin), np.sin(origin)])
-    first = slice(len(stamps) // 2)
-    second = slice(len(stamps) // 2, None)
-    drag = mavdem.estimate_drag(stamps[first], attitude[first], still[first], air[first])
-    wind = mavdem.estimate_wind(stamps[second], attitude[second], still[second], drag=drag)
-    course = np.column_stack(
-        [np.interp(stamps[second], wind.time, part) for part in wind.velocity.T]
-    )
+    true = -table["sonic_wind"] * np.exp(1j * np.radians(table["sonic_wind_dir"]))
+    air = np.column_stack([true.real, true.imag])
+    first, second = np.array_split(np.arange(len(stamps)), 2)
+    hovers = [(stamps[part], attitude[part], 0 * attitude[part]) for part in (first, second)]
+    drag = mavdem.estimate_drag(*hovers[0], air[first])
+    wind = mavdem.estimate_wind(*hovers[1], drag=drag)
+    found = np.interp(stamps[second], wind.time, wind.velocity @ [1, 1j])
     for seconds, most in ((10, 0.6), (60, 0.4)):
-        whole = len(course) // seconds * seconds
-        found, true = (
-            one[:whole].reshape(-1, seconds, 2).mean(axis=1) @ [1, 1j]
-            for one in (course, air[second])
-        )
-        assert np.sqrt(np.mean((np.abs(found) - np.abs(true)) ** 2)) < most
-    assert np.degrees(np.sqrt(np.mean(np.angle(found / true) ** 2))) < 10
+        whole = len(found) // seconds * seconds
+        means = np.array([found[:whole], true[second][:whole]]).reshape(2, -1, seconds).mean(axis=2)
+        assert np.sqrt(np.mean(np.diff(np.abs(means), axis=0) ** 2)) < most
+    assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
 
 
 @pytest.mark.slow
@@ -223,7 +218,7 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
     monkeypatch.setattr(Filtered, "smoothed", lambda self: (self.states[1], self.spreads[1]))
     wind = mavdem.wind(log, drag=drag)
     times = np.array([*rows])
-    assert np.median(np.diff(times)) == pytest.approx(0.1, abs=1e-6)
+    assert np.median(np.diff(times)) == approx(0.1, abs=1e-6)
     filtered = np.column_stack([np.interp(times, wind.time, part) for part in wind.velocity.T])
     assert np.sqrt(np.mean((filtered - [row.velocity for row in rows.values()]) ** 2)) < 0.15
 
@@ -296,7 +291,7 @@ def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refu
         )
 
     yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
-    assert found(yaw=yaw).speed == pytest.approx(found().speed, abs=0.1)
+    assert found(yaw=yaw).speed == approx(found().speed, abs=0.1)
     late = {name: {**telemetry.messages[name]} for name in telemetry.messages}
     for message in late.values():
         message["time"] = np.where(
@@ -326,4 +321,4 @@ def test_a_path_begins_at_the_first_fix_and_crosses_the_date_line():
         "lon": np.array([0, 1_799_999_990, -1_799_999_990, 10]),
     }
     position = Signals(replace(telemetry, messages={"GLOBAL_POSITION_INT": columns})).position
-    assert position.values[:, 1] == pytest.approx([0.0, 20e-7 * 111_195], abs=0.01)
+    assert position.values[:, 1] == approx([0.0, 20e-7 * 111_195], abs=0.01)

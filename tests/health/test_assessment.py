@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
@@ -214,7 +215,7 @@ def test_more_effort_is_a_drift_and_no_fault():
     found = [assess([flight], baseline)[0] for flight in heavy]
     assert [one.health for one in found] == ["ok", "ok", "drift"]
     assert found[-1].facts[0].code is MotorsBetween.EFFORT_CHANGED
-    assert found[-1].facts[0].figures["effort"] == pytest.approx(0.12, abs=0.005)
+    assert found[-1].facts[0].figures["effort"] == approx(0.12, abs=0.005)
     probabilities = [one.fault_probability for one in found]
     assert max(probabilities) < 0.1
     unknown = [replace(flight, voltage=None) for flight in heavy]
@@ -265,9 +266,9 @@ def test_other_conditions_are_said():
     healthy = vehicle.flights(3)
     lean, effort = assess([loaded], healthy)[0].facts[1:]
     usual = np.mean([one.balance.lean for one in healthy], axis=0)
-    assert lean.figures["lean"] == pytest.approx(leaning.lean)
-    assert lean.figures["usual_lean"] == pytest.approx(usual)
-    assert effort.figures["effort"] == pytest.approx(0.2)
+    assert lean.figures["lean"] == approx(leaning.lean)
+    assert lean.figures["usual_lean"] == approx(usual)
+    assert effort.figures["effort"] == approx(0.2)
     sagged = replace(flight, collective=0.55, voltage=10.0)
     codes = {fact.code for fact in assess([sagged], vehicle.flights(3))[0].facts}
     assert MotorsBetween.EFFORT_DIFFERS not in codes and lean.code is MotorsBetween.LEAN_DIFFERS
@@ -298,6 +299,6 @@ def test_what_is_called_a_fault_begins_where_it_is_said_to():
     # What held in one flight is no surer in the next than that it was seen and not put right.
     sure = np.where(np.arange(len(considered.prior)) == considered.groups["motor"].start, 1.0, 0.0)
     unseen = considered.after(surely(np.zeros(3), 100.0), sure)
-    assert unseen.motors.sum() == pytest.approx(
+    assert unseen.motors.sum() == approx(
         PERSISTENCE + (1 - PERSISTENCE) * PRIORS["motor"], abs=0.01
     )

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from pytest import approx
 from scipy.signal import lfilter
 
 from mavdem.facts import Level
@@ -68,11 +69,8 @@ def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor,
     [first, *rest] = changes(time, commands + after(time, rise))
     assert first.motor == motor + 1 and not rest
     assert BREAKS < first.time - 100.0 <= BREAKS + 5.0
-    assert first.since == pytest.approx(100.0 + BREAKS, abs=2.0)
-    assert (
-        first.size == pytest.approx(0.125, abs=0.04)
-        and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
-    )
+    assert first.since == approx(100.0 + BREAKS, abs=2.0)
+    assert first.size == approx(0.125, abs=0.04) and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
     assert 0.95 < first.probability <= 1
 
 
@@ -83,7 +81,7 @@ def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_h
     rise = 0.15 * pattern / pattern[0]
     [first, *_] = changes(time, commands + after(time, 0.6 * rise))
     assert first.motor == 1
-    assert first.size == pytest.approx(0.15, abs=0.03)
+    assert first.size == approx(0.15, abs=0.03)
     # Neighbours make up for the rest of what was lost.
     assert first.loss[0] < (1 - 1 / 1.15) / pattern[0] < first.loss[1] < 1.5 * first.loss[0] + 0.25
 
@@ -124,9 +122,7 @@ def test_every_fault_is_found_and_its_end(faults):
         for motor in np.flatnonzero(np.subtract(rise, before)):
             one = found.pop(0)
             assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
-            assert one.weak == (rise[motor] > 1) and one.size == pytest.approx(
-                rise[motor] - 1, abs=0.05
-            )
+            assert one.weak == (rise[motor] > 1) and one.size == approx(rise[motor] - 1, abs=0.05)
             code = InFlight.MOTOR_LOST_THRUST if one.weak else InFlight.MOTOR_RECOVERED
             assert one.fact.code is code
         before = rise
@@ -140,7 +136,7 @@ def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     [first, *rest] = changes(time, commands + after(time, rise))
     assert first.motor is None and not rest
     assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 15.0
-    assert first.size == pytest.approx(np.hypot(*shift), abs=0.015)
+    assert first.size == approx(np.hypot(*shift), abs=0.015)
     assert first.fact.code is InFlight.STEADY_TORQUE_CHANGED
 
 
@@ -173,9 +169,9 @@ def test_no_motor_is_named_before_ten_seconds_were_steady():
     weak = commands + after(time, 0.12 * np.eye(4)[0])
     for until in (112.0, 115.0):
         [alarm] = changes(time, weak, turned((100.0, until, 1.2 * (until - 100.0))))
-        assert alarm.time == pytest.approx(max(until + 10.0, 122.0), abs=0.6)
+        assert alarm.time == approx(max(until + 10.0, 122.0), abs=0.6)
         [alarm] = changes(time, weak, lambda at, until=until: np.nan if at < until else 0.0)
-        assert alarm.time == pytest.approx(max(until + 10.0, 122.0), abs=0.6)
+        assert alarm.time == approx(max(until + 10.0, 122.0), abs=0.6)
 
 
 @pytest.mark.parametrize("change", [(0.0, 0.0, 0.0, 0.05), (0.15, 0.0, 0.0, 0.0)])
@@ -234,8 +230,8 @@ def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     [alarm] = watched([0.0, 0.3, 0.0, 0.0]).alarms
     fact = alarm.fact
     assert (alarm.motor, fact.subject, fact.level) == (2, "motor 2 (rear left)", Level.BAD)
-    assert fact.time == pytest.approx(25, abs=0.6) and not fact.figures["assumed"]
-    assert fact.figures["loss"] == pytest.approx((0.22, 0.44), abs=0.005)
+    assert fact.time == approx(25, abs=0.6) and not fact.figures["assumed"]
+    assert fact.figures["loss"] == approx((0.22, 0.44), abs=0.005)
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
     [alarm] = watched([0.3, 0.0, 0.0, 0.0], watch=MotorWatch(layout)).alarms
     assert alarm.fact.figures["assumed"]
@@ -263,6 +259,4 @@ def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
     assert [change["time"] for change in found["recoveries"]] == [50.0]
     assert [alarm["motor"] for alarm in found["alarms"]] == [2]
     assert [change["time"] for change in found["torque_changes"]] == [40.0]
-    assert found["false_alarms_per_hour"]["at_most"] == pytest.approx(
-        -np.log(0.05) / 5.55, abs=0.01
-    )
+    assert found["false_alarms_per_hour"]["at_most"] == approx(-np.log(0.05) / 5.55, abs=0.01)

@@ -8,6 +8,7 @@ import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 
 import mavdem
 from mavdem.analysis.residuals import correlation
@@ -75,7 +76,7 @@ def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_ov
     assert drawn.count("<text") > 8
     assert "fill: #ffffff" not in drawn, "it has a background"
     width, height = figure.get_size_inches()
-    assert width == pytest.approx(5.2) and 1.5 < height < 4.5
+    assert width == approx(5.2) and 1.5 < height < 4.5
     text = ""
     for axes in figure.axes:
         text += axes.get_xlabel() + axes.get_ylabel() + axes.get_title("left")
@@ -167,7 +168,7 @@ def test_a_correlation_is_found_at_its_lag():
     rng = np.random.default_rng(1)
     noise = rng.standard_normal(5000)
     values = correlation(noise, np.roll(noise, 7) + rng.standard_normal(5000), 20)
-    assert values.argmax() == 7 and values[7] == pytest.approx(0.5**0.5, abs=0.03)
+    assert values.argmax() == 7 and values[7] == approx(0.5**0.5, abs=0.03)
     assert np.abs(np.delete(values, 7)).max() < 0.06
 
 
@@ -178,7 +179,7 @@ def test_a_command_is_the_difference_of_the_motors_of_unknown_geometry_by_effect
     up = flight.effect_directions > 0
     difference = flight.inputs[:, up].mean(axis=1) - flight.inputs[:, ~up].mean(axis=1)
     assert_allclose(command.series(flight.inputs), difference - difference.mean(), atol=1e-9)
-    assert command.weights @ command.motors == pytest.approx(1)
+    assert command.weights @ command.motors == approx(1)
     blind = replace(learned, record=replace(learned.record, effect_directions=None))
     assert (
         np.sign(AxisCommand.of(blind).motors) == np.sign(learned.record.effect_directions)

@@ -9,6 +9,7 @@ import pytest
 from made_up_analysis import assessment, physical
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
@@ -112,7 +113,7 @@ def test_outputs_and_residuals_are_those_of_flight_and_model_in_degrees(
     assert_allclose(times, np.repeat(window, 2), atol=1e-8)
     assert_allclose(edges[1::2], np.minimum(np.degrees(half), edges.max()), rtol=1e-9)
     shaded, _ = without_gaps(drawn[f"outputs/{name}/held out"])
-    assert (shaded.min(), shaded.max()) == pytest.approx((window[0], window[-1]))
+    assert (shaded.min(), shaded.max()) == approx((window[0], window[-1]))
 
 
 def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording, learned):
@@ -207,7 +208,7 @@ def test_the_vehicle_is_where_it_was_and_turned_as_it_was(columns):
     here = columns["/world/here"]
     vehicle = columns["/world/here/vehicle"]
     rows = np.searchsorted(MOTION.time, here["time"] - 1e-6)
-    assert len(rows) == pytest.approx(50 * 20, abs=2)
+    assert len(rows) == approx(50 * 20, abs=2)
     assert_allclose(np.array(here["translation"])[:, 0], MOTION.position[rows], atol=1e-6)
     x, y, z, w = np.array(vehicle["quaternion"])[:, 0].T
     assert_allclose(np.column_stack([w, x, y, z]), MOTION.attitude[rows], atol=1e-6)
@@ -224,9 +225,7 @@ def test_thrust_points_up_and_the_wind_at_the_vehicle(columns):
 
 
 def test_lines_are_what_was_flown_and_errors_what_was_not_known(columns):
-    assert np.ravel(columns["/roll/0 roll"]["scalars"]).max() == pytest.approx(
-        np.degrees(0.2), abs=0.1
-    )
+    assert np.ravel(columns["/roll/0 roll"]["scalars"]).max() == approx(np.degrees(0.2), abs=0.1)
     for name in ("0 roll rate", "1 roll"):
         assert_array_equal(np.ravel(columns[f"/errors/{name}"]["scalars"]), 0.0)
     # what touch-down does is not in the range
