@@ -48,14 +48,9 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
         (["x.bin", "--out", "fleet", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "--jobs"),
         (["x.bin", "--out", "fleet", "--memory-limit", "3"], "--memory-limit"),
         (["x.bin", "--out", "fleet", "--memory-limit", "9" * 20], "--memory-limit"),
-        *(
-            (["x.bin", "--out", "fleet", "--time-limit", seconds], "--time-limit")
-            for seconds in ("nan", "inf")
-        ),
-        *(
-            (["x.bin", "--out", "fleet", "--scheduler", name], "no address")
-            for name in ("", "foo", "tcp://foo:port")
-        ),
+        (["x.bin", "--out", "fleet", "--time-limit", "nan"], "--time-limit"),
+        (["x.bin", "--out", "fleet", "--scheduler", ""], "no address"),
+        (["x.bin", "--out", "fleet", "--scheduler", "tcp://foo:port"], "no address"),
     ],
 )
 def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, words, sentence):

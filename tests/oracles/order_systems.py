@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_continuous_lyapunov
+from scipy.signal import lsim
 
 from mavdem import Flight
-from mavdem.dem.engine.model import discretize, recursion
 from sitl_scenarios.wind import gaussian_noise
 
 Array = NDArray[np.float64]
@@ -80,10 +80,9 @@ def _gramian(A: Array, B: Array) -> Array:
 
 def motion(A: Array, B: Array, driven: Array, step: float) -> Array:
     """States (T, n) of ẋ = Ax + B·driven from rest, for inputs (T, r)."""
-    transition = discretize(A, B, step)
-    pushes = driven[:-1] @ transition.input_now.T + driven[1:] @ transition.input_next.T
-    start = np.zeros(len(A))
-    return np.vstack([start, recursion(transition.state, pushes, start)])
+    system = A, B, np.eye(len(A)), np.zeros_like(B)
+    states = lsim(system, driven, step * np.arange(len(driven)))[2]
+    return states.reshape(len(driven), -1)
 
 
 def smooth_noise(
