@@ -225,7 +225,7 @@ def assess_signals(
         analysis.condition,
         analysis.alarms,
         air,
-        tuple(sorted(events, key=lambda event: (event.figures["boot"], event.time))),
+        tuple(sorted(events, key=lambda event: (event.figures["boot"], event.time or 0.0))),
         ending,
         loops,
     )

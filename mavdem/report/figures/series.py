@@ -380,9 +380,8 @@ def still(timeline: Timeline) -> Figure:
         for axes, (row, grid, found) in zip(panels, rows, strict=True):
             for start, end in timeline.trained:
                 axes.axvspan(start, end, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
-            for event in (one for one in timeline.events if np.isfinite(one.seconds)):
-                colour = palette.BAD if event.is_alarm else MEASURED
-                axes.axvline(event.seconds, color=colour, linewidth=0.7, linestyle=(0, (3, 2)))
+            for event in (one for one in timeline.events if one.is_alarm):
+                axes.axvline(event.seconds, color=palette.BAD, linewidth=0.7, linestyle=(0, (3, 2)))
             for line, (mean, half) in zip(row.lines, found, strict=True):
                 if line.half is not None:
                     band(axes, grid, mean - half, mean + half, line.colour)
