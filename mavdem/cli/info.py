@@ -18,8 +18,8 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
 from mavdem.health.in_flight import alarm_figures
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import air_blocks, sender, stream_contents, vehicle_contents
-from mavdem.report.screen import conclusion
+from mavdem.report.condition import sender, stream_contents, vehicle_contents
+from mavdem.report.review import screen_of
 
 
 @click.command("info")
@@ -57,18 +57,13 @@ def info_command(
     blocks = list[Block]()
     for shown, one in zip(held["vehicles"], assessments, strict=True):
         shown |= document_of(one)
-        blocks += [
-            *conclusion(one.judgement),
-            *vehicle_contents(shown),
-            *air_blocks(one),
-            Sentence(""),
-        ]
+        blocks += [*map(Sentence, screen_of(one).splitlines()), *vehicle_contents(shown)]
     held["learnable"] = any(one["model"] for one in held["vehicles"])
     if not held["vehicles"]:
         what = (
             "There is no vehicle in this log: check that the autopilot's own messages are recorded."
         )
-        blocks += [Sentence(what), Sentence("")]
+        blocks.append(Sentence(what))
     if as_json:
         print_json(held)
     else:

@@ -12,6 +12,7 @@ from mavdem.cli.options import folder_named, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import RESULT_FILES, files_of, named_after, write_results
 from mavdem.documents.review import review_document
+from mavdem.report.blocks import Sentence
 from mavdem.report.review import screen_of
 from mavdem.report.screen import analysis_blocks
 
@@ -46,7 +47,7 @@ def review_command(
     began = perf_counter()
     assessment = assess(read_source(source), vehicle, progress=progress)
     if not as_json:
-        say(printable_lines(screen_of(assessment)))
+        print_blocks(map(Sentence, screen_of(assessment).splitlines()), gap="")
         if verbose:
             say()
             print_blocks(analysis_blocks(assessment))
@@ -58,8 +59,3 @@ def review_command(
     else:
         seconds = perf_counter() - began
         say(f"Page: {printable(folder / 'report.html')} (took {seconds:.1f} s)")
-
-
-def printable_lines(text: str) -> str:
-    """Returns the ``text`` without what a terminal obeys, but for the ends of its lines."""
-    return "\n".join(map(printable, text.splitlines()))

@@ -31,24 +31,10 @@ def log_blocks(held: dict[str, Any]) -> list[Block]:
 
 
 def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
-    """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages.
-
-    Where the vehicle has findings, these are said before, with the reason why there is no model.
-    """
+    """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
     verdict = vehicle["verdict"]
     names = vehicle["names"]
-    is_tilt = verdict.axis in TILT_AXES
     is_said = says(vehicle.get("headline"), verdict.reason)
-    blocks: list[Block] = [
-        *section("vehicle", **vehicle, is_tilt=is_tilt, is_said=is_said),
-        *section("tier", **vehicle),
-        *section("identity", vehicle["identity"]),
-        *section("condition", vehicle["condition"]),
-        *section("health", **vehicle),
-        *map(caution, verdict.cautions),
-        *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),
-        *section("settled", **vehicle),
-    ]
     # names of the periodic messages by their rounded rate, the fastest first
     streams: dict[str, list[str]] = {}
     for name, one in sorted(
@@ -59,17 +45,14 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
             streams.setdefault(
                 f"{one['rate']:.1f} Hz" if one["rate"] >= SLOW_HZ else "below 1 Hz", []
             ).append(shown)
-    if streams and (format_name := vehicle["translated_from"]):
-        blocks.append(
-            Sentence(
-                f"The motion, translated from {format_name} to the equivalent MAVLink messages:"
-            )
-        )
-    if streams:
-        text = "Messages and their mean rates over the whole log (the verdict's rates are those of the settled flight):"
-        rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
-        blocks += [Sentence(text), Table(["rate", "messages"], rows, words=True)]
-    return blocks
+    rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
+    return [
+        *section("vehicle", **vehicle, is_tilt=verdict.axis in TILT_AXES, is_said=is_said),
+        *map(caution, verdict.cautions),
+        *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),
+        *section("settled", **vehicle),
+        *([Table(["rate", "messages"], rows, words=True)] if rows else []),
+    ]
 
 
 def stream_contents(held: dict[str, Any]) -> list[Sentence]:
@@ -82,10 +65,13 @@ def stream_contents(held: dict[str, Any]) -> list[Sentence]:
         blocks += section(
             "sender",
             **speaker,
+            is_ordinary=is_vehicle or bool(vehicles),
             is_silent=speaker["kind"] == UNNAMED and not is_vehicle,
-            # A ground station numbers its messages to all links together, so its gaps have no meaning.
-            is_lossy=is_vehicle and lost >= MIN_LOST_SHARE,
-            is_whole=missing is not None and missing < min(MIN_LOST_SHARE, lost / 2),
+            # A ground station numbers its messages to all links together, so its gaps have no meaning. Where no stream
+            # has gaps, the log keeps only some kinds of messages.
+            is_lossy=is_vehicle
+            and lost >= MIN_LOST_SHARE
+            and (missing is None or missing >= min(MIN_LOST_SHARE, lost / 2)),
         )
     unread: dict[tuple[str, str], list[str]] = {}
     for one in held["unread"]:

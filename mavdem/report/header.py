@@ -7,16 +7,9 @@ from math import degrees, isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import known_wind
-from mavdem.assessment import Assessment
-from mavdem.confidence import LEVEL
-from mavdem.evaluate.held_out import FORECAST
 from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import Purpose
 from mavdem.facts.event import Event
 from mavdem.health.in_flight import MotorAlarm, losses_of
-from mavdem.report.labels import Labels
-from mavdem.report.numbers import TORQUE, readable, rounded, with_unit
 from mavdem.report.timeline import Timeline
 
 POINTS = 16_000
@@ -52,35 +45,6 @@ def light_tiles(lights: Mapping[str, Fact]) -> Iterator[KeyFigure]:
     """Yields each of the ``lights``."""
     for name, fact in lights.items():
         yield KeyFigure(name.capitalize(), fact.level, str(fact), fact.level)
-
-
-def key_figures(assessment: Assessment) -> Iterator[KeyFigure]:
-    """Yields the lights, and how sure the figures of a model are."""
-    yield from light_tiles(assessment.lights)
-    analysis = assessment.analysis
-    if analysis is None:
-        return
-    learned = analysis.learned
-    held_out = analysis.held_out
-    levels = {finding.purpose: finding.grade.level for finding in analysis.findings.purposes}
-    physical = None if learned is None else learned.physical
-    if learned is not None and (torque := known_wind(learned.wind_torque, physical)) is not None:
-        remark = f"on {Labels.of(learned).output_names[0]}, standard deviation"
-        sd = with_unit(torque.sd, TORQUE)
-        yield KeyFigure("Wind torque", sd, remark, levels.get(Purpose.WIND_TORQUE))
-    if physical is not None and physical.identifiable:
-        mean, half = physical.mean_effect(LEVEL)
-        remark = f"90 % interval of the motors' mean; {physical.status['effect']}"
-        share = f"± {100 * half / mean:.0f} %"
-        effect = levels.get(Purpose.CONTROL_EFFECTIVENESS)
-        yield KeyFigure("Control effectiveness", share, remark, effect)
-    if learned is not None and held_out is not None:
-        unit = readable(Labels.of(learned).output_units[0])
-        baseline = held_out.best_baseline
-        ours, theirs = (with_unit(held_out.rmse(name)[0], unit) for name in (FORECAST, baseline))
-        remark = f"{held_out.seconds:.2g} s ahead, RMSE {ours} (“{baseline}” {theirs})"
-        ratio = rounded(held_out.error_ratio())
-        yield KeyFigure("Error ratio", ratio, remark, levels.get(Purpose.PREDICTION))
 
 
 def live_figures(status: SessionStatus) -> Iterator[KeyFigure]:

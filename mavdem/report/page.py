@@ -39,7 +39,7 @@ from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.header import FEW_POINTS, POINTS, Head, key_figures, light_tiles, live_figures
+from mavdem.report.header import FEW_POINTS, POINTS, Head, light_tiles, live_figures
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
@@ -49,7 +49,6 @@ from mavdem.report.screen import (
     conclusion,
     detail_blocks,
     graded,
-    has_trims,
     motor_blocks,
     prediction_blocks,
     residual_blocks,
@@ -188,7 +187,7 @@ def log_page(
     head = Head(
         assessment.headline.level,
         assessment.analysis,
-        [*key_figures(assessment)],
+        [*light_tiles(assessment.lights)],
         timeline,
         is_small=not whole,
         events=[Event(nan if fact.time is None else fact.time, fact) for fact in assessment.events],
@@ -241,22 +240,16 @@ def verdict_of(analysis: LogAnalysis) -> list[Block]:
 def _motors(analysis: LogAnalysis, whole: bool) -> Chapter:
     """What is known of each motor and, without a full model, of the vehicle's condition."""
     learned = analysis.learned
-    vehicle = analysis.vehicle
-    blocks = list[Block]()
+    blocks = motor_blocks(learned, analysis.vehicle.hover if analysis.tier.name == "a" else None)
     pictures = list[Picture]()
     if learned is not None:
-        labels = Labels.of(learned)
-        blocks += motor_blocks(labels, learned.physical, vehicle.hover)
         pictures = model_pictures(learned, analysis.findings, ["motors"] if whole else [], analysis)
-        if has_trims(labels, vehicle.hover):
-            vehicle = vehicle._replace(hover=None)
-    blocks += vehicle_blocks(vehicle, bool(analysis.findings.overrides))
+    blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
     if learned is None or analysis.tier.name != "a":
         blocks += [
             *section("tier", **analysis.tier.as_dict()),
             *section("condition", analysis.condition),
         ]
-    blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     return Chapter("Motors", blocks, pictures)
 
 
@@ -473,10 +466,9 @@ def live_page(
     blocks = [above, following]
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
     if learned is not None:
-        labels = Labels.of(learned)
         draw = partial(model_pictures, learned, found)
         blocks += graded(found)
-        chapters.insert(0, Chapter("Motors", motor_blocks(labels, learned.physical, None)))
+        chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
         torque = torque_blocks(learned.wind_torque, learned.physical)
         chapters.append(Chapter(f"Response of {axis}", torque, draw(SYSTEM_PICTURES)))
     what = f"What {axis} did, learned and predicted while it flew."

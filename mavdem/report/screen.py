@@ -7,7 +7,6 @@ vehicle. ``detail_blocks`` is what the screen leaves out: the model, its uncerta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import isfinite, sqrt
 from pathlib import Path
 
@@ -84,7 +83,7 @@ def screen(
     return [
         *blocks[:-1],
         *graded(found),
-        *motor_blocks(labels, learned.physical, hover),
+        *motor_blocks(learned, hover),
         *torque_blocks(learned.wind_torque, learned.physical),
         *prediction_blocks(labels, held_out),
         *map(warning, found.warnings),
@@ -128,20 +127,17 @@ def analysis_blocks(assessment: Assessment) -> list[Block]:
     if analysis is None:
         return conclusion(assessment.judgement)
     learned = analysis.learned
-    hover = analysis.vehicle.hover
-    if hover is not None and analysis.tier.name != "a":
-        hover = replace(hover, roll=None, pitch=None)  # the condition says how the vehicle leans
     if learned is None:
         blocks = conclusion(assessment.judgement)
         if analysis.reason is not None:
             blocks.insert(-1, Sentence(str(analysis.reason), "No model:"))
     else:
+        hover = analysis.vehicle.hover if analysis.tier.name == "a" else None
         blocks = screen(learned, analysis.held_out, hover, assessment)
     blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
         blocks += [
             *section("tier", **analysis.tier.as_dict()),
-            *section("identity", analysis.identity),
             *section("condition", analysis.condition),
         ]
     return blocks
@@ -161,38 +157,39 @@ def summary(learned: Learned) -> str:
     return text_of([*screen(learned), *map(caution, learned.cautions)])
 
 
-def motor_blocks(
-    labels: Labels, physical: Physical | None, hover: HoverFigures | None
-) -> list[Block]:
-    """Returns a row a motor, with its effectiveness, trim, headroom and saturation; and what is of all motors."""
-    columns = dict[str, list[str]]()
+def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> list[Block]:
+    """Returns a row a motor, with its effectiveness, trim, headroom and saturation; and what is of all motors.
+
+    Where the model ``learned`` has other inputs than motors, these have a table of their own.
+    """
     blocks = list[Block]()
     rest = list[str]()
-    if physical is not None:
+    columns = {} if hover is None else _hover_columns(hover)
+    if learned is not None and (physical := learned.physical) is not None:
+        labels = Labels.of(learned)
         half = physical.interval(LEVEL)
         effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
-        columns[f"effectiveness ({per(TORQUE, labels.input_units[0])})"] = [
-            plus_minus(*pair) for pair in effect
-        ]
+        cells = [plus_minus(*pair) for pair in effect]
+        effects = {f"effectiveness ({per(TORQUE, labels.input_units[0])})": cells}
+        if hover is not None and hover.motors == labels.input_names:
+            columns = effects | columns
+        else:
+            blocks.append(_by_motor(labels.input_names, effects))
         for name, words, scale, unit in MOTION:
             pair = scale * getattr(physical, name), scale * getattr(half, name)
             rest.append(
                 f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}"
             )
-    if hover is not None and has_trims(labels, hover):
-        columns |= _hover_columns(hover)
-    if columns:
-        rows = zip(labels.input_names, *columns.values(), strict=True)
-        blocks.append(Table(["vehicle", *columns], [list(row) for row in rows]))
-    if hover is not None and (leaning := _lean(hover)):
-        rest.append(f"mean lean {leaning}")
-    text = f"{'; '.join(rest)}.{f' {INTERVAL}' if '±' in f'{columns}{rest}' else ''}"
+    if hover is not None:
+        blocks.append(_by_motor(hover.motors, columns))
+        rest += [f"mean lean {leaning}"] if (leaning := _lean(hover)) else []
+    text = f"{'; '.join(rest)}.{f' {INTERVAL}' if '±' in f'{blocks}{rest}' else ''}"
     return [*blocks, Sentence(text[:1].upper() + text[1:])] if rest else blocks
 
 
-def has_trims(labels: Labels, hover: HoverFigures | None) -> bool:
-    """Returns whether the motors' ``hover`` figures are of the inputs, so that one table has both."""
-    return hover is not None and hover.motors == labels.input_names
+def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:
+    rows = zip(motors, *columns.values(), strict=True)
+    return Table(["vehicle", *columns], [list(row) for row in rows])
 
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
@@ -269,7 +266,7 @@ def residual_blocks(learned: Learned) -> list[Block]:
 
 
 def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
-    """Returns a row an axis of a ``vehicle``, the reasons for what is not reported, and a row a motor."""
+    """Returns a row an axis of a ``vehicle``, and the reasons for what is not reported."""
     blocks: list[Block] = []
     if vehicle.axes:  # A table without rows says nothing.
         axes = vehicle.axes.items()
@@ -289,14 +286,6 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
             Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"),
             Table(header, [[name, *_axis_row(one)] for name, one in axes]),
             *(Sentence(reason, f"{name.capitalize()}:") for name, reason in reasons if reason),
-        ]
-    if (hover := vehicle.hover) is not None:
-        columns = _hover_columns(hover)
-        rows = zip(map(short, hover.motors), *columns.values(), strict=True)
-        lean = f"{hover.seconds:.0f} s of settled flight; mean lean {_lean(hover) or 'not known'}."
-        blocks += [
-            Sentence(lean, "Motors:"),
-            Table(["motor", *columns], [list(row) for row in rows]),
         ]
     return blocks
 

@@ -29,7 +29,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
 from mavdem.report.blocks import Sentence, Table, text_of
 from mavdem.report.page import model_pictures
-from mavdem.report.screen import analysis_blocks, vehicle_blocks
+from mavdem.report.screen import analysis_blocks, motor_blocks, vehicle_blocks
 from mavdem.report.words import headline
 
 SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
@@ -172,7 +172,8 @@ def test_each_axis_is_as_by_itself_and_the_motors_are_those_of_hover():
     assert_allclose(found.axes["yaw"].physical.effect, alone.effect)
     assert found.axes["yaw"].physical.status == alone.status
     assert found.hover == mavdem.hover(FLIGHT)
-    axes, motors = (block for block in vehicle_blocks(found) if isinstance(block, Table))
+    (axes,) = (block for block in vehicle_blocks(found) if isinstance(block, Table))
+    (motors,) = (block for block in motor_blocks(None, found.hover) if isinstance(block, Table))
     assert [row[0] for row in axes.rows] == ["roll", "pitch", "yaw"]
     assert len(motors.rows) == len(found.hover.motors)
 
@@ -182,9 +183,7 @@ def test_a_log_too_slow_for_parameters_has_hover_figures_and_the_reason():
     assert list(slow.axes) == ["pitch"] and slow.axes["pitch"].physical is None
     assert "4.0 Hz" in str(slow.axes["pitch"].reason) and slow.hover is not None
     assert slow.as_dict()["axes"]["pitch"]["physical"] is None
-    (motors,) = (
-        block for block in vehicle_blocks(slow._replace(axes={})) if isinstance(block, Table)
-    )
+    (motors,) = (block for block in motor_blocks(None, slow.hover) if isinstance(block, Table))
     assert len(motors.rows) == len(slow.hover.motors)
     with pytest.raises(ValueError, match="axis must be one of roll, pitch, yaw, all, not 'heave'"):
         mavdem.vehicle(FLIGHT, axis="heave")
