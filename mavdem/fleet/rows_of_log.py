@@ -21,7 +21,7 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import Prior, Reading
 from mavdem.fleet.row import DEMAND, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows, fault
@@ -80,7 +80,8 @@ def _rows_of_vehicle(
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
-        reason = first.reason or assessment.headline
+        is_bad = assessment.headline.level is Level.BAD
+        reason = (None if is_bad else first.reason) or assessment.headline
         row = FlightRow.of(
             first.as_dict() | judged,
             status=reason.advised,
