@@ -11,8 +11,8 @@ from math import inf, isinf
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.signals import Signals, held, setpoints
 from mavdem.ingest.telemetry import Array
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 
@@ -42,6 +42,14 @@ as a share of the hover's mean, that it would turn what nothing holds: of four, 
 more."""
 GROUND_SECONDS = 3.0  # As long it lasts at least: motors are throttled for a moment in the air, too
 LEAST_CLIMB = 0.1  # m/s, averaged, of what leaves the ground
+GROUND_HEIGHT = (
+    1.0  # m above the take-off: what never rose above it stood, and what is no higher may stand
+)
+ASKED_SECONDS = 1.0
+"""As late a setpoint may be followed: the attitude loops of the largest multirotors take about a second."""
+ASKED_LEAN = np.radians(10.0)
+FOLLOWED_SHARE = 1 / 3
+"""Root mean squares, of what a flight was asked to lean and of what it did of that: free vehicles do 0.8 and more."""
 REPORT_SECONDS = 10.0
 """Longest time between two reports of EXTENDED_SYS_STATE that they cover: autopilots send it at 0.2 Hz and faster, and
 what the vehicle did in a longer gap the other evidence shows better."""
@@ -165,12 +173,40 @@ def off_ground(flights: Intervals, signals: Signals, boot: int) -> Intervals:
             for start, end in flights
         )
         flights = [flight for flight, up in zip(flights, rose, strict=True) if up]
-    held = [
+    stood = [flight for flight in flights if _stood(signals, boot, flight)]
+    stood += [
         part
         for part in both(flights, grounded(signals, boot))
         if part[1] - part[0] >= GROUND_SECONDS
     ]
-    return both(flights, outside(held))
+    return both(flights, outside(sorted(stood)))
+
+
+def rose(signals: Signals, boot: int, flight: Interval) -> bool | None:
+    """Returns whether a ``flight`` of ``boot`` rose by ``GROUND_HEIGHT``; None where its height was not recorded."""
+    height = of_boot(signals.height, boot)
+    if height is None:
+        return None
+    ground = np.interp(flight[0], height.time, height.values)
+    return bool((height.values[during(height.time, [flight])] > ground + GROUND_HEIGHT).any())
+
+
+def _stood(signals: Signals, boot: int, flight: Interval) -> bool:
+    """Whether a flight never rose, and hardly leaned although it was asked to."""
+    if rose(signals, boot, flight) is not False:
+        return False
+    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
+        here = (tilt.boot == boot) & during(tilt.time, [flight])
+        for setpoint in setpoints(signals.telemetry, axis):
+            squares = held(setpoint, boot, tilt.time[here]) ** 2
+            known = np.isfinite(squares)
+            if setpoint.unit != "rad" or not known.any():
+                continue
+            asked = squares[known].mean()
+            leaned = np.mean(tilt.angle[here][known] ** 2)
+            if asked > ASKED_LEAN**2 and leaned < FOLLOWED_SHARE**2 * asked:
+                return True
+    return False
 
 
 def grounded(signals: Signals, boot: int) -> Intervals:

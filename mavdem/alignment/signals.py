@@ -302,8 +302,8 @@ class VehicleSignals:
     def _first_of(self, fields: Mapping[str, tuple[str, float]]) -> Signal | None:
         """The first message with one of these fields that is not always 0, which measures nothing, times its factor."""
         for message, (field, factor) in fields.items():
-            columns = self.telemetry.messages.get(message)
-            if columns is not None and len(columns["time"]) > 1 and columns[field].any():
+            columns = self.telemetry.messages.get(message, {})
+            if field in columns and len(columns["time"]) > 1 and columns[field].any():
                 return series(columns, factor * floats(columns, field))
         return None
 

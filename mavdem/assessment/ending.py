@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import airborne_collective, during, of_boot
+from mavdem.alignment.phases import ASKED_SECONDS, airborne_collective, during, of_boot
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.motion import ASKED_SECONDS, LOST_ANGLE, LOST_SECONDS, attitude_error
+from mavdem.assessment.motion import LOST_ANGLE, LOST_SECONDS, attitude_error
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported

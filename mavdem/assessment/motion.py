@@ -17,12 +17,15 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mavdem.alignment.drive import TILT_AXES, Signal, floats, series
 from mavdem.alignment.phases import (
+    ASKED_SECONDS,
+    GROUND_HEIGHT,
     Interval,
     Intervals,
     airborne_collective,
     during,
     flying,
     of_boot,
+    rose,
     where,
 )
 from mavdem.alignment.quality import at_limits
@@ -37,13 +40,8 @@ LOST_SECONDS = 0.3
 """A loss of attitude, and a motor at its stop, last so long: one sample of a stream at 4 Hz is none."""
 ONSET_ANGLE = LOST_ANGLE / 3
 """The error from which on the attitude was leaving: vehicles in order stay within it but for moments."""
-ASKED_SECONDS = 1.0
-"""As late a setpoint may be followed: the attitude loops of the largest multirotors take about a second."""
 CAUGHT_SECONDS = 5.0
 """Of flight after a loss of attitude, with which it was caught; events of a kind that follow sooner are one."""
-GROUND_HEIGHT = (
-    1.0  # m above the take-off: what never rose above it stood, and what is no higher may stand
-)
 FALL_SPEED = 5.0  # m/s down: autopilots descend by themselves at 1.5 to 4
 HIT_SPEED = 3.0
 """m/s by which a fall is braked within ``LOST_SECONDS`` by the ground only: it takes three times the weight."""
@@ -204,7 +202,8 @@ def _loss(
     hit = _hit(signals, boot, onset - ASKED_SECONDS, start)
     code = MotionEvent.ATTITUDE_LOST
     level = Level.BAD
-    if not _rose(signals, boot, flight, onset):
+    up = rose(signals, boot, (flight[0], onset))
+    if not (onset - flight[0] > CAUGHT_SECONDS if up is None else up):
         code = MotionEvent.TIPPED
     elif hit is not None or (height is not None and height < GROUND_HEIGHT):
         code = MotionEvent.HIT
@@ -224,16 +223,6 @@ def _loss(
         speed=speed,
         boot=boot,
     )
-
-
-def _rose(signals: Signals, boot: int, flight: Interval, until: float) -> bool:
-    """Whether a flight got off the ground before ``until``, s: by its height, or else by how long it lasted."""
-    height = of_boot(signals.height, boot)
-    if height is None or flight[0] == -inf:
-        return until - flight[0] > CAUGHT_SECONDS
-    here = (height.time >= flight[0]) & (height.time <= until)
-    ground = np.interp(flight[0], height.time, height.values)
-    return bool((height.values[here] > ground + GROUND_HEIGHT).any())
 
 
 def _seen(end: float) -> float | None:

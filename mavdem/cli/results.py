@@ -23,7 +23,7 @@ def named_after(source: str) -> Path:
     name = Path(source).name
     stem = name.removesuffix(".xz")
     stem = stem.removesuffix(Path(stem).suffix)
-    return Path(stem if stem.strip(".") and stem != name else f"{name}-learnt")
+    return Path(stem if stem.strip(".") and stem != name else f"{name}-learned")
 
 
 def result_files(assessment: Assessment) -> tuple[str, ...]:

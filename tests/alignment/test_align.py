@@ -26,7 +26,7 @@ from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
-from mavdem.ingest.vocabulary import OFF_GROUND
+from mavdem.ingest.vocabulary import OFF_GROUND, attitude_target, quaternion
 
 HOVER = Hover()
 LIFTED = 6.0
@@ -381,3 +381,29 @@ def test_the_motors_that_should_turn_the_nose_do(name):
     flight = learnability_of(Signals(telemetry, "yaw")).flight
     acceleration = np.gradient(flight.outputs[:, 0]) / flight.dt
     assert np.corrcoef(flight.inputs @ flight.effect_directions, acceleration)[0, 1] > 0.2
+
+
+@pytest.mark.parametrize(
+    ("height", "asked", "leaned", "stands"),
+    [
+        (0.9, 1.05, 0.95, True),
+        (1.1, 1.05, 0.95, False),  # it rose
+        (0.9, 0.95, 0.85, False),  # little was asked
+        (0.9, 1.05, 1.1, False),  # it followed
+    ],
+)
+def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, leaned, stands):
+    """In shares of what is asked at least, and of what hardly leans."""
+    hover = Hover(sway=0.0)
+    made = hover.telemetry(20.0, 20.0)
+    time = made.messages["ATTITUDE"]["time"]
+    wave = np.where(np.sin(3 * time) > 0, 1.0, -1.0) * asked * phases.ASKED_LEAN
+    asks = attitude_target(q=quaternion(wave, 0 * time, 0 * time))
+    made = changed(made, "ATTITUDE_TARGET", **columns(time, **asks))
+    leans = wave / asked * leaned * phases.FOLLOWED_SHARE
+    made = changed(made, "ATTITUDE", roll=leans, pitch=0 * time)
+    at = made.messages["LOCAL_POSITION_NED"]["time"]
+    up = np.where((at > 20.0) & (at < 40.0), -height * phases.GROUND_HEIGHT, 0.0)
+    signals = Signals(changed(made, "LOCAL_POSITION_NED", z=up))
+    flights = phases.flying(signals, 0)
+    assert flights and (phases.off_ground(flights, signals, 0) == []) == stands

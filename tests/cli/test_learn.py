@@ -104,7 +104,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
 
 @pytest.mark.parametrize(
     ("source", "folder"),
-    [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("...tlog", "...tlog-learnt")],
+    [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("...tlog", "...tlog-learned")],
 )
 def test_the_folder_is_named_after_the_log(source, folder):
     assert str(named_after(source)) == folder
