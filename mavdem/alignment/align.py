@@ -35,7 +35,7 @@ MAX_CYCLES = 3
 STAMP_SECONDS = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Segment:
     """Settled flight from ``start`` to ``end``, seconds on one boot's clock, with attitude and inputs throughout."""
 

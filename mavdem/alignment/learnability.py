@@ -212,7 +212,7 @@ class _Evidence:
                 body_rates=self.name(self.attitude) == "vehicle_angular_velocity",
                 demand=self.drive.message == DEMAND_MESSAGE,
             )
-        cautions = cautions_of(signals, figures) if learnable else ()
+        cautions = tuple(cautions_of(signals, figures)) if learnable else ()
         return Learnability(
             signals.axis, learnable, reason, cautions, segment, figures, flight, self.segments
         )
@@ -372,12 +372,8 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
     )
 
 
-def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[Fact, ...]:
-    """Returns what was left out of attitude and inputs, what was assumed, and what a segment of ``figures`` lacks."""
-    return tuple(_cautions(signals, figures))
-
-
-def _cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
+def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
+    """Yields what was left out of attitude and inputs, what was assumed, and what a segment of ``figures`` lacks."""
     axis = signals.axis
     attitude = signals.attitude
     drive = signals.drive

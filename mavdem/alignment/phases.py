@@ -252,16 +252,11 @@ def armed(signals: Signals, boot: int) -> Intervals:
 
 
 def highest_collective(signals: Signals) -> float:
-    """Returns the highest share of their range at which the motors worked together while armed, averaged."""
-    highest = 0.0
+    """Returns the highest share of their range at which the motors worked together, averaged."""
     collective = signals.collective
-    for boot in np.unique(collective.boot) if collective is not None else ():
-        if (here := of_boot(collective, boot)) is not None:
-            highest = max(
-                highest,
-                float(average(here)[during(here.time, armed(signals, boot))].max(initial=0.0)),
-            )
-    return highest
+    boots = () if collective is None else np.unique(collective.boot)
+    known = (of_boot(collective, int(boot)) for boot in boots)
+    return max((float(average(one).max()) for one in known if one is not None), default=0.0)
 
 
 def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:

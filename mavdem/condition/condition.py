@@ -303,9 +303,7 @@ def settled_parts(signals: Signals) -> tuple[Segment, ...]:
     if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         return ()
     if signals.motors is not None:
-        return tuple(
-            sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start))
-        )
+        return tuple(sorted(settled_segments(signals)))
     return _parts(signals, phases.settled)
 
 
@@ -379,13 +377,6 @@ def or_none(half_width: float) -> float | None:
     return float(half_width) if np.isfinite(half_width) else None
 
 
-def _measured(signals: Signals, message: str, fields: tuple[str, ...]) -> Signal | None:
-    columns = signals.telemetry.messages.get(message)
-    if columns is None or not all(name in columns for name in fields):
-        return None
-    return series(columns, np.column_stack([floats(columns, name) for name in fields]))
-
-
 class MeasuredVibration(NamedTuple):
     """The vibration of every IMU, the first one's axes first.
 
@@ -446,8 +437,11 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
         float(volts.mean()),
         float(volts.min()),
     )
-    load = _measured(signals, "SYS_STATUS", ("current_battery",))
-    amperes = np.zeros(0) if load is None else load.values[within(load, *parts, slack=0), 0] / 1e2
+    amperes = np.zeros(0)
+    columns = signals.telemetry.messages.get("SYS_STATUS", {})
+    if "current_battery" in columns:
+        load = series(columns, floats(columns, "current_battery"))
+        amperes = load.values[within(load, *parts, slack=0)] / 1e2
     # A negative current stands for none, and a sensor that is not there, or not calibrated, reads 0 at times.
     if not len(amperes) or amperes.min() <= 0:
         return BatteryFigures(*figures)

@@ -158,18 +158,14 @@ def _place(telemetry: Telemetry) -> tuple[float, float] | None:
 
 def _date(signals: Signals, received: float) -> datetime | None:
     columns = signals.telemetry.messages.get("SYSTEM_TIME", {})
-    segments = settled_segments(signals)
-    flight = min(segments, key=lambda segment: (segment.boot, segment.start), default=None)
+    flight = min(settled_segments(signals), default=None)
     if "time_unix_usec" in columns:
         unix = np.asarray(columns["time_unix_usec"], dtype=np.float64) / 1e6
         known = unix > FIRST_SECOND
-        if flight is not None and (known & (columns["boot"] == flight.boot)).any():
-            known &= columns["boot"] == flight.boot
+        if flight is not None and (own := known & (columns["boot"] == flight.boot)).any():
+            return _utc(float(unix[own][0] + flight.start - columns["time"][own][0]))
         if known.any():
-            at = float(unix[known][0])
-            time = float(columns["time"][known][0])
-            same = flight is not None and flight.boot == columns["boot"][known][0]
-            return _utc(at + (flight.start - time) if flight is not None and same else at)
+            return _utc(float(unix[known][0]))
     return _utc(received) if received > FIRST_SECOND else None
 
 

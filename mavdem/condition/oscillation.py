@@ -16,6 +16,7 @@ from mavdem.alignment.align import Segment, mean_rate, within
 from mavdem.alignment.drive import Motors
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude
+from mavdem.condition.resonance import spectra_of, windows_of
 
 WINDOWS = (4.0, 8.0)
 FEWEST_SAMPLES = 32
@@ -85,20 +86,19 @@ def _limit_cycles(
     moved = np.column_stack([np.interp(time, streams[1], column) for column in series.T])
     table = np.column_stack([np.degrees(np.interp(time, streams[0], tilt.rate[turning])), moved])
     size = max(round(seconds * sampled), FEWEST_SAMPLES)
-    hann = np.hanning(size)[:, None]
+    if len(time) < size:
+        return
     bins = np.fft.rfftfreq(size, 1 / sampled)
-    windows = []
-    for first in range(0, len(time) - size + 1, size // 2):
-        window = table[first : first + size]
-        power = np.square(np.abs(np.fft.rfft((window - window.mean(axis=0)) * hann, axis=0)))
-        power = np.column_stack([power[:, 0], power[:, 1:-1].sum(axis=1)])
-        peak = bins[np.argmax(np.where(bins >= PERIODS * bins[1], power[:, 0], 0.0))]
-        line = np.abs(bins - peak) <= max(2.01 * bins[1], LINE_WIDTH * peak)
-        share = np.min(
-            power[line].sum(axis=0) / np.maximum(power.sum(axis=0), np.finfo(np.float64).tiny)
-        )
-        windows.append((time[first], share, peak, window[:, 0].std(), window[:, -1].mean()))
-    start, share, peak, rate, at_limit = np.array(windows).reshape(-1, 5).T
+    turned, *outputs = (np.square(np.abs(spectra_of(column, size))) for column in table[:, :-1].T)
+    power = np.array([turned, sum(outputs)])
+    peak = bins[np.argmax(np.where(bins >= PERIODS * bins[1], turned, 0.0), axis=1)]
+    width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
+    line = np.abs(bins - peak[:, np.newaxis]) <= width[:, np.newaxis]
+    whole_power = np.maximum(power.sum(axis=-1), np.finfo(np.float64).tiny)
+    share = np.min(np.where(line, power, 0.0).sum(axis=-1) / whole_power, axis=0)
+    start = windows_of(time, size)[:, 0]
+    rate = windows_of(table[:, 0], size).std(axis=1)
+    at_limit = windows_of(table[:, -1], size).mean(axis=1)
     sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
     lines = (share >= sure) & (rate >= SLIGHT_RATE)
     same = lines[1:] & lines[:-1] & (np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:])
@@ -113,10 +113,10 @@ def _limit_cycles(
         early = rate[run[:third]].mean()
         late = rate[run[-third:]].mean()
         growing = len(run) > 2 and bool(late >= GROWTH * early)
-        turned = float(np.sqrt(np.mean(rate[run] ** 2)))
+        strength = float(np.sqrt(np.mean(rate[run] ** 2)))
         limit = float(at_limit[run].mean())
         # Lines of an alias may be of any frequency.
         lasting = lasted >= LASTING_SHARE * whole and (line >= STEERED or sampled < MINIMUM_RATE)
-        if limit >= LIMITED_SHARE or (turned >= LEAST_RATE and (growing or lasting)):
+        if limit >= LIMITED_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
             frequency = float(line) if sampled >= MINIMUM_RATE else None
-            yield Oscillation(axis, frequency, turned, limit, growing, lasted)
+            yield Oscillation(axis, frequency, strength, limit, growing, lasted)

@@ -159,7 +159,7 @@ def spectra(
         first = max(time[0] for time, _ in piece)
         grid = np.arange(first, min(time[-1] for time, _ in piece), 1 / sampled)
         if len(grid) >= size:
-            r, p = (_windows(np.interp(grid, *one), size) for one in piece)
+            r, p = (spectra_of(np.interp(grid, *one), size) for one in piece)
             windows += zip(r, p, strict=True)
     if len(windows) < FEWEST_WINDOWS:
         return None
@@ -174,8 +174,14 @@ def spectra(
     )
 
 
-def _windows(values: Array, size: int) -> Complex:
-    windows = np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 2]
+def windows_of(values: Array, size: int) -> Array:
+    """Returns the windows (W, size) of ``values`` (N,), half over each other."""
+    return np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 2]
+
+
+def spectra_of(values: Array, size: int) -> Complex:
+    """Returns the spectra (W, F) of those windows, about their means, through Hann's window."""
+    windows = windows_of(values, size)
     centred = windows - windows.mean(axis=1, keepdims=True)
     return np.asarray(np.fft.rfft(centred * np.hanning(size), axis=1))
 

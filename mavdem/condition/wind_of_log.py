@@ -82,9 +82,13 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         time, first = np.unique(columns["time"][rows], return_index=True)
         velocity = moving[rows[first]]
         height = above[rows[first]]
-        stamps = [np.unique(angle.time[angle.boot == boot], return_index=True) for angle in angles]
+        tracks = [
+            (angle.time[here], angle.angle[here])
+            for angle in angles
+            for here in [angle.boot == boot]
+        ]
         # A message may have one angle that is none: only those with all three count.
-        at: Array = reduce(np.intersect1d, [stamp for stamp, _ in stamps])
+        at: Array = reduce(np.intersect1d, [stamps for stamps, _ in tracks])
         if len(time) < 2:
             continue
         sure = _known(signals, boot, columns, rows[first], velocity)
@@ -95,18 +99,9 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         )
         after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
         kept &= sure[after] & sure[after - 1] & (time[after] - time[after - 1] <= LONGEST_STEP)
-        pairs = zip(angles, stamps, strict=True)
-        turned = [
-            angle.angle[angle.boot == boot][one[np.searchsorted(own, at)]]
-            for angle, (own, one) in pairs
-        ]
-        kept &= (
-            at
-            > np.max(
-                at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)], initial=-np.inf
-            )
-            + LONGEST_STEP
-        )
+        turned = [angle[np.searchsorted(stamps, at)] for stamps, angle in tracks]
+        resets = at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)]
+        kept &= at > np.max(resets, initial=-np.inf) + LONGEST_STEP
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
         found = np.column_stack([at, *turned, *moved])[kept]
         best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)

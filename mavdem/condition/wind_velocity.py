@@ -45,7 +45,7 @@ CHANGED = 1.0
 DRAG_ERROR = 0.18
 DRAG_LEFT = 0.8
 COURSES = ("time", "velocity", "band", "minutes", "profile")
-POINTS = (
+POINTS = [
     "N",
     "NNE",
     "NE",
@@ -62,7 +62,7 @@ POINTS = (
     "WNW",
     "NW",
     "NNW",
-)
+]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -407,17 +407,14 @@ Flight = Sequence[FlightRow]
 
 
 def flights_of(rows: Iterable[FlightRow]) -> list[list[FlightRow]]:
-    """Returns the rows of each flight, its axes in order; flights by date, those without one last, then by file."""
+    """Returns the rows of each flight, its axes in order; flights by date, those without one last, then by vehicle."""
     together: dict[tuple[object, ...], list[FlightRow]] = {}
     for row in rows:
-        together.setdefault((row.key, row.file, row.vehicle, row.system, row.component), []).append(
-            row
-        )
+        together.setdefault(row.order[:-1], []).append(row)
 
     def when(flight: Flight) -> tuple[object, ...]:
         row = flight[0]
-        stamp = math.inf if row.date is None else row.date.timestamp()
-        return stamp, row.file, row.key, row.vehicle, row.system or 0, row.component or 0
+        return math.inf if row.date is None else row.date.timestamp(), row.order
 
     for flight in together.values():
         flight.sort(key=lambda row: AXIS_ORDER.index(row.axis or ""))

@@ -61,14 +61,11 @@ class MotorSignatures:
         Without spins it cannot: every motor's signature is then that of a load shifted towards it. Nor can it where two
         motors lie above each other and turn the same way.
         """
-        if "yaw" not in self.axes or "roll" not in self.axes:
-            return False
         signatures = self.weak_motor[:, 1:]
-        size = np.linalg.norm(signatures, axis=1)
-        if not signatures[:, -1].all():
+        if len(self.axes) <= len(AXES) or not signatures[:, -1].all():
             return False
-        cosines = signatures @ signatures.T / np.outer(size, size)
-        return bool((cosines[~np.eye(len(size), dtype=bool)] < 0.99).all())
+        unit = signatures / np.linalg.norm(signatures, axis=1, keepdims=True)
+        return bool(np.triu(unit @ unit.T, 1).max() < 0.99)
 
 
 def motor_signatures(layout: MotorGeometry) -> MotorSignatures:
@@ -101,7 +98,7 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     signatures = motor_signatures(motors.layout)
     runs = []
     seconds = 0.0
-    segments = sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start))
+    segments = sorted(settled_segments(signals))
     steady_of = {boot: steady(signals, boot) for boot in {segment.boot for segment in segments}}
     for segment in segments:
         spans = both([(segment.start, segment.end)], steady_of[segment.boot])
@@ -128,7 +125,7 @@ def balance_figures(
     blocks = [block for run in runs for block in _blocks(*run, signatures)]
     if len(blocks) < FEWEST_BLOCKS or seconds < LEAST_SECONDS or len(signatures.axes) == 1:
         return None
-    balance, lean = (np.array(means) for means in zip(*blocks, strict=True))
+    balance, lean = np.split(np.array(blocks), [3], axis=1)
     rest = balance - balance.mean(axis=0)
     leaned = lean - lean.mean(axis=0)
     effect, effect_variance = np.full((2, 3, 2), np.nan)
@@ -147,25 +144,19 @@ def balance_figures(
     )
 
 
-def _blocks(
-    time: Array, commands: Array, lean: Array, signatures: MotorSignatures
-) -> list[tuple[Array, Array]]:
-    """Means of the balance (3,), over that of all motors, and of the lean (2,), of blocks of equal length."""
-    if len(time) < 2:
+def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatures) -> list[Array]:
+    """(5,) means of the balance, over that of all motors, and of the lean, of each block of equal length."""
+    seconds = float(np.ptp(time)) if len(time) else 0.0
+    if seconds < BLOCK_SECONDS:
         return []
     balance = np.full((len(time), 3), np.nan)
     asked = commands @ signatures.weights.T
     balance[:, [AXES.index(axis) for axis in signatures.axes[1:]]] = asked[:, 1:]
-    thrust = asked[:, 0]
-    seconds = time[-1] - time[0]
+    table = np.column_stack([asked[:, 0], balance, lean])
     count = int(seconds / BLOCK_SECONDS)
     number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
-    rows = [number == block for block in range(count)]
-    flown = [mine for mine in rows if mine.any() and thrust[mine].mean() > 0]
-    return [
-        (balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0))
-        for mine in flown
-    ]
+    means = [table[number == block].mean(axis=0) for block in np.unique(number)]
+    return [np.append(mean[1:4] / mean[0], mean[4:]) for mean in means if mean[0] > 0]
 
 
 def _inflation(rest: Array) -> float:
@@ -227,10 +218,9 @@ class HealthFigures:
 
     def overlaps(self, other: HealthFigures) -> bool:
         """Whether both are one flight, logged twice: a vehicle that began to fly has not landed as the other begins."""
-        if self.date is None or other.date is None or self.balance is None or other.balance is None:
-            return False
-        first = min(self, other, key=lambda flight: flight.when)
-        return abs(self.when - other.when) < _balance(first).seconds
+        first, second = sorted((self, other), key=lambda flight: flight.when)
+        lasted = 0.0 if first.balance is None else first.balance.seconds
+        return second.when - first.when < lasted
 
     @property
     def when(self) -> float:

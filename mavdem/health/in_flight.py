@@ -231,19 +231,16 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
     """Plain JSON values: alarms on motors, motors that are sound again, changes of the steady torque, false alarms."""
-    codes = InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED, InFlight.STEADY_TORQUE_CHANGED
-    alarms, recoveries, torques = (
-        [
-            {**change._asdict(), "sentence": change.sentence}
-            for change in changes
-            if change.fact.code is code
-        ]
-        for code in codes
-    )
-    figures = {"alarms": alarms, "recoveries": recoveries, "torque_changes": torques}
+    names: dict[Any, str] = {
+        InFlight.MOTOR_LOST_THRUST: "alarms",
+        InFlight.MOTOR_RECOVERED: "recoveries",
+        InFlight.STEADY_TORQUE_CHANGED: "torque_changes",
+    }
+    figures: dict[str, Any] = {name: [] for name in names.values()}
+    for change in changes:
+        figures[names[change.fact.code]].append({**change._asdict(), "sentence": change.sentence})
     at_most = FALSE_ALARMS.figures["alarms_per_hour"]
-    basis = {"at_most": at_most, "basis": str(FALSE_ALARMS)}
-    return {**figures, "false_alarms_per_hour": basis}
+    return {**figures, "false_alarms_per_hour": {"at_most": at_most, "basis": str(FALSE_ALARMS)}}
 
 
 class MotorWatch:

@@ -80,8 +80,13 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
         )
     roll, pitch, yaw = level.tolist()
     if weighed.shares["yaw"] >= PROBABLE:
-        twisted = Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=yaw, **known)
-        return twisted.but(probability=weighed.shares["yaw"])
+        return Fact(
+            Trim.TRIM_OF_YAW,
+            Level.WATCH,
+            share=yaw,
+            probability=weighed.shares["yaw"],
+            **known,
+        )
     if weighed.shares["load"] >= PROBABLE:
         return Fact(
             Trim.TRIM_OF_CENTRE,
