@@ -2,7 +2,6 @@
 
 import faulthandler
 import os
-from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -12,7 +11,7 @@ from hypothesis import settings
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser):
     """Golden files hold a whole screen each: ``--write-golden`` writes them anew, to be read before they are kept."""
     parser.addoption(
         "--write-golden", action="store_true", help="write the golden files of tests/report anew"
@@ -28,7 +27,7 @@ HANGING_SECONDS = 400.0  # of one test, however busy the machine is
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol() -> Iterator[None]:
+def pytest_runtest_protocol():
     """Ends the process of a test that hangs, as where Rerun never answers: no exception reaches it there."""
     faulthandler.dump_traceback_later(HANGING_SECONDS, exit=True)
     try:

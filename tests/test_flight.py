@@ -124,9 +124,9 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
 @pytest.mark.parametrize(
     ("time", "outputs", "slip"),
     [
-        (1, (180 / np.pi, 180 / np.pi), Slip.BOTH_IN_DEGREES),
-        (1, (180 / np.pi, 1), Slip.ANGLE_IN_DEGREES),
-        (1, (1, 180 / np.pi), Slip.RATE_IN_DEGREES),
+        (1, np.degrees([1, 1]), Slip.BOTH_IN_DEGREES),
+        (1, [57.3, 1], Slip.ANGLE_IN_DEGREES),
+        (1, [1, 57.3], Slip.RATE_IN_DEGREES),
         (1e3, (1, 1), Slip.TIME_IN_MILLISECONDS),
         (1e6, (1, 1), Slip.TIME_IN_MICROSECONDS),
     ],

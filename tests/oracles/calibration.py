@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from dem_posterior import Embedding, generative_model, roll
-from joint_gaussian import ParameterPrior, System
+from joint_gaussian import ParameterPrior
 from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL, half_width
@@ -31,7 +31,7 @@ VEHICLE = np.array([-9.0, -4.0, 12.0])
 SPREAD = np.array([3.0, 1.5, 4.0])
 
 
-def coverage() -> float:
+def coverage():
     """Share of the free parameters inside DEM's own interval, over ``SYSTEMS`` true ones.
 
     Everything else is known, and the wind's λ to within a standard deviation of 1.
@@ -52,11 +52,11 @@ def coverage() -> float:
     return float(np.mean(inside))
 
 
-def independent_samples(truth: System, rng: np.random.Generator) -> Array:
+def independent_samples(truth, rng):
     """[ỹ; η̃] (T, ·): x and ṽ at random, its derivatives by the model with w̃, and z̃ on all of it."""
     p = EMBEDDING.p
 
-    def noise(order: int, sd: Array) -> Array:
+    def noise(order, sd):
         factor = np.linalg.cholesky(temporal_covariance(order, truth.smoothness))
         white = rng.standard_normal((SAMPLES, order + 1, 2))
         return np.asarray(np.einsum("ij,tja->tia", factor, white) * sd)

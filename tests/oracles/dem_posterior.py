@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from joint_gaussian import ParameterPrior, System
+from joint_gaussian import System
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.generative import (
@@ -22,7 +22,7 @@ DT = 0.1  # seconds; it responds within about one second
 KINEMATIC_NOISE = 0.03
 
 
-def roll(smoothness: float, output_noise: float, *, outputs: int = 2) -> System:
+def roll(smoothness, output_noise, *, outputs=2):
     """φ̇ = rate; the rate has stiffness, damping and gain, which are free, and noise; one output is the angle alone."""
     A = np.array([[0.0, 1.0], [-4.0, -1.2]])
     B = np.array([[0.0], [4.0]])
@@ -42,9 +42,7 @@ class Embedding(NamedTuple):
     as_read: bool = False
 
 
-def generative_model(
-    system: System, embedding: Embedding, prior: ParameterPrior
-) -> GenerativeModel:
+def generative_model(system, embedding, prior):
     """DEM's model of the system: everything known but the free parameters."""
     p = embedding.p
     q = embedding.q

@@ -1,7 +1,7 @@
 """A linear system under smooth noise, ẋ = A x + B u + w, y = C x + z, and a prior of its parameters."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,11 @@ class System:
     free: NDArray[np.intp]  # (k,) places in θ of the parameters to be estimated
 
     @property
-    def theta(self) -> Array:
+    def theta(self):
         """All parameters, as :func:`mavdem.dem.engine.model.pack` packs them."""
         return pack(self.A, self.B, self.C)
 
-    def at(self, parameters: Array) -> Self:
+    def at(self, parameters):
         """The same with other values (k,) of the free parameters."""
         theta = self.theta
         theta[self.free] = parameters

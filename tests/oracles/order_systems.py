@@ -27,7 +27,7 @@ INPUT_KERNEL = 0.25
 NOISE_KERNEL = 0.2
 
 
-def random_flight(order: int, channels: int, seed: int) -> Flight:
+def random_flight(order, channels, seed):
     """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise."""
     samples = 1000
     dt = 0.05
@@ -46,9 +46,7 @@ def random_flight(order: int, channels: int, seed: int) -> Flight:
     return Flight(dt * np.arange(samples), inputs[kept], outputs + sensors)
 
 
-def random_system(
-    order: int, channels: int, rng: np.random.Generator
-) -> tuple[Array, Array, Array]:
+def random_system(order, channels, rng):
     """A, B and C of a stable system with real and oscillating modes, all of which are visible in the outputs."""
     while True:
         blocks: list[Array] = []
@@ -74,19 +72,17 @@ def random_system(
             return A, B, C
 
 
-def _gramian(A: Array, B: Array) -> Array:
+def _gramian(A, B):
     return np.asarray(solve_continuous_lyapunov(A, -B @ B.T))
 
 
-def motion(A: Array, B: Array, driven: Array, step: float) -> Array:
+def motion(A, B, driven, step):
     """States (T, n) of ẋ = Ax + B·driven from rest, for inputs (T, r)."""
     system = A, B, np.eye(len(A)), np.zeros_like(B)
     states = lsim(system, driven, step * np.arange(len(driven)))[2]
     return states.reshape(len(driven), -1)
 
 
-def smooth_noise(
-    width: float, step: float, number: int, channels: int, rng: np.random.Generator
-) -> Array:
+def smooth_noise(width, step, number, channels, rng):
     """Gaussian-kernel noise of unit variance, (number, channels)."""
     return np.column_stack([gaussian_noise(width, step, number, rng) for _ in range(channels)])

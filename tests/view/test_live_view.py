@@ -53,30 +53,26 @@ def model(seed):
 def estimate(i, time):
     """All its numbers differ, and differ from those of other samples."""
     rng = np.random.default_rng(i)
-    sizes = {
-        "expected": 2,
-        "expected_band": 2,
-        "ahead": (3, 2),
-        "ahead_band": (3, 2),
-        "disturbance": 3,
-    }
-    times = {"time": time, "seen": time - LATE, "until": time - 0.1, "wind_time": time - 0.25}
-    energies = {
-        "free_energy": -100.0 - i,
-        "free_energy_action": -1000.0 - i // 10,
-        "surprise": i % 50 / 10,
-    }
-    models = {"model": MODELS[i // 10], "log_precisions": np.array([20.0, i // 10])}
-    torque = {
-        "wind_torque": np.nan if i < 40 else 0.1 * i,
-        "wind_torque_band": 0.01 * i,
-        "unusual": i % 50 == 40,
-    }
-    ratios = np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]])
-    known = {name: rng.normal(size=size) for name, size in sizes.items()}
-    later = time + DT * np.array(HORIZONS)
     return Estimate(
-        **times, **energies, **models, **torque, **known, ahead_times=later, ahead_ratio=ratios
+        time=time,
+        seen=time - LATE,
+        until=time - 0.1,
+        wind_time=time - 0.25,
+        free_energy=-100.0 - i,
+        free_energy_action=-1000.0 - i // 10,
+        surprise=i % 50 / 10,
+        unusual=i % 50 == 40,
+        model=MODELS[i // 10],
+        log_precisions=np.array([20.0, i // 10]),
+        wind_torque=np.nan if i < 40 else 0.1 * i,
+        wind_torque_band=0.01 * i,
+        expected=rng.normal(size=2),
+        expected_band=rng.normal(size=2),
+        ahead=rng.normal(size=(3, 2)),
+        ahead_band=rng.normal(size=(3, 2)),
+        ahead_times=time + DT * np.array(HORIZONS),
+        ahead_ratio=np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]]),
+        disturbance=rng.normal(size=3),
     )
 
 
@@ -465,13 +461,7 @@ def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
     assert sinks_for() == []
     assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
     assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
-    for url in (
-        "",
-        "127.0.0.1:9876",
-        "http://127.0.0.1:9876/proxy",
-        "rerun+http://:1/proxy",
-        "rerun://x:99999/proxy",
-    ):
+    for url in ("http://127.0.0.1:9876/proxy", "rerun+http://:1/proxy", "rerun://x:99999/proxy"):
         with pytest.raises(ValueError, match="looks like rerun\\+http://127.0.0.1:9876/proxy"):
             Viewer(url)
 
