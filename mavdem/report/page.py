@@ -39,7 +39,7 @@ from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, warning
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.header import FEW_POINTS, POINTS, Head, light_tiles, live_figures
+from mavdem.report.header import FEW_POINTS, POINTS, Head
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
@@ -187,7 +187,7 @@ def log_page(
     head = Head(
         assessment.headline.level,
         assessment.analysis,
-        [*light_tiles(assessment.lights)],
+        assessment.lights,
         timeline,
         is_small=not whole,
         events=[Event(nan if fact.time is None else fact.time, fact) for fact in assessment.events],
@@ -453,11 +453,10 @@ def live_page(
 
     report = live_report(history, status, account, axis, seconds)
     timeline = live_timeline(history, axis)
-    figures = [*light_tiles(judgement.lights), *live_figures(status)]
     head = Head(
         judgement.headline.level,
         None,
-        figures,
+        judgement.lights,
         timeline,
         vehicle=status.vehicle or "",
         events=history.events,
