@@ -310,19 +310,16 @@ class VehicleSignals:
     @cached_property
     def autopilot_wind(self) -> Signal | None:
         """The autopilot's own estimate of the wind, (N, 2) m/s north and east, where the air moves to."""
-        found: Signal | None = None
         if (columns := self.telemetry.messages.get("WIND_COV")) is not None:
-            found = series(
-                columns, np.column_stack([floats(columns, "wind_x"), floats(columns, "wind_y")])
-            )
+            moving = [floats(columns, "wind_x"), floats(columns, "wind_y")]
         elif (columns := self.telemetry.messages.get("WIND")) is not None:
             angle = np.radians(floats(columns, "direction"))
-            speed = floats(columns, "speed")
-            found = series(
-                columns, np.column_stack([-speed * np.cos(angle), -speed * np.sin(angle)])
-            )
+            moving = [-floats(columns, "speed") * part for part in (np.cos(angle), np.sin(angle))]
+        else:
+            return None
+        found = series(columns, np.column_stack(moving))
         # without drag fusion ArduCopter sends 0
-        return found if found is not None and found.values.any() else None
+        return found if found.values.any() else None
 
     @cached_property
     def collective(self) -> Signal | None:

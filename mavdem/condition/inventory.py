@@ -192,17 +192,13 @@ class Tier(NamedTuple):
     next_tier: str | None = None  # the next better one; None for "a"
     is_slow: bool = True  # whether rates are what is missing
 
-    @property
-    def remedy(self) -> str:
-        """What to change for the next tier; empty for "a"."""
-        return self.reason.remedy
-
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
         better = None
         if self.next_tier:
-            needs = TIERS[self.next_tier].remedy if self.is_slow else self.remedy.rstrip(".")
-            better = {"tier": self.next_tier, "needs": needs, "remedy": self.remedy}
+            remedy = self.reason.remedy
+            needs = TIERS[self.next_tier].remedy if self.is_slow else remedy.rstrip(".")
+            better = {"tier": self.next_tier, "needs": needs, "remedy": remedy}
         return {
             "tier": self.name,
             "tier_reason": self.reason,

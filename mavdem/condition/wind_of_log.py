@@ -76,8 +76,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     factor = VELOCITIES[name]
     moving = factor * np.column_stack([floats(columns, field) for field in ("vx", "vy", "vz")])
     above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
-    best = np.zeros((0, 8))
-    best_boot = 0
+    flown = [(np.zeros((0, 8)), 0)]
     for boot, rows in rows_by(columns["boot"]).items():
         time, first = np.unique(columns["time"][rows], return_index=True)
         velocity = moving[rows[first]]
@@ -103,8 +102,8 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         resets = at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)]
         kept &= at > np.max(resets, initial=-np.inf) + LONGEST_STEP
         moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
-        found = np.column_stack([at, *turned, *moved])[kept]
-        best, best_boot = (found, int(boot)) if len(found) > len(best) else (best, best_boot)
+        flown.append((np.column_stack([at, *turned, *moved])[kept], int(boot)))
+    best, best_boot = max(flown, key=lambda pair: len(pair[0]))
     if len(best) < 10:
         raise NotLearnable(Fact(NoWind.NO_FLIGHT_WITH_VELOCITY))
     stuck = _longest_stuck(signals.position, best_boot, best)
@@ -159,16 +158,14 @@ def _known(
     time = columns["time"][rows]
     sure = np.isfinite(velocity).all(axis=1)
     sure &= columns["valid"][rows] if "valid" in columns else True
-    if "x" in columns:
-        steps = np.diff(np.column_stack([floats(columns, axis)[rows] for axis in "xy"]), axis=0)
-        dt = np.diff(time)[:, None]
-        jumps = is_reset(steps, velocity[:-1, :2], velocity[1:, :2], dt).any(axis=1)
-        sure &= ~phases.during(
-            time, [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
-        )
-    for speed in velocity[:, :2].T:
-        reset = time[1:][_jumps(time, speed, VELOCITY_JUMP)]
-        sure &= ~phases.during(time, [(t - LONGEST_STEP, t + LONGEST_STEP) for t in reset])
+    speeds = velocity[:, :2].T
+    jumps = np.any([_jumps(time, speed, VELOCITY_JUMP) for speed in speeds], axis=0)
+    for axis, speed in zip("xy", speeds, strict=True):
+        if axis in columns:
+            steps = np.diff(floats(columns, axis)[rows])
+            jumps |= is_reset(steps, speed[:-1], speed[1:], np.diff(time))
+    resets = [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
+    sure &= ~phases.during(time, resets)
     reports = (signals.telemetry.messages.get(name, {}) for name in FLAGS)
     for flags in (report for report in reports if "flags" in report):
         if np.any(here := flags["boot"] == boot):

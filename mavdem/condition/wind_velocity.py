@@ -230,7 +230,7 @@ def estimate_wind(
         )
     moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
     sd = found.relative_sd(moved)
-    known = found.relative_sd(moved) / prior.relative_sd(moved)
+    known = sd / prior.relative_sd(moved)
     found = replace(found, source=prior.source if known > DRAG_LEFT else DragSource.FLIGHT)
     doubts = list(_doubts(speed, low, high, turned, sd, known, steered, prior.source))
     return WindVelocity(

@@ -69,8 +69,7 @@ def assess(
     assessments: dict[int, HealthAssessment] = {}
     candidates: dict[object, Candidates] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
-    for number in sorted(range(len(flights)), key=lambda number: flights[number].when):
-        flight = flights[number]
+    for number, flight in sorted(enumerate(flights), key=lambda numbered: numbered[1].when):
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
         others = [other for other in apart if other.layout == flight.layout]
         reference: dict[str, Any] = {"flights": len(others), "are_chosen": chosen}
@@ -83,9 +82,7 @@ def assess(
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, (unknown,))
             continue
         assert flight.signatures is not None
-        if flight.layout not in candidates:
-            candidates[flight.layout] = Candidates(flight.signatures)
-        considered = candidates[flight.layout]
+        considered = candidates.setdefault(flight.layout, Candidates(flight.signatures))
         # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
         alone = flight.date is None or flight in healthy or len(apart) < len(healthy)
         last, last_effort = (None, None) if alone else before.get(flight.layout, (None, None))

@@ -361,7 +361,7 @@ def tier(telemetry):
 def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
     found = tier(HOVER.telemetry(attitude, motors))
     assert (found.name, found.next_tier) == (name, following)
-    assert bool(found.remedy) == (name != "a") and (
+    assert bool(found.reason.remedy) == (name != "a") and (
         name == "a" or found.reason.code is Reason.STREAMS_TOO_SLOW
     )
 
