@@ -35,10 +35,10 @@ def info_command(
 ) -> None:
     """Reports what a log holds and if a model can be learned.
 
-    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints what the
-    flight says of it, if a model can be learned (a model of the slow motion too; if not, why and what to change), the
-    health of its motors in flight, what the autopilot warned of, the settled flight, and the messages with their rates.
-    --json has all details, for example message counts; the reason is then also printed on standard error.
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints the
+    screen of `mavdem review`, if a model can be learned (a model of the slow motion too; if not, why and what to
+    change), the settled flight, and the messages with their rates. --json has all details, for example message counts
+    and the vehicle's condition; the reason is then also printed on standard error.
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from concurrent.futures import Future, wait
@@ -44,7 +43,7 @@ from mavdem.live.running import in_background, run
 from mavdem.live.session import LiveSession
 from mavdem.report.live import spent_on, whole_seconds
 from mavdem.report.page import live_page
-from mavdem.report.words import advised, go_on, headline
+from mavdem.report.words import advised, go_on, headline, section
 
 # between two status lines
 STATUS_SECONDS = 5.0
@@ -400,27 +399,5 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     """Returns the status in a line; empty before there is a vehicle: the session has reported that."""
     if status.vehicle is None:
         return ""
-    rates = (
-        ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
-        or "no attitude"
-    )
-    late = (
-        f", latency {1e3 * status.latency[1]:.1f} ms (99 %)"
-        if status.learned + status.shown
-        else ""
-    )
-    seconds = status.ahead[0]
-    half = math.degrees(status.ahead[1])
-    ahead = (
-        f"; {axis} predicted {seconds:.2g} s ahead within ±{half:.2g}° (90 %)"
-        if math.isfinite(half)
-        else ""
-    )
-    ahead += (
-        f"; wind {' '.join(map(str, status.wind.facts))}"
-        if status.wind is not None and status.flying
-        else ""
-    )
-    end = f". {advised(status.obstacle)}" if status.obstacle else "; learning."
-    told = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}{end}"
-    return " ".join(map(str, filter(None, [told, status.slow, *status.alarm])))
+    (said,) = section("live_status", status=status, axis=axis)
+    return said.text

@@ -9,7 +9,7 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
-from mavdem.condition.wind_velocity import WindVelocity, coming_from, from_point
+from mavdem.condition.wind_velocity import coming_from
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.words import advised, says, section
@@ -48,6 +48,7 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
     return [
         *section("vehicle", **vehicle, is_tilt=verdict.axis in TILT_AXES, is_said=is_said),
+        *section("tier", **vehicle),
         *map(caution, verdict.cautions),
         *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),
         *section("settled", **vehicle),
@@ -88,27 +89,6 @@ def sender(component: dict[str, Any]) -> str:
     return f"{component['system']}:{component['component']}"
 
 
-def wind_words(wind: WindVelocity) -> tuple[str, str, str]:
-    """Returns the speed with its interval, where it comes from, and its gusts; empty where that is not known."""
-    (low, high) = wind.speed_interval
-    speed = f"{wind.speed:.1f} m/s ({low:.1f} to {high:.1f})"
-    if not wind.sized:
-        speed = "speed not identifiable"
-    elif wind.calm:
-        speed = f"below {high:.1f} m/s"
-    origin = (
-        f" from {from_point(wind.direction)}, ± {wind.direction_interval:.0f}°"
-        if wind.directed
-        else ""
-    )
-    gusts = (
-        f"; gusts up to {wind.gust:.1f} m/s over {wind.gust_seconds:.2g} s"
-        if wind.sized and not wind.calm
-        else ""
-    )
-    return speed, origin, gusts
-
-
 def wind_blocks(air: Air) -> list[Block]:
     """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
     wind, own, reason = air
@@ -121,9 +101,8 @@ def wind_blocks(air: Air) -> list[Block]:
         if rows.any():
             mean = own.values[rows].mean(axis=0)
             estimate = {"size": float(np.hypot(*mean)), "origin": coming_from(*mean)}
-    known = {"wind": wind, "own": estimate, "words": wind_words(wind), "from_point": from_point}
     reasons = (Sentence(str(why), f"{what.capitalize()}:") for what, why in wind.reasons.items())
-    return [*section("wind", **known, is_known=wind.sized), *reasons]
+    return [*section("wind", wind=wind, own=estimate), *reasons]
 
 
 def air_blocks(assessment: Assessment) -> list[Block]:

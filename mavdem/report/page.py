@@ -51,7 +51,6 @@ from mavdem.report.screen import (
     graded,
     motor_blocks,
     prediction_blocks,
-    residual_blocks,
     screen,
     title,
     torque_blocks,
@@ -312,7 +311,7 @@ def _model(axis: str, analysis: LogAnalysis, learned: Learned, whole: bool) -> I
     forecasts = draw(["forecast"], outputs=len(labels.output_names) if whole else 1)
     yield Chapter(f"Prediction of {axis}", prediction_blocks(labels, analysis.held_out), forecasts)
     if whole:
-        yield Chapter(f"Residual tests of {axis}", residual_blocks(learned), draw(["residuals"]))
+        yield Chapter(f"Residual tests of {axis}", pictures=draw(["residuals"]))
 
 
 def _loops_of_axes(evidence: Evidence) -> Chapter:

@@ -15,7 +15,6 @@ import numpy as np
 from mavdem.analysis import AxisFigures, VehicleFigures
 from mavdem.analysis.figures import one_step_errors
 from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind, next_step
-from mavdem.analysis.residuals import BOUND_LEVEL, residuals
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
 from mavdem.condition.condition import HoverFigures
@@ -244,27 +243,6 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     ]
 
 
-def residual_blocks(learned: Learned) -> list[Block]:
-    """Returns the tests of the one-step residuals of each output, with their verdicts."""
-    rows = []
-    names = Labels.of(learned).output_names
-    for output, name in enumerate(names):
-        found = residuals(learned, output)
-        for test, outcome, size, bound in zip(
-            ("white", "independent of the command"),
-            found.outcomes,
-            found.largest,
-            found.bounds,
-            strict=True,
-        ):
-            figures = f"largest correlation {size:.2f}, {100 * BOUND_LEVEL:.0f} % bound {bound:.2f}"
-            rows.append([f"{name}: {test}", Rated(outcome, outcome.level), figures])
-    blocks: list[Block] = [Table(["residuals", "verdict", "because"], rows, words=True)]
-    return blocks + [Sentence(f"The verdict of the flight is that of {names[-1]}.")] * (
-        len(names) > 1
-    )
-
-
 def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
     """Returns a row an axis of a ``vehicle``, and the reasons for what is not reported."""
     blocks: list[Block] = []
@@ -334,7 +312,7 @@ def detail_blocks(learned: Learned, findings: Findings | None = None) -> list[Bl
         *map(caution, learned.cautions),
         *([] if findings is None else _one_step(learned, labels)),
         *_model(labels, learned),
-        *_physical(learned.physical, findings is not None and bool(findings.overrides)),
+        *_physical(learned.physical),
         *section(
             "learning",
             learned=learned,
@@ -424,7 +402,7 @@ def poles_of(A: Array) -> list[Sentence]:
     return section("poles", poles=sorted(upper, key=lambda value: -value.real))
 
 
-def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
+def _physical(physical: Physical | None) -> list[Block]:
     """How the physical parameters were fitted."""
     if physical is None:
         return []
@@ -433,7 +411,6 @@ def _physical(physical: Physical | None, doubted: bool) -> list[Block]:
             "physical",
             windows=len(physical.windows.start),
             refinements=physical.refinements,
-            reasons=parameter_reasons(physical, doubted),
         )
     ]
 
