@@ -19,10 +19,12 @@ from mavdem.alignment.drive import TILT_AXES, Signal, floats, series
 from mavdem.alignment.phases import (
     ASKED_SECONDS,
     GROUND_HEIGHT,
+    MAX_TILT,
     Interval,
     Intervals,
     airborne_collective,
     during,
+    either,
     flying,
     of_boot,
     rose,
@@ -58,12 +60,13 @@ class AttitudeError:
     """How far roll and pitch are from all that was asked in the last second, at ``time`` (N,) s of one boot.
 
     ``roll`` (N,), as it turns the body's vertical, and ``pitch`` (N,) in rad, positive to the right and nose up;
-    ``asked`` (N,): whether the setpoint is known.
+    ``lies`` (N,): whether it leans by more than ``MAX_TILT``; ``asked`` (N,): whether the setpoint is known.
     """
 
     time: Array
     roll: Array
     pitch: Array
+    lies: NDArray[np.bool_]
     asked: NDArray[np.bool_]
 
     @property
@@ -94,7 +97,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     yield from _clipped(signals, boot, flights)
     for flight in flights:
         lost: Fact | None = None
-        for span in _losses(error, flight):
+        for span in _losses(error, flight, of_boot(signals.climb_rate, boot)):
             loss = _loss(signals, boot, error, flight, span)
             yield loss
             if loss.level is Level.BAD:
@@ -157,12 +160,24 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
         unasked = np.where(np.isnan(asked["rad/s"]), angle / 2, 0.0)
         apart = np.where(unknown, unasked, angle - np.clip(angle, least, most))
         errors.append(np.remainder(apart + np.pi, 2 * np.pi) - np.pi)
-    return AttitudeError(time, errors[0] * np.cos(angles[1]), errors[1], ~unknown)
+    lies = np.cos(angles[0]) * np.cos(angles[1]) < np.cos(MAX_TILT)
+    return AttitudeError(time, errors[0] * np.cos(angles[1]), errors[1], lies, ~unknown)
 
 
-def _losses(error: AttitudeError, flight: Interval) -> Intervals:
-    """Where the attitude was lost in a flight, or as it ended."""
+def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Intervals:
+    """Where the attitude was lost in a flight, or as it ended.
+
+    What falls, and ends the flight on its side, has lost it, whatever was asked.
+    """
     lost = _lasting(error.time, error.size > LOST_ANGLE, ASKED_SECONDS)
+    fallen = _lasting(error.time, error.lies, ASKED_SECONDS)
+    fallen = [
+        one
+        for one in fallen
+        if one[1] >= flight[1]
+        and (_fastest(climb, one[0], one[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
+    ]
+    lost = either(lost, fallen)
     latest = flight[1] + ASKED_SECONDS
     return [one for one in merged(lost, CAUGHT_SECONDS) if flight[0] < one[0] <= latest]
 
@@ -194,11 +209,7 @@ def _loss(
     here = (time >= start) & (time <= end)
     angle = float(error.size[here].max())
     height = height_above(signals, boot, flight, onset)
-    climb = of_boot(signals.climb_rate, boot)
-    speed = 0.0
-    if climb is not None:
-        falling = (climb.time >= onset) & (climb.time <= end + CAUGHT_SECONDS)
-        speed = -float(climb.values[falling].min(initial=0.0))
+    speed = _fastest(of_boot(signals.climb_rate, boot), onset, end + CAUGHT_SECONDS) or 0.0
     hit = _hit(signals, boot, onset - ASKED_SECONDS, start)
     code = MotionEvent.ATTITUDE_LOST
     level = Level.BAD
@@ -213,6 +224,10 @@ def _loss(
     if harmless or _is_caught(signals, boot, flight, end):
         code = MotionEvent.ATTITUDE_CAUGHT
         level = Level.WATCH if asked else Level.UNKNOWN
+    # what the ground threw over had its speed before
+    span = (onset, end + CAUGHT_SECONDS)
+    if code is MotionEvent.HIT:
+        span = (onset - ASKED_SECONDS, onset + LOST_SECONDS)
     return Fact(
         code,
         level,
@@ -220,9 +235,28 @@ def _loss(
         until=_seen(end),
         angle=angle,
         height=height,
-        speed=speed,
+        speed=_fastest(_believed(signals, boot, flight), *span),
         boot=boot,
     )
+
+
+def _believed(signals: Signals, boot: int, flight: Interval) -> Signal | None:
+    """The vertical speed, m/s up, but not of when the height was below that of the take-off: it may have run away."""
+    climb = of_boot(signals.climb_rate, boot)
+    height = of_boot(signals.height, boot)
+    if climb is None or height is None:
+        return climb
+    ground = np.interp(flight[0], height.time, height.values)
+    above = np.interp(climb.time, height.time, height.values) > ground - GROUND_HEIGHT
+    return Signal(climb.time[above], climb.boot[above], climb.values[above])
+
+
+def _fastest(climb: Signal | None, since: float, until: float) -> float | None:
+    """How fast it sank at most, m/s; None where that is not known."""
+    if climb is None:
+        return None
+    here = climb.values[(climb.time >= since) & (climb.time <= until)]
+    return -float(here.min()) if len(here) else None
 
 
 def _seen(end: float) -> float | None:
@@ -268,11 +302,14 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     since = end - CAUGHT_SECONDS
     if lost is not None and lost.time is not None:
         since = lost.time - (CAUGHT_SECONDS if lost.code is MotionEvent.HIT else 0.0)
-    near = (time > max(flight[0], since)) & (time < end + CAUGHT_SECONDS)
-    falling = time[near & (climb.values < -FALL_SPEED)]
+    span = (max(flight[0], since), end + CAUGHT_SECONDS)
+    near = (time > span[0]) & (time < span[1])
+    believed = _believed(signals, boot, flight)
+    assert believed is not None
+    falling = believed.time[during(believed.time, [span]) & (believed.values < -FALL_SPEED)]
     if len(falling):
-        speed = -float(climb.values[near].min())
         begun, ended = falling[[0, -1]].tolist()
+        speed = _fastest(believed, *span)
         yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
     soon = np.interp(time + LOST_SECONDS, time, climb.values)
     braked = near & (climb.values < -HIT_SPEED) & (soon - climb.values > HIT_SPEED)

@@ -329,3 +329,29 @@ def test_recorded_crashes_name_their_motor(name, motor):
     _, ending = judged(recorded(f"real/logs/{name}"))
     assert ending.code is Ending.CONTROL_LOST
     assert ending.subject == motor
+
+
+def flipped(at_end=True):
+    """It falls on its back; its setpoint follows it, as in rate modes."""
+    made = falling(leaning(flight(), np.array([0.0, 1.0]), 120.0, 100.0 if at_end else 1.0))
+    attitude = made.messages["ATTITUDE"]
+    asked = quaternion(attitude["roll"], attitude["pitch"], 0 * attitude["roll"])
+    return changed(made, "ATTITUDE_TARGET", **attitude_target(q=asked))
+
+
+@pytest.mark.parametrize("at_end", [True, False])
+def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
+    events, ending = judged(flipped(at_end))
+    assert (MotionEvent.ATTITUDE_LOST in events) == at_end
+    assert not at_end or (ending.code is Ending.CONTROL_LOST and abs(ending.time - FAILS) < 0.5)
+
+
+def test_no_speed_is_believed_of_an_estimate_that_runs_away():
+    made = lost(1)
+    usual = judged(made)[0]
+    columns = made.messages["LOCAL_POSITION_NED"]
+    away = columns["time"] > FAILS + 1.5
+    speed = np.where(away, 20.0, columns["vz"])
+    ran = changed(made, "LOCAL_POSITION_NED", vz=speed, z=np.where(away, 50.0, columns["z"]))
+    fell = judged(ran)[0][MotionEvent.FELL].figures["speed"]
+    assert fell < 8.0 < usual[MotionEvent.FELL].figures["speed"]
