@@ -224,6 +224,9 @@ def _loss(
     if harmless or _is_caught(signals, boot, flight, end):
         code = MotionEvent.ATTITUDE_CAUGHT
         level = Level.WATCH if asked else Level.UNKNOWN
+    believed = _believed(signals, boot, flight)
+    if height is not None and height < -GROUND_HEIGHT:
+        believed = None  # it had run away before
     # what the ground threw over had its speed before
     span = (onset, end + CAUGHT_SECONDS)
     if code is MotionEvent.HIT:
@@ -235,7 +238,7 @@ def _loss(
         until=_seen(end),
         angle=angle,
         height=height,
-        speed=_fastest(_believed(signals, boot, flight), *span),
+        speed=_fastest(believed, *span),
         boot=boot,
     )
 
