@@ -71,6 +71,12 @@ def where(time: Array, true: NDArray[np.bool_]) -> Intervals:
     ]
 
 
+def longest(time: Array, true: NDArray[np.bool_]) -> float:
+    """Returns for how long, s, without a break ``true`` (N,) holds at ``time`` (N,)."""
+    ends = np.clip(where(time, true), time[0], time[-1])
+    return float(max((end - start for start, end in ends), default=0.0))
+
+
 def unbroken(time: Array, broken: NDArray[np.bool_]) -> Intervals:
     """Returns the runs of ``time`` (N,) between the steps (N - 1,) that are ``broken``."""
     if not len(time):

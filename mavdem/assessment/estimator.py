@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from mavdem.alignment.drive import Signal, floats, series
+from mavdem.alignment.phases import longest
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import flown, longest, reported, worst
+from mavdem.assessment.flown import flown, reported, worst
 from mavdem.assessment.reported import FIX_3D
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
@@ -71,8 +72,8 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
         beyond = ratios >= limit
         velocity, position, _, compass = beyond.T
         doubts = 1.0 * velocity + (ratios[:, 0] >= 2 * limit) + position + compass
-        failed = longest(part, doubts >= 2)
-        lasting = [longest(part, column) for column in beyond.T]
+        failed = longest(part.time, doubts >= 2)
+        lasting = [longest(part.time, column) for column in beyond.T]
         most = int(np.argmax(lasting)) if max(lasting) else int(ratios.max(axis=0).argmax())
         level = Level.GOOD
         if max(lasting) >= DOUBT_SECONDS:
@@ -92,7 +93,7 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
                 EstimatorLight.GPS_GLITCHED,
                 Level.WATCH,
                 time=part.time[glitches.argmax()],
-                duration=longest(part, glitches),
+                duration=longest(part.time, glitches > 0),
             )
 
 

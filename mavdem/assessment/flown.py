@@ -75,12 +75,6 @@ def averaged(evidence: Evidence, signal: Signal | None) -> Array:
     return np.concatenate([np.zeros(0), *means])
 
 
-def longest(signal: Signal, true: Array) -> float:
-    """Returns for how long, s, without a break ``true`` (N,) holds of the ``signal`` of one boot."""
-    ends = np.clip(phases.where(signal.time, true > 0), signal.time[0], signal.time[-1])
-    return float(max((end - start for start, end in ends), default=0.0))
-
-
 def worst(facts: Iterable[Fact]) -> Fact:
     """Returns the worst of the facts, the first of such."""
     return max(facts, key=lambda fact: SEVERITY.index(fact.level))

@@ -129,8 +129,7 @@ def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
     ]
     moved = np.linalg.norm(np.diff(place, axis=1)[:, 0], axis=0)
     stuck = (np.arccos(np.cos(roll) * np.cos(pitch)) >= STUCK_LEAN) & (moved < STUCK_METRES)
-    ends = np.clip(phases.where(time, stuck), time[0], time[-1])
-    return float(max((end - start for start, end in ends), default=0.0))
+    return phases.longest(time, stuck)
 
 
 def air_of(signals: Signals) -> Air:

@@ -196,10 +196,12 @@ class MotorAlarm(NamedTuple):
         )
 
     @property
-    def sentence(self) -> str:
-        """The fact in words; transitional."""
-        said = str(self.fact)
-        return f"Alarm: {said[0].lower()}{said[1:]}" if self.weak else said
+    def announced(self) -> Fact:
+        """The fact, as an alarm where a motor lost thrust."""
+        fact = self.fact
+        if not self.weak:
+            return fact
+        return Fact(Session.ALARM, Level.BAD, time=fact.time, subject=fact.subject, because=fact)
 
 
 def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
@@ -238,7 +240,9 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
     }
     figures: dict[str, Any] = {name: [] for name in names.values()}
     for change in changes:
-        figures[names[change.fact.code]].append({**change._asdict(), "sentence": change.sentence})
+        figures[names[change.fact.code]].append(
+            {**change._asdict(), "sentence": str(change.announced)}
+        )
     at_most = FALSE_ALARMS.figures["alarms_per_hour"]
     return {**figures, "false_alarms_per_hour": {"at_most": at_most, "basis": str(FALSE_ALARMS)}}
 
@@ -467,11 +471,3 @@ class MotorWatch:
         )
         self.alarms.append(alarm)
         return alarm
-
-
-def announced(change: MotorAlarm) -> Fact:
-    """Returns the fact of a ``change``, as an alarm where a motor lost thrust."""
-    fact = change.fact
-    if fact.level is not Level.BAD:
-        return fact
-    return Fact(Session.ALARM, Level.BAD, time=fact.time, subject=fact.subject, because=fact)

@@ -32,7 +32,7 @@ from mavdem.dem.airflow.model import Drag
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.session import Rows, VehicleFact
-from mavdem.health.in_flight import MotorAlarm, MotorWatch, announced
+from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
@@ -488,8 +488,8 @@ class MotorAlarms:
                 self.latest.append(change)
                 if change.motor is not None:
                     weak = [*self._watch.weak.values()] or [change]
-                    self.standing = tuple(map(announced, weak))
-                yield announced(change)
+                    self.standing = tuple(alarm.announced for alarm in weak)
+                yield change.announced
         if obstacle is not None and obstacle.code not in self._reported:
             self._reported.add(obstacle.code)
             yield obstacle

@@ -133,7 +133,7 @@ def analysis_blocks(assessment: Assessment) -> list[Block]:
     else:
         hover = analysis.vehicle.hover if analysis.tier.name == "a" else None
         blocks = screen(learned, analysis.held_out, hover, assessment)
-    blocks += [Sentence(alarm.sentence, "Motors:") for alarm in analysis.alarms if not alarm.weak]
+    blocks += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
         blocks += [
             *section("tier", **analysis.tier.as_dict()),
