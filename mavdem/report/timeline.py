@@ -13,13 +13,14 @@ import numpy as np
 from mavdem.alignment import phases
 from mavdem.alignment.drive import AXES, Signal
 from mavdem.alignment.signals import Signals, attitude, held, setpoints
-from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import known_wind
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
+from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts.event import Event
+from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.numbers import TORQUE, named, readable
 
@@ -150,12 +151,14 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     segments = analysis.verdict.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
     torques = tuple(
-        line for name, one in assessment.analyses.items() for line in _torque(name, one)
+        line
+        for name, one in assessment.analyses.items()
+        for line in torque_lines(name, one.learned, one.flights)
     )
     known = (
         *_driven(signals, boot),
         Row("Wind torque", TORQUE.name, torques),
-        *_wind(evidence.air, boot),
+        *wind_rows(evidence.air, boot),
         *_rest(signals, boot),
     )
     if not (rows := tuple(row for row in known if row.lines)):
@@ -239,22 +242,15 @@ def _lines(
     return tuple(Line(name, colour, own.time, values) for name, colour, values in columns)
 
 
-def _torque(axis: str, analysis: LogAnalysis) -> Iterator[Line]:
-    learned = analysis.learned
+def torque_lines(axis: str, learned: Learned | None, flights: Sequence[Flight]) -> Iterator[Line]:
+    """Yields the wind torque on an ``axis`` of the ``flights`` that a model was learned from; none if not known."""
     wind = None if learned is None else known_wind(learned.wind_torque, learned.physical)
-    if (
-        wind is not None
-        and learned is not None
-        and len(wind.torque) == sum(map(len, analysis.flights))
-    ):
-        colour = palette.DISTURBANCE if axis == AXES[0] else palette.COMMAND
-        starts = np.cumsum([len(flight) for flight in analysis.flights])[:-1]
-        time, *both = (
-            np.concatenate([flight.time for flight in analysis.flights]),
-            wind.torque,
-            wind.band,
-        )
-        yield _broken(starts, time, f"on {axis}", colour, *(TORQUE.scale * one for one in both))
+    if wind is not None and len(wind.torque) == sum(map(len, flights)):
+        colour = palette.COMMAND if axis in AXES[1:] else palette.DISTURBANCE
+        starts = np.cumsum([len(flight) for flight in flights])[:-1]
+        time = np.concatenate([flight.time for flight in flights])
+        both = TORQUE.scale * wind.torque, TORQUE.scale * wind.band
+        yield _broken(starts, time, f"on {axis}", colour, *both)
 
 
 def _broken(
@@ -271,8 +267,8 @@ def _broken(
     )
 
 
-def _wind(air: Air, boot: int) -> Iterator[Row]:
-    """Speed and, where it is known, direction, with the autopilot's own estimates."""
+def wind_rows(air: Air, boot: int) -> Iterator[Row]:
+    """Yields speed and, where it is known, direction of the wind in a ``boot``, with the autopilot's own estimates."""
     wind, own, _ = air
     if wind is None or wind.boot != boot:
         return

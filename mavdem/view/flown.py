@@ -22,7 +22,8 @@ from mavdem.fleet.row import as_text
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.report.numbers import rounded
+from mavdem.report.numbers import named, rounded
+from mavdem.report.timeline import Row
 
 BOOT_CLOCK = "boot clock"
 """Timeline of flights, s: the vehicle's boot clock; live that of its first boot, which goes on where another begins."""
@@ -100,6 +101,24 @@ class Plot:
         plot = cls(origin, title, range_of(*(line[inside] for line in values.values())))
         for i, (name, line) in enumerate(values.items()):
             plot.line(name, colour or palette.distinct(i), time, line)
+        return plot
+
+    @classmethod
+    def of(cls, origin: str, row: Row, gusts: Sequence[tuple[float, float]] = ()) -> Plot:
+        """Returns the plot of a ``row`` of the timeline with its bands, and ``gusts`` from start to end, s, behind."""
+        usual = [0.0 if line.half is None else np.nanmedian(line.half) for line in row.lines]
+        edges = [
+            line.values + way * half
+            for line, half in zip(row.lines, usual, strict=True)
+            for way in (-1, 1)
+        ]
+        plot = cls(origin, named(row.title, row.unit), range_of(*edges))
+        plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
+        for line in row.lines:
+            if line.half is not None:
+                band = line.values - line.half, line.values + line.half
+                plot.area("90 % band", faint(line.colour, palette.BAND_OPACITY), line.time, *band)
+            plot.line(line.name, line.colour, line.time, line.values)
         return plot
 
     def line(self, name: str, colour: str, time: Array, values: Array, width: float = 1.2) -> None:

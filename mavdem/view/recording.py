@@ -9,9 +9,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.analysis.findings import findings_of, known_wind
+from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
-from mavdem.condition.wind_velocity import by_compass
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -28,10 +27,9 @@ from mavdem.report.series import (
     FREE_ENERGY,
     INPUTS,
     PROCESS_NOISE,
-    WIND_TORQUE,
     series_of,
 )
-from mavdem.report.timeline import events_of
+from mavdem.report.timeline import Row, events_of, torque_lines, wind_rows
 from mavdem.report.words import headline
 from mavdem.view.flown import (
     Plot,
@@ -46,7 +44,6 @@ from mavdem.view.flown import (
     with_gaps,
 )
 
-AIR_POINTS = 2000  # of the wind over time: strokes of its band touch each other
 # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 BEYOND = 0.15
 
@@ -185,22 +182,13 @@ class FlightSeries:
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
-        wind = known_wind(self.learned.wind_torque, self.learned.physical)
-        unit = TORQUE
-        if wind is None or len(wind.torque) != sum(map(len, self.flights)):
+        lines = tuple(torque_lines(self.labels.output_names[0], self.learned, self.flights))
+        wind = self.learned.wind_torque
+        if wind is None or not lines:
             return None
-        torque, band = self._with_gaps(unit.scale * self.series[WIND_TORQUE].values).T
-        time = self.clock
         clock = np.concatenate(self.times)
-        colour = palette.DISTURBANCE
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
-        plot = Plot("wind", f"Wind torque, {unit.name}", range_of(torque))
-        plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
-        plot.area(
-            "90 % band", faint(colour, palette.BAND_OPACITY), time, torque - band, torque + band
-        )
-        plot.line("torque", colour, time, torque)
-        return plot
+        return Plot.of("wind", Row("Wind torque", TORQUE.name, lines), gusts)
 
     def dem(self) -> list[Plot]:
         """Returns what DEM makes of each sample: F(t) and the process noise w."""
@@ -237,25 +225,8 @@ def _air(
     if wind is None or assessment.evidence is None:
         return []
     position = assessment.evidence.signals.position
-    time = np.linspace(wind.time[0], wind.time[-1], AIR_POINTS)
-    moved, band = (
-        np.column_stack([np.interp(time, wind.time, a) for a in b.T])
-        for b in (wind.velocity, wind.band)
-    )
-    speed, origin, half, turned = by_compass(moved, band, wind.direction)
-    plots = []
-    courses = [("speed", "Wind, m/s", speed, half), ("from", "Wind from, °", origin, turned)]
-    for name, heading, line, width in courses[not wind.sized : 1 + wind.directed]:
-        usual = float(np.median(width))
-        plots.append(plot := Plot(f"air/{name}", heading, range_of(line - usual, line + usual)))
-        plot.area(
-            "90 % band",
-            faint(palette.DISTURBANCE, palette.BAND_OPACITY),
-            time,
-            line - width,
-            line + width,
-        )
-        plot.line(name, palette.DISTURBANCE, time, line)
+    rows = wind_rows(assessment.evidence.air, wind.boot)
+    plots = [Plot.of(f"air/{number}", row) for number, row in enumerate(rows)]
     path = None
     if position is not None and wind.sized:
         path = path_with_wind(recording, position, wind)

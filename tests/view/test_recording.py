@@ -122,7 +122,7 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording,
     assert learned.wind is not None and learned.wind.reason is None
     expected = {
         "command/roll command": command.series(np.vstack([part.inputs for part in PARTS])),
-        "wind/torque": np.degrees(learned.wind.torque),
+        "wind/on roll": np.degrees(learned.wind.torque),
     }
     for line, values in expected.items():
         times, shown = without_gaps(drawn[line])
