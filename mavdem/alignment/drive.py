@@ -135,6 +135,12 @@ class Motors:
     # those not used: not finite, or with the stamp of another. Exact copies do not count.
     left_out: int
 
+    def shares(self, boot: int) -> Signal:
+        """Returns the shares (N, k) of their range in one boot."""
+        here = self.boot == boot
+        shares = self.scale.fraction(self.outputs[here])
+        return Signal(self.time[here], self.boot[here], shares)
+
 
 def motors_or_obstacle(telemetry: Telemetry) -> Motors | Fact:
     """Returns the outputs of the most preferred message that has those of all motors; else why there are none."""

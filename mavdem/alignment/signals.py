@@ -150,6 +150,16 @@ class Attitude:
     # those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
     impossible: int
 
+    @property
+    def angles(self) -> Signal:
+        """The angle alone."""
+        return Signal(self.time, self.boot, self.angle)
+
+    @property
+    def rates(self) -> Signal:
+        """The body rate alone."""
+        return Signal(self.time, self.boot, self.rate)
+
 
 @dataclass(frozen=True, eq=False)
 class VehicleSignals:
@@ -413,8 +423,7 @@ class Signals(VehicleSignals):
         asked_rates = [one.signal for one in self.setpoints if one.unit == "rad/s"]
         if self.attitude is None or not asked_rates:
             return None
-        measured = Signal(self.attitude.time, self.attitude.boot, self.attitude.rate)
-        return measured, asked_rates[0]
+        return self.attitude.rates, asked_rates[0]
 
 
 def fixes(columns: Columns) -> tuple[Array, NDArray[np.bool_]]:

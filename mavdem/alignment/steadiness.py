@@ -11,8 +11,8 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.phases import Intervals, both, settled, where
+from mavdem.alignment.drive import AXES, TILT_AXES, Signal
+from mavdem.alignment.phases import Intervals, both, of_boot, settled, where
 from mavdem.alignment.signals import Signals, attitude, held, setpoints
 from mavdem.ingest.telemetry import Array
 
@@ -24,39 +24,65 @@ MAX_STRAY = np.radians(15.0)
 """Of roll and pitch from their setpoints: half of the error from which ArduPilot's crash check counts a loss."""
 
 
+class Followed(NamedTuple):
+    """The attitude of one boot and its setpoint at ``time`` (N,), s.
+
+    Attributes:
+        angles: (N, 3) roll, pitch and heading, rad, the last without jumps.
+        asked: (N, 2) setpoints of roll and pitch, rad; NaN where there is none.
+        by_rate: (N, 2) where rates of roll and pitch were asked for.
+    """
+
+    time: Array
+    angles: Array
+    asked: Array
+    by_rate: NDArray[np.bool_]
+
+    @property
+    def strays(self) -> NDArray[np.bool_]:
+        """(N,) where roll or pitch is known to be far from its setpoint."""
+        return strays(self.angles[:, :2], self.asked)
+
+    @property
+    def steady(self) -> NDArray[np.bool_]:
+        """(N,) where it does not stray, and the nose keeps its heading."""
+        heading = self.angles[:, 2]
+        turned = np.abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
+        return np.asarray(~self.strays & ~(turned > MAX_TURN))
+
+
 def strays(angles: Array, asked: Array) -> NDArray[np.bool_]:
     """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
     return np.asarray((np.abs(angles - asked) > MAX_STRAY).any(axis=-1))
 
 
+def followed(signals: Signals, boot: int) -> Followed | None:
+    """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
+    attitudes = [attitude(signals.telemetry, axis) for axis in AXES]
+    known = [one and of_boot(one.angles, boot) for one in attitudes]
+    angles = [one for one in known if isinstance(one, Signal)]
+    if len(angles) < len(AXES):
+        return None
+    time = angles[-1].time
+    asked = {unit: np.full((len(time), len(TILT_AXES)), nan) for unit in ("rad", "rad/s")}
+    for column, axis in enumerate(TILT_AXES):
+        for setpoint in setpoints(signals.telemetry, axis):
+            asked[setpoint.unit][:, column] = held(setpoint, boot, time)
+    columns = [np.interp(time, angle.time, angle.values) for angle in angles]
+    return Followed(time, np.column_stack(columns), asked["rad"], ~np.isnan(asked["rad/s"]))
+
+
 def steady(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of settled flight of ``boot`` in which its motors may be compared."""
-    time, heading, astray = _followed(signals, boot)
-    turned = np.abs(heading - np.interp(time - TURN_SECONDS, time, heading))
-    return both(settled(signals, boot), where(time, ~astray & ~(turned > MAX_TURN)))
+    flight = followed(signals, boot)
+    intervals = settled(signals, boot)
+    return intervals if flight is None else both(intervals, where(flight.time, flight.steady))
 
 
 def headings(signals: Signals, boot: int, time: Array) -> Array:
     """Returns the heading at ``time`` (N,), s of ``boot``, rad; NaN where the attitude strays, 0 where not recorded."""
-    known, heading, astray = _followed(signals, boot)
-    return np.interp(time, known, np.where(astray, nan, heading))
-
-
-def _followed(signals: Signals, boot: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Times (N,), s, of the attitude, the heading, rad, without jumps, and where roll or pitch strays.
-
-    Where it was not recorded, heading and time are a single 0, which holds for ever.
-    """
-    yaw = attitude(signals.telemetry, "yaw")
-    if yaw is None or not (rows := yaw.boot == boot).any():
-        return np.zeros(1), np.zeros(1), np.zeros(1, dtype=np.bool_)
-    time = yaw.time[rows]
-    angles = []
-    asked = []
-    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=True):
-        here = tilt.boot == boot
-        angles.append(np.interp(time, tilt.time[here], tilt.angle[here]))
-        known = (one for one in setpoints(signals.telemetry, axis) if one.unit == "rad")
-        setpoint = next(known, None)
-        asked.append(np.full(len(time), nan) if setpoint is None else held(setpoint, boot, time))
-    return time, yaw.angle[rows], strays(np.column_stack(angles), np.column_stack(asked))
+    flight = followed(signals, boot)
+    if flight is None:
+        return np.zeros(len(time))
+    heading = np.where(flight.strays, nan, flight.angles[:, 2])
+    return np.interp(time, flight.time, heading)

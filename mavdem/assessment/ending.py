@@ -16,10 +16,21 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import ASKED_SECONDS, airborne_collective, during, of_boot
+from mavdem.alignment.phases import (
+    ASKED_SECONDS,
+    AVERAGING_SECONDS,
+    airborne_collective,
+    during,
+    of_boot,
+)
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.motion import LOST_ANGLE, LOST_SECONDS, attitude_error
+from mavdem.assessment.motion import (
+    CAUGHT_SECONDS,
+    LOST_ANGLE,
+    LOST_SECONDS,
+    attitude_error,
+)
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
@@ -40,9 +51,6 @@ TOGETHER = (
     FailedFirst.THRUST_SPENT_FIRST,
 )
 """What all motors do, so that no word of the autopilot on one of them is clear."""
-TRIM_SECONDS = 5.0  # Of flight before, whose mean commands are the usual ones
-BEFORE_SECONDS = 2.0
-"""In which thrust was spent before the attitude left, and in which the opposite of a weak motor is at no stop."""
 NEAR_SHARE = 2 / 3
 """Of half the angle between neighbouring motors: what points so near to one points to no other."""
 SPENT_SHARE = 0.9
@@ -158,7 +166,7 @@ def _during(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[
 
 
 class Commands(NamedTuple):
-    """Shares of the motors' range (N, k): the ``usual`` mean (k,), those just ``before``, and those at ``time``."""
+    """Shares of the motors' range (N, k): the ``usual`` mean (k,), those of 2 s ``before``, and those at ``time``."""
 
     motors: Motors
     usual: Array
@@ -169,12 +177,12 @@ class Commands(NamedTuple):
 
 def _commands(motors: Motors, boot: int, since: float, until: float) -> Commands | None:
     """The commands from ``since`` to ``until``, s, and before; None where there are none."""
-    here = motors.boot == boot
-    time = motors.time[here]
-    shares = motors.scale.fraction(motors.outputs[here])
-    usual = shares[(time > since - TRIM_SECONDS) & (time < since - LOST_SECONDS)]
-    before = shares[(time > since - BEFORE_SECONDS) & (time < since)]
-    now = (time >= since) & (time <= until)
+    commands = motors.shares(boot)
+    time = commands.time
+    shares = commands.values
+    usual = shares[(time > since - CAUGHT_SECONDS) & (time < since - LOST_SECONDS)]
+    before = shares[(time > since - AVERAGING_SECONDS) & (time < since)]
+    now = during(time, [(since, until)])
     if not (len(usual) and len(before) and now.any()):
         return None
     return Commands(motors, usual.mean(axis=0), before, time[now], shares[now])

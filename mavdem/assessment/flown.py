@@ -21,14 +21,19 @@ INJECTED = frozenset({"Autotune", "Systemid"})
 SEVERITY = (Level.UNKNOWN, Level.GOOD, Level.WATCH, Level.BAD)
 
 
+def before_loss(evidence: Evidence, boot: int) -> phases.Intervals:
+    """Returns the time of ``boot`` until the vehicle was lost."""
+    ending = evidence.ending
+    if ending is None or ending.figures.get("boot", boot) != boot:
+        return [(-inf, inf)]
+    return [(-inf, ending.time or inf)]
+
+
 def flights(evidence: Evidence, boot: int) -> phases.Intervals:
     """Returns where the vehicle flew in a ``boot``."""
     signals = evidence.signals
     flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
-    ending = evidence.ending
-    if ending is not None and ending.figures.get("boot", boot) == boot:
-        flown = phases.both(flown, [(-inf, ending.time or inf)])
-    return flown
+    return phases.both(flown, before_loss(evidence, boot))
 
 
 def flown(evidence: Evidence, signal: Signal | None) -> Iterator[Signal]:
@@ -46,16 +51,14 @@ def flown(evidence: Evidence, signal: Signal | None) -> Iterator[Signal]:
 def settled(evidence: Evidence, without: frozenset[str]) -> tuple[Segment, ...]:
     """Returns settled flight, until the vehicle was lost, in other modes than those."""
     signals = evidence.signals
-    ending = evidence.ending
     found = list[Segment]()
     for part in settled_parts(signals):
         changes = [*signals.modes(part.boot), (inf, "")]
         left_out = [
             (start, end) for (start, name), (end, _) in pairwise(changes) if name in without
         ]
-        if ending is not None and ending.figures.get("boot", part.boot) == part.boot:
-            left_out = phases.either(left_out, [(ending.time or inf, inf)])
         spans = phases.both([(part.start, part.end)], phases.outside(left_out))
+        spans = phases.both(spans, before_loss(evidence, part.boot))
         found += [Segment(part.boot, *span) for span in spans]
     return tuple(found)
 

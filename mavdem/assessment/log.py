@@ -7,7 +7,6 @@ from math import inf
 import numpy as np
 
 from mavdem.alignment import phases
-from mavdem.alignment.drive import Signal
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.assessment.evidence import Evidence
@@ -37,8 +36,7 @@ def log_light(evidence: Evidence) -> Fact:
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.verdict.reason)
     rates = usual_rate(attitude), usual_rate(drive)
-    stamps = Signal(attitude.time, attitude.boot, attitude.angle)
-    gaps = [np.diff(part.time).max(initial=0.0) for part in flown(evidence, stamps)]
+    gaps = [np.diff(part.time).max(initial=0.0) for part in flown(evidence, attitude.angles)]
     longest = max(gaps, default=0.0)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST

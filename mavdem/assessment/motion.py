@@ -8,14 +8,14 @@ where setpoints are not recorded, half of the lean is taken for asked, and all o
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mavdem.alignment.drive import TILT_AXES, Signal, floats, series
+from mavdem.alignment.drive import Signal, floats, series
 from mavdem.alignment.phases import (
     ASKED_SECONDS,
     GROUND_HEIGHT,
@@ -30,8 +30,10 @@ from mavdem.alignment.phases import (
     rose,
     where,
 )
-from mavdem.alignment.quality import at_limits
-from mavdem.alignment.signals import Signals, held, setpoints
+from mavdem.alignment.quality import STOP_MARGIN, at_limits
+from mavdem.alignment.signals import Signals
+from mavdem.alignment.steadiness import followed
+from mavdem.condition.condition import vibration_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import MULTIROTORS
@@ -51,8 +53,6 @@ HIT_FORCE = 30.0
 """m/s², three times the weight: what accelerometers feel when the vehicle hits something, and not in flight."""
 FORCES = {"HIGHRES_IMU": 1.0, "RAW_IMU": 9.80665e-3}
 """Messages with the acceleration that is felt, the preferred first, and the factor that makes it m/s²."""
-BELOW_RANGE = -0.02
-"""Share of the range below which PX4 sends motors that are off; ArduPilot's run above 0 as long as they are armed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +92,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     if error is None:
         return
     flights = flights_of(signals, boot)
-    yield from _at_limits(signals, boot, flights)
-    yield from _switched_off(signals, boot, flights)
+    yield from _of_motors(signals, boot, flights)
     yield from _clipped(signals, boot, flights)
     for flight in flights:
         lost: Fact | None = None
@@ -140,28 +139,22 @@ def height_above(signals: Signals, boot: int, flight: Interval, time: float) -> 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     """Returns the error of the attitude in ``boot``; None where there is no attitude."""
-    tilts = [of_boot(Signal(tilt.time, tilt.boot, tilt.angle), boot) for tilt in signals.tilts]
-    known = [tilt for tilt in tilts if tilt is not None and len(tilt.time) > 1]
-    if len(known) < len(TILT_AXES):
+    flight = followed(signals, boot)
+    if flight is None or len(flight.time) < 2:
         return None
-    time = known[0].time
-    angles = [np.interp(time, tilt.time, tilt.values) for tilt in known]
+    time = flight.time
     window = max(1, round(ASKED_SECONDS * rate_without_gaps(np.diff(time))))
     past = (window - 1) // 2  # so that the window ends with its sample
-    errors = []
-    for axis, angle in zip(TILT_AXES, angles, strict=True):
-        asked = dict.fromkeys(("rad", "rad/s"), np.full(len(time), np.nan))
-        for setpoint in setpoints(signals.telemetry, axis):
-            asked[setpoint.unit] = held(setpoint, boot, time)
-        unknown = np.isnan(asked["rad"])
-        held_or_none = np.where(unknown, 0.0, asked["rad"])
-        least = minimum_filter1d(held_or_none, window, origin=past)
-        most = maximum_filter1d(held_or_none, window, origin=past)
-        unasked = np.where(np.isnan(asked["rad/s"]), angle / 2, 0.0)
-        apart = np.where(unknown, unasked, angle - np.clip(angle, least, most))
-        errors.append(np.remainder(apart + np.pi, 2 * np.pi) - np.pi)
-    lies = np.cos(angles[0]) * np.cos(angles[1]) < np.cos(MAX_TILT)
-    return AttitudeError(time, errors[0] * np.cos(angles[1]), errors[1], lies, ~unknown)
+    unknown = np.isnan(flight.asked)
+    asked = np.where(unknown, 0.0, flight.asked)
+    least = minimum_filter1d(asked, window, axis=0, origin=past)
+    most = maximum_filter1d(asked, window, axis=0, origin=past)
+    angles = flight.angles[:, :2]
+    unasked = np.where(flight.by_rate, 0.0, angles / 2)
+    apart = np.where(unknown, unasked, angles - np.clip(angles, least, most))
+    roll, pitch = np.remainder(apart + np.pi, 2 * np.pi).T - np.pi
+    lies = np.cos(angles).prod(axis=1) < np.cos(MAX_TILT)
+    return AttitudeError(time, roll * np.cos(angles[:, 1]), pitch, lies, ~unknown[:, 1])
 
 
 def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Intervals:
@@ -326,62 +319,48 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
         yield Fact(MotionEvent.HIT, Level.BAD, height=None, time=time[at], speed=speed, boot=boot)
 
 
-def _at_limits(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Motors that were at their upper stop lastingly, each with the share of the time."""
+def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
+    """Motors that were lastingly at their upper stop, or off while the others flew the vehicle."""
     motors = signals.motors
     if motors is None:
         return
-    here = motors.boot == boot
-    time = motors.time[here]
-    at_stop, _ = at_limits(motors.scale.fraction(motors.outputs[here]), motors.scale)
-    for name, limited in zip(motors.layout.names, at_stop.T, strict=True):
-        for start, end in _lasting(time, limited & during(time, flights), CAUGHT_SECONDS):
-            share = float(limited[(time >= start) & (time <= end)].mean())
-            code = MotionEvent.MOTOR_AT_ITS_STOP
-            yield Fact(
-                code,
-                Level.WATCH,
-                time=start,
-                until=_seen(end),
-                subject=name,
-                share=share,
-                boot=boot,
-            )
-
-
-def _switched_off(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Motors whose output was off while the others flew the vehicle."""
-    motors = signals.motors
-    if motors is None:
-        return
-    here = motors.boot == boot
-    time = motors.time[here]
-    shares = motors.scale.fraction(motors.outputs[here])
-    lowest = 0.0 if signals.telemetry.autopilot == "ARDUPILOTMEGA" else BELOW_RANGE
-    off = (shares <= lowest) | ((motors.outputs[here] == 0) & (motors.scale.low > 0))
+    commands = motors.shares(boot)
+    time = commands.time
+    shares = commands.values
+    at_stop, _ = at_limits(shares, motors.scale)
+    lowest = 0.0 if signals.telemetry.autopilot == "ARDUPILOTMEGA" else -STOP_MARGIN
+    off = (shares <= lowest) | ((motors.outputs[motors.boot == boot] == 0) & (motors.scale.low > 0))
     others = (shares.sum(axis=1, keepdims=True) - shares) / max(shares.shape[1] - 1, 1)
     least = airborne_collective(signals.telemetry.parameters)
     off &= (others > least) & (shares.max(axis=0) > least)  # what never ran is no motor
-    for name, is_off in zip(motors.layout.names, off.T, strict=True):
-        for start, end in _lasting(time, is_off & during(time, flights), CAUGHT_SECONDS):
-            if min(end, time[-1]) - start > ASKED_SECONDS:  # a mixer may stop one for a moment
-                code = MotionEvent.MOTOR_OFF
-                yield Fact(code, Level.BAD, time=start, until=_seen(end), subject=name, boot=boot)
+    flown = during(time, flights)
+    for code, held in ((MotionEvent.MOTOR_AT_ITS_STOP, at_stop), (MotionEvent.MOTOR_OFF, off)):
+        is_off = code is MotionEvent.MOTOR_OFF
+        for name, true in zip(motors.layout.names, held.T, strict=True):
+            for start, end in _lasting(time, true & flown, CAUGHT_SECONDS):
+                if is_off and min(end, time[-1]) - start <= ASKED_SECONDS:
+                    continue  # a mixer may stop one for a moment
+                yield Fact(
+                    code,
+                    Level.BAD if is_off else Level.WATCH,
+                    time=start,
+                    until=_seen(end),
+                    subject=name,
+                    share=float(true[during(time, [(start, end)])].mean()),
+                    boot=boot,
+                )
 
 
 def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     """Where accelerometers were out of their range in flight, and how often."""
-    columns = signals.telemetry.messages.get("VIBRATION")
-    if columns is None:
+    measured = vibration_of(signals)
+    if measured is None:
         return
-    counts = np.column_stack([floats(columns, f"clipping_{number}") for number in range(3)])
-    counted = of_boot(series(columns, counts.sum(axis=1)), boot)
+    clips = replace(measured.levels, values=measured.clips.sum(axis=1))
+    counted = of_boot(clips, boot)
     if counted is None:
         return
-    rises = np.diff(counted.values, prepend=counted.values[0])
-    time = counted.time[(rises > 0) & during(counted.time, flights)]
+    time = counted.time[(counted.values > 0) & during(counted.time, flights)]
     for start, end in merged([(at, at) for at in time.tolist()], CAUGHT_SECONDS):
-        clips = rises[(counted.time >= start) & (counted.time <= end)].sum()
-        yield Fact(
-            MotionEvent.CLIPPED, Level.WATCH, time=start, until=end, count=int(clips), boot=boot
-        )
+        count = int(counted.values[during(counted.time, [(start, end)])].sum())
+        yield Fact(MotionEvent.CLIPPED, Level.WATCH, time=start, until=end, count=count, boot=boot)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import TILT_AXES, Signal
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import INJECTED, settled, worst
 from mavdem.condition.loop.response import LEAST_COHERENCE
@@ -33,52 +32,12 @@ WATCHED_OVERSHOOT = 0.3
 """Of a step: that of a damping ratio of 0.36, for which the phase margin is about 36°."""
 
 
-@dataclass(frozen=True)
-class AxisTracking:
-    """How one axis follows its setpoint in settled flight; None where the log does not show it."""
-
-    axis: str
-    asked: float
-    """Standard deviation of the angle that was asked for, rad."""
-    error: float
-    """RMS of the angle less its setpoint, rad."""
-    left: float
-    """The same, of the setpoint ``delay`` s before."""
-    offset: float
-    """Mean of the angle less its setpoint, rad."""
-    delay: float
-    """s, with which the error is least."""
-    overshoot: float | None
-    """Of the response to a step, as a share of it."""
-    rate_error: float | None
-    """RMS of the body rate less its setpoint, rad/s."""
-
-    @property
-    def fact(self) -> Fact:
-        """What is said of it."""
-        level = Level.GOOD
-        code = TrackingLight.FOLLOWS_SETPOINT
-        if self.left > max(WATCHED_ERROR, self.asked / 2):
-            level = Level.BAD if self.left > max(BAD_ERROR, self.asked) else Level.WATCH
-            code = TrackingLight.MISSES_SETPOINT
-        elif self.overshoot is not None and self.overshoot > WATCHED_OVERSHOOT:
-            level = Level.WATCH
-            code = TrackingLight.OVERSHOOTS_SETPOINT
-        return Fact(
-            code,
-            level,
-            axis=self.axis,
-            angle_error=self.left,
-            offset_angle=self.offset,
-            delay=self.delay,
-            overshoot=self.overshoot,
-        )
-
-
 def tracking_light(evidence: Evidence) -> Fact:
     """Returns the light on tracking: the worse of roll and pitch, or what to log."""
     signals = evidence.signals
-    found = [one.fact for one in tracking_of(evidence)]
+    parts = settled(evidence, INJECTED | FREE_MODES)
+    axes = (_tracking(signals.about(axis), parts) for axis in TILT_AXES)
+    found = [fact for fact in axes if fact is not None]
     if not found:
         return Fact(
             TrackingLight.TRACKING_UNKNOWN,
@@ -88,19 +47,12 @@ def tracking_light(evidence: Evidence) -> Fact:
     return worst(sorted(found, key=lambda fact: -fact.figures["angle_error"]))
 
 
-def tracking_of(evidence: Evidence) -> tuple[AxisTracking, ...]:
-    """Returns how roll and pitch follow their setpoints; those whose setpoints were recorded."""
-    parts = settled(evidence, INJECTED | FREE_MODES)
-    found = (_tracking(evidence.signals.about(axis), parts) for axis in TILT_AXES)
-    return tuple(one for one in found if one is not None)
-
-
-def _tracking(signals: Signals, parts: Sequence[Segment]) -> AxisTracking | None:
-    attitude = signals.attitude
+def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact | None:
+    """How one axis follows its setpoint in settled flight, by the setpoint ``delay`` s before; None where not shown."""
     asked = signals.asked
-    if attitude is None or asked is None:
+    if signals.attitude is None or asked is None:
         return None
-    angle = Signal(attitude.time, attitude.boot, attitude.angle)
+    angle = signals.attitude.angles
     pieces = [piece for part in parts if (piece := _compared(asked, angle, part)) is not None]
     if sum(len(setpoint) for _, setpoint, _, _ in pieces) < FEWEST:
         return None
@@ -112,15 +64,25 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> AxisTracking | None
     ]
     sizes = np.sqrt(np.mean(np.square(errors), axis=1))
     best = int(np.argmin(sizes))
-    return AxisTracking(
+    error = float(sizes[best])
+    asked_for = float(setpoint.std())
+    overshoot = _overshoot(asked, angle, parts) if asked_for > STEERED else None
+    level = Level.GOOD
+    code = TrackingLight.FOLLOWS_SETPOINT
+    if error > max(WATCHED_ERROR, asked_for / 2):
+        level = Level.BAD if error > max(BAD_ERROR, asked_for) else Level.WATCH
+        code = TrackingLight.MISSES_SETPOINT
+    elif overshoot is not None and overshoot > WATCHED_OVERSHOOT:
+        level = Level.WATCH
+        code = TrackingLight.OVERSHOOTS_SETPOINT
+    return Fact(
+        code,
+        level,
         axis=signals.axis,
-        asked=float(setpoint.std()),
-        error=float(sizes[0]),
-        left=float(sizes[best]),
-        offset=float(np.mean(errors[best])),
+        angle_error=error,
+        offset_angle=float(np.mean(errors[best])),
         delay=float(DELAYS[best]),
-        overshoot=_overshoot(asked, angle, parts) if setpoint.std() > STEERED else None,
-        rate_error=_rate_error(signals, parts),
+        overshoot=overshoot,
     )
 
 
@@ -133,17 +95,6 @@ def _compared(
     if not len(rows) or np.count_nonzero(there) < 2:
         return None
     return asked.time[rows], asked.values[rows], angle.time[there], angle.values[there]
-
-
-def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
-    attitude: Attitude | None = signals.attitude
-    setpoints = [one.signal for one in signals.setpoints if one.unit == "rad/s"]
-    if attitude is None or not setpoints:
-        return None
-    rate = Signal(attitude.time, attitude.boot, attitude.rate)
-    pieces = [_compared(setpoints[0], rate, part) for part in parts]
-    errors = [np.interp(at, time, seen) - one for at, one, time, seen in filter(None, pieces)]
-    return float(np.sqrt(np.mean(np.square(np.concatenate(errors))))) if errors else None
 
 
 def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float | None:

@@ -111,8 +111,8 @@ def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     drive = signals.drive
     if attitude is None or drive is None:
         return None
-    rate = Signal(attitude.time, attitude.boot, attitude.rate)
-    return _peak(signals.axis, spectra(_command(drive, signals.axis), rate, parts))
+    command = _command(drive, signals.axis)
+    return _peak(signals.axis, spectra(command, attitude.rates, parts))
 
 
 def _command(drive: Motors, axis: str) -> Signal:

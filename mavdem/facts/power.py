@@ -13,6 +13,5 @@ class PowerLight(Code):
     CHARGE_LOW = auto()
     SUPPLY_HELD = auto()
     SUPPLY_LOW = auto()
-    SUPPLY_FELL = auto()
     CELLS_UNKNOWN = auto()
     POWER_UNMEASURED = auto()

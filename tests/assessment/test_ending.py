@@ -301,7 +301,7 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     made = only(flight(), lambda time: time < FAILS)
     clips = made.messages["VIBRATION"]
     counts = np.where(clips["time"] > 20.0, 3.0, 0.0) + np.where(clips["time"] > 22.0, 4.0, 0.0)
-    events, ending = judged(changed(made, "VIBRATION", clipping_1=counts))
+    events, ending = judged(changed(made, "VIBRATION", vibration_x=1 + counts, clipping_1=counts))
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert events[MotionEvent.CLIPPED].figures["count"] == 7
