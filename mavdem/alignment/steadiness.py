@@ -7,6 +7,7 @@ not follow its attitude setpoint work against something else than their own weak
 from __future__ import annotations
 
 from math import nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray

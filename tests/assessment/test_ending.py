@@ -12,6 +12,7 @@ from recorded_flights import recorded
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.motion import motion_events
+from mavdem.condition.condition import CLIPS, LEVELS
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
@@ -301,10 +302,11 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     made = only(flight(), lambda time: time < FAILS)
     clips = made.messages["VIBRATION"]
     counts = np.where(clips["time"] > 20.0, 3.0, 0.0) + np.where(clips["time"] > 22.0, 4.0, 0.0)
-    events, ending = judged(changed(made, "VIBRATION", vibration_x=1 + counts, clipping_1=counts))
+    known = dict.fromkeys((*LEVELS, *CLIPS), counts)
+    events, ending = judged(changed(made, "VIBRATION", **known))
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
-    assert events[MotionEvent.CLIPPED].figures["count"] == 7
+    assert events[MotionEvent.CLIPPED].figures["count"] == 3 * 7
 
 
 @pytest.mark.parametrize(
