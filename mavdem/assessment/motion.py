@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mavdem.alignment.drive import floats, series
+from mavdem.alignment.drive import Signal, floats, series
 from mavdem.alignment.phases import (
     ASKED_SECONDS,
     GROUND_HEIGHT,
