@@ -56,6 +56,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
             ["learn", FLIGHT, "--out", "x", "--train", "many"],
             "'many' is no length: give seconds, as in 7s",
         ),
+        (["learn", FLIGHT, "--train", "49"], "49 is not a whole number of at least 50 samples"),
         (["learn", FLIGHT, "--out", "x", "--vehicle", "--verbose"], "--verbose is an option"),
         (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
         (

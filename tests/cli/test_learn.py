@@ -191,6 +191,9 @@ def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_re
     assert names(tmp_path) == {"report.json", "report.html"}
     assert strict_json((tmp_path / "report.json").read_text()) == report
     assert report["error"]["reason"] in (tmp_path / "report.html").read_text()
+    assert run("learn", SLOW, "--out", tmp_path) == 1
+    said = capsys.readouterr()
+    assert report["error"]["reason"] in said.out and report["error"]["reason"] not in said.err
 
 
 def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):

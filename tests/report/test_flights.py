@@ -5,10 +5,10 @@ from datetime import timedelta
 
 from fleet_rows import flight_row
 
-from mavdem.fleet.difference import since_baseline
+from mavdem.fleet.difference import since_baseline, vehicle_difference
 from mavdem.fleet.row import summary
 from mavdem.report.blocks import text_of
-from mavdem.report.difference import baseline_blocks
+from mavdem.report.difference import baseline_blocks, difference_blocks
 from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
 
 
@@ -85,6 +85,13 @@ def flown(number, vehicle="quad", **changed):
 
 
 WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
+
+
+def test_wind_battery_and_lean_are_conditions():
+    other = {"wind_torque_sd": 4.0, "voltage_mean": 14.0, "lean_roll": 0.2}
+    text = text_of(difference_blocks(vehicle_difference(flown(0), flown(1, **other))))
+    for words in ("battery 16.0 → 14.0 V", "+11° of roll", "wind torque on roll 46 → 229 °/s²"):
+        assert words in text
 
 
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
