@@ -77,6 +77,7 @@ def judged(made, *reported):
     """The last event of each code, and the ending."""
     signals = Signals(made, inputs="motors")
     events = *motion_events(signals), *reported
+    assert all(event.sentence for event in events)
     return {event.code: event for event in events}, ending_of(signals, events)
 
 
