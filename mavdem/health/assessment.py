@@ -26,6 +26,7 @@ from mavdem.health.balance import (
     MotorSignatures,
     deviation,
     healthy_flights,
+    known_balance,
 )
 
 PROBABLE = 0.5
@@ -67,7 +68,6 @@ def assess(
     named = flights if baseline is None else baseline
     healthy = healthy_flights(flights, baseline)
     assessments: dict[int, HealthAssessment] = {}
-    candidates: dict[object, Candidates] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
     for number, flight in sorted(enumerate(flights), key=lambda numbered: numbered[1].when):
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
@@ -82,9 +82,9 @@ def assess(
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, (unknown,))
             continue
         assert flight.signatures is not None
-        considered = candidates.setdefault(flight.layout, Candidates(flight.signatures))
+        considered = Candidates(flight.signatures)
         # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
-        alone = flight.date is None or flight in healthy or len(apart) < len(healthy)
+        alone = flight.date is None or len(apart) < len(healthy)
         last, last_effort = (None, None) if alone else before.get(flight.layout, (None, None))
         away = deviation(flight, others)
         weighed = considered.after(away, None if last is None else last.candidates)
@@ -167,12 +167,10 @@ def _conditions(
     flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None
 ) -> Iterator[Fact]:
     """Conditions that differ from those of the healthy flights."""
-    leans = [other.balance.lean for other in others if other.balance is not None]
-    if flight.balance is not None and leans:
-        lean = flight.balance.lean
-        usual = np.mean(leans, axis=0)
-        if np.abs(lean - usual).max() >= MIN_LEAN:
-            yield Fact(MotorsBetween.LEAN_DIFFERS, Level.WATCH, lean=lean, usual_lean=usual)
+    lean = known_balance(flight).lean
+    usual = np.mean([known_balance(other).lean for other in others], axis=0)
+    if np.abs(lean - usual).max() >= MIN_LEAN:
+        yield Fact(MotorsBetween.LEAN_DIFFERS, Level.WATCH, lean=lean, usual_lean=usual)
     if effort is not None and abs(effort.more) >= effort.usual:
         yield Fact(
             MotorsBetween.EFFORT_DIFFERS,
@@ -256,7 +254,7 @@ class Candidates:
         weak = self.groups["motor"]
         # Yaw by a load that shifted, as far as the flights' effects of lean leave it: wind pulls beside the load.
         spread[shifted, 2] = spread[shifted, 0] * away.lean
-        scale = np.sqrt(away.scale**2 + away.centre_error**2 + spread**2)
+        scale = np.hypot(away.scale, spread)
         scales = (away.change - self.change) / scale
         from scipy.stats import t as student  # it takes half a second to import
 
@@ -346,16 +344,16 @@ def effort_change(
     centre = efforts.mean()
     spread = ((efforts - centre) ** 2).sum()
     scatter = (SCATTER_FREEDOM * EFFORT_SCATTER**2 + spread) / freedom
-    centre_error = np.sqrt(scatter / len(efforts))
+    variance = scatter * (1 + 1 / len(efforts))
     more = float(np.log(flight.effort) - centre)
     sizes, weights = shift_sizes(EFFORT_SHIFT)
     prior = np.append(1 - EFFORT_CHANGED, EFFORT_CHANGED * weights)
     if before is not None:
         prior = PERSISTENCE * before.candidates + (1 - PERSISTENCE) * prior
-    scale = np.sqrt(scatter + centre_error**2 + np.append(0.0, sizes) ** 2)
+    scale = np.sqrt(variance + np.append(0.0, sizes) ** 2)
     from scipy.stats import t as student  # it takes half a second to import
 
     posterior = prior * student.pdf(more / scale, freedom) / scale
     posterior /= posterior.sum()
-    usual = float(quantile(LEVEL, freedom) * np.hypot(np.sqrt(scatter), centre_error))
+    usual = float(quantile(LEVEL, freedom) * np.sqrt(variance))
     return EffortChange(float(np.expm1(more)), usual, float(1 - posterior[0]), posterior)

@@ -240,23 +240,20 @@ class Deviation(NamedTuple):
     """How far a flight's level balance is from that of healthy flights."""
 
     change: Array  # (3,) in roll, pitch and yaw, in shares of the mean command
-    # (3,) by which that of a healthy flight is Student-distributed about the healthy flights' true mean
+    # (3,) by which that of a healthy flight is Student-distributed about the mean of the others
     scale: Array
     freedom: float  # degrees of freedom of that
-    # (3,) standard error of the mean of the healthy flights; all flights share it
-    centre_error: Array
     lean: float = 0.0  # of the flight, from level, rad
 
     @property
     def usual(self) -> Array:
         """(3,) half widths of the interval of 90 % of healthy flights' deviations."""
-        return np.asarray(quantile() * np.hypot(self.scale, self.centre_error))
+        return np.asarray(quantile() * self.scale)
 
     @property
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
-        far = quantile(0.999, self.freedom) * np.hypot(self.scale, self.centre_error)
-        return bool((np.abs(self.change) > far).any())
+        return bool((np.abs(self.change) > quantile(0.999, self.freedom) * self.scale).any())
 
 
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
@@ -278,7 +275,9 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
 def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
     kept: list[HealthFigures] = []
-    for flight in sorted(flights, key=lambda flight: float(np.linalg.norm(_balance(flight).error))):
+    for flight in sorted(
+        flights, key=lambda flight: float(np.linalg.norm(known_balance(flight).error))
+    ):
         if not any(flight.overlaps(other) for other in kept):
             kept.append(flight)
     return [flight for flight in flights if flight in kept]
@@ -291,7 +290,7 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     distribution, by the healthy flights' scatter and its prior; to its scale come the errors of the effects of lean
     and of the flight's own mean.
     """
-    balances = [_balance(other) for other in (flight, *healthy)]
+    balances = [known_balance(other) for other in (flight, *healthy)]
     effect, variance = lean_effects(balances)
     lean = np.array([balance.lean for balance in balances])
     level = np.array([balance.mean for balance in balances]) - np.einsum("fal,fl->fa", effect, lean)
@@ -303,12 +302,12 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     count = len(healthy)
     freedom = SCATTER_FREEDOM + count - 1
     scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level[1:] - centre) ** 2).sum(axis=0)) / freedom
-    centre_error = np.sqrt((scatter + error[1:].mean(axis=0)) / count)
-    leaned = float(np.linalg.norm(lean[0]))
-    return Deviation(level[0] - centre, np.sqrt(scatter + error[0]), freedom, centre_error, leaned)
+    scale = np.sqrt(scatter + error[0] + (scatter + error[1:].mean(axis=0)) / count)
+    return Deviation(level[0] - centre, scale, freedom, float(np.linalg.norm(lean[0])))
 
 
-def _balance(flight: HealthFigures) -> BalanceFigures:
+def known_balance(flight: HealthFigures) -> BalanceFigures:
+    """Returns the balance of a flight that has all that :attr:`HealthFigures.missing` asks."""
     assert flight.balance is not None
     return flight.balance
 

@@ -64,7 +64,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
         return Fact(Trim.TRIM_EVEN, Level.GOOD, **known)
     scale = np.sqrt(SCATTER**2 + error**2)
     lean = float(np.linalg.norm(balance.lean))
-    away = Deviation(level, scale, SCATTER_FREEDOM, np.zeros(3), lean)
+    away = Deviation(level, scale, SCATTER_FREEDOM, lean)
     weighed = Candidates(signatures, UNEVEN_QUADROTORS).after(away)
     motor = int(weighed.motors.argmax())
     if weighed.motors[motor] >= NAMED:

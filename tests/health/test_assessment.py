@@ -115,9 +115,8 @@ def test_a_weak_motor_is_found_and_named(motor):
 )
 def test_a_greater_deviation_is_never_likelier_to_be_healthy(axis):
     considered = Candidates(QUAD_X)
-    error = np.full(3, 0.006)
     away = [
-        Deviation(size * np.array(axis), np.full(3, 0.0105), 8.0, error)
+        Deviation(size * np.array(axis), np.full(3, 0.012), 8.0)
         for size in np.linspace(0.02, 1.0, 60)
     ]
     changed = np.array([1 - considered.after(each).healthy for each in away])
@@ -276,7 +275,7 @@ def test_other_conditions_are_said():
 
 def surely(change, scale=0.002):
     """A deviation of which flights and their mean show all but ``scale``."""
-    return Deviation(change, np.full(3, scale), 1000.0, np.full(3, scale / 2))
+    return Deviation(change, np.full(3, 1.12 * scale), 1000.0)
 
 
 def test_what_is_called_a_fault_begins_where_it_is_said_to():
