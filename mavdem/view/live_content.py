@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
 from mavdem.live.wind import WindRow
 from mavdem.report.blocks import markdown
-from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable, with_unit
+from mavdem.report.numbers import TORQUE, named, per, place, readable
 from mavdem.report.palette import (
     BAD,
     BAND_OPACITY,
@@ -36,7 +35,7 @@ from mavdem.report.palette import (
     distinct,
 )
 from mavdem.report.screen import verdict_blocks
-from mavdem.report.words import advised, headline
+from mavdem.report.words import advised, section
 from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, events_view, faint, log
 
 # in view
@@ -333,61 +332,23 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
 
     ``row`` is the latest; the model was learned ``until`` s of the boot clock.
     """
-    channels = row.channels
-    now = row.estimate
-    unit = TORQUE
-    output = channels.output_names[0]
     judged = status.judgement
-    is_bad = judged is not None and judged.headline.level is Level.BAD
-    state = (
-        "alarm"
-        if status.alarm or is_bad
-        else "waiting"
-        if status.obstacle or until is None
-        else "learning"
+    now = row.estimate
+    cards = section(
+        "live_cards",
+        status=status,
+        row=row,
+        channels=row.channels,
+        until=until,
+        reason=_reason(status, until),
+        is_bad=judged is not None and judged.headline.level is Level.BAD,
+        now=now,
+        physical=None if now is None else now.physical,
+        level=LEVEL,
+        unit=TORQUE,
+        per_input=per(TORQUE, row.channels.input_units[0]),
     )
-    reason = _reason(status, until)
-    said = (
-        " ".join(map(str, status.alarm))
-        or (headline(judged.headline) if judged is not None and is_bad else reason)
-        or "The model follows the flight."
-    )
-    shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
-    error = torque = effect = ("–", "")
-    (seconds, half) = status.ahead
-    (ahead, ratio) = status.useful
-    if isfinite(half):
-        useful = f"; error ratio {ratio:.2f} at {ahead:.2g} s" if isfinite(ratio) else ""
-        error = (
-            f"± {with_unit(half, readable(channels.output_units[0]))}",
-            f"{seconds:.2g} s ahead (90 %){useful}",
-        )
-    if now is not None and isfinite(now.wind_torque):
-        size = plus_minus(unit.scale * now.wind_torque, unit.scale * now.wind_torque_band)
-        torque = f"{size} {unit.name}", "now, steady part included (90 %)"
-    elif now is not None and now.physical is not None:
-        torque = "not identifiable", ""
-    if now is not None and now.physical is not None:
-        physical = now.physical
-        names = (per(unit, channels.input_units[0]), "1/s")
-        mean = [unit.scale * value for value in physical.mean_effect(LEVEL)]
-        pairs = zip(
-            (mean, (physical.damping, physical.interval(LEVEL).damping)), names, strict=True
-        )
-        words = [
-            f"{plus_minus(*pair)} {name}" if isfinite(pair[1]) else "not identifiable"
-            for pair, name in pairs
-        ]
-        effect = words[0], f"rate damping {words[1]}"
-    wind = "–", str(status.no_wind or "needs attitude and velocity over ground")
-    if (latest := status.wind) is not None:
-        speed, *origin = latest.facts
-        arrow = f" {origin[0].figures['point'][-1]}" if origin else ""
-        ago = f"(90 %), {row.time - row.shift - latest.time:.1f} s ago"
-        wind = f"{speed}{arrow}", " ".join([*map(str, origin), ago])
-    shown |= {f"Error of the predicted {output}": error, "Wind": wind}
-    shown |= {"Wind torque": torque, "Control effectiveness": effect}
-    return tuple(f"{name}\n### {value}\n{remark}" for name, (value, remark) in shown.items())
+    return tuple(card.text for card in cards)
 
 
 def _reason(status: SessionStatus, until: float | None) -> str:
@@ -399,32 +360,15 @@ def _reason(status: SessionStatus, until: float | None) -> str:
 
 def status_document(status: SessionStatus, row: ViewRow, until: float | None) -> str:
     """Returns the latest status and row as Markdown; the model was learned ``until`` s, None before the first."""
-    channels = row.channels
-    facts = {
-        "samples": f"{status.learned + status.shown:,} at {1 / channels.dt:.4g} Hz",
-        "boot clock": f"{row.time - row.shift:,.1f} s",
-        **{name: f"{rate:.1f} Hz" for name, rate in status.rates.items()},
-        "frames lost": f"{status.lost:,}",
-    }
-    if isfinite(status.latency[0]):
-        facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
-    model = "No model yet."
-    if until is not None:
-        ago = max(0.0, row.time - row.shift - until)
-        model = f"The model was learned up to {ago:.1f} s ago."
-    learning = f"{model} {_reason(status, until)}"
-    cautions = (
-        [f"**Cautions:** {' '.join(fact.advised for fact in row.learned.cautions)}"]
-        if row.learned and row.learned.cautions
-        else []
+    title, *details = section(
+        "live_details",
+        status=status,
+        row=row,
+        channels=row.channels,
+        until=until,
+        reason=_reason(status, until),
     )
-    cautions += [f"**{status.slow}**"] if status.slow else []
-    table = "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
-    found = (
-        []
-        if status.findings is None
-        else [markdown(verdict_blocks(status.findings, status.judgement))]
-    )
-    return "\n\n".join(
-        [f"**{channels.title}**", *found, learning.strip(), table, *cautions, LEGEND]
-    )
+    found = []
+    if status.findings is not None:
+        found = [markdown(verdict_blocks(status.findings, status.judgement))]
+    return "\n\n".join([title.text, *found, *(one.text for one in details), LEGEND])
