@@ -155,7 +155,7 @@ FILTER_EDGE_STEPS = 5
 
 
 def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight:
-    """Returns the flight of ``segment``, uniform on the boot clock, in steps of ``dt``, s.
+    """Returns the flight of a sampled ``segment``, uniform on the boot clock, in steps of ``dt``, s.
 
     Its inputs are one column a motor, or the demand (``Signals.drive``), its outputs angle and rate of the axis, of yaw
     the rate only.
@@ -170,19 +170,12 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     message. Holding the last message would date every input half an interval late on average, a lag the model would
     learn; interpolation has none. It looks one message ahead: an input between two messages uses up to one interval of
     the future. Setpoints are held (see ``setpoints``).
-
-    Raises ValueError: no attitude or inputs, or a segment without samples of them.
     """
     attitude = signals.attitude
     motors = signals.drive
     telemetry = signals.telemetry
     axis = signals.axis
-    if attitude is None or motors is None:
-        raise ValueError("the telemetry holds no attitude or no motor outputs to align")
-    if not is_sampled(attitude, motors, segment):
-        raise ValueError(
-            f"the segment from {segment.start:.3f} s holds no attitude or no motor outputs"
-        )
+    assert attitude is not None and motors is not None
     near = within(attitude, segment)
     measured = axis_outputs(axis)
     motion = np.column_stack([attitude.angle, attitude.rate])[:, -len(measured) :]

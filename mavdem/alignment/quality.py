@@ -77,9 +77,8 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
         flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
-        airborne += total(
-            both(unbroken(drive.time[drive.boot == boot], np.zeros(0, dtype=np.bool_)), flown)
-        )
+        driven = drive.time[drive.boot == boot]
+        airborne += total(both([(driven[0], driven[-1])], flown))
     figures = QualityFigures(armed, airborne, segments)
     return replace(
         figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
@@ -94,7 +93,7 @@ def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segm
     for boot in np.intersect1d(stream.boot, signals.drive.boot):
         time = stream.time[stream.boot == boot]
         driven = signals.drive.time[signals.drive.boot == boot]
-        flown = both(unbroken(driven, np.zeros(0, dtype=np.bool_)), phases.flying(signals, boot))
+        flown = both([(driven[0], driven[-1])], phases.flying(signals, boot))
         # Outages are not slow.
         for start, end in both(unbroken(time, ~usually_slow(np.diff(time))), flown):
             slow.append(Segment(int(boot), start, end))

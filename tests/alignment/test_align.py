@@ -20,7 +20,7 @@ from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, settled_segments
+from mavdem.alignment.align import MAX_GAP_SECONDS, align, settled_segments
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
@@ -248,8 +248,6 @@ def test_boots_are_never_joined():
     assert sorted(segment.boot for segment in found) == [0, 1]
     flight = align(Signals(telemetry), found[1])
     assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
-    with pytest.raises(ValueError, match="segment"):
-        align(Signals(telemetry), Segment(boot=3, start=0.0, end=9.0))
 
 
 def test_a_uniform_source_keeps_its_samples():
