@@ -11,6 +11,7 @@ from mavdem.alignment.drive import Signal, floats, series
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import averaged, reported, worst
+from mavdem.assessment.limits import Limits
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
@@ -18,13 +19,11 @@ from mavdem.facts.power import PowerLight
 CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14])
 FULL_CELL = (3.65, 4.36)
 """V of a cell with which flights begin: half charged, and a full cell of the highest kind, 4.35 V."""
-EMPTY_CELL = 3.0
-LOW_CELL = 3.3
-"""V of a cell under load: below the first a lithium cell is damaged, near the second little charge is left."""
+CELL = Limits(3.3, 3.0)
+"""V of a cell under load: near the first little charge is left, below the second a lithium cell is damaged."""
 LOW_SECONDS = 10.0  # s below a level that count: ArduPilot's default of BATT_LOW_TIMER
-LEAST_SUPPLY = 4.5
-LOW_SUPPLY = 4.65
-"""V of the board below which PX4 warns, critically and at all (``powerCheck.cpp``)."""
+SUPPLY = Limits(4.65, 4.5)
+"""V of the board below which PX4 warns, at all and critically (``powerCheck.cpp``)."""
 LOW_LEVELS = ("BATT_LOW_VOLT", "FS_BATT_VOLTAGE")
 CRITICAL_LEVELS = ("BATT_CRT_VOLT",)
 """ArduPilot's parameters of voltages, V, at which it acts; 0 for none."""
@@ -55,8 +54,8 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     rows = round(LOW_SECONDS / max(float(np.median(steps)), 1e-3)) if len(steps) else 0
     lasting = means[min(rows, len(means) - 1)]
     each = cells or 0
-    critical = max(EMPTY_CELL * each, *(parameters.get(name, 0.0) for name in CRITICAL_LEVELS))
-    low = max(critical, LOW_CELL * each, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
+    critical = max(CELL.bad * each, *(parameters.get(name, 0.0) for name in CRITICAL_LEVELS))
+    low = max(critical, CELL.watch * each, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
     current = averaged(evidence, _of_message(signals, "SYS_STATUS", "current_battery")) / 100
     figures: dict[str, Any] = {
         "voltage": means[0],
@@ -89,11 +88,11 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
     usual = float(np.median(volts))
     code = PowerLight.SUPPLY_HELD
     level = Level.UNKNOWN
-    if least < LOW_SUPPLY:
+    if least < SUPPLY.watch:
         code = PowerLight.SUPPLY_LOW
         # where it is always so low, the vehicle flies, and the scale may be wrong
-        level = Level.BAD if least < LEAST_SUPPLY <= usual else Level.WATCH
-    yield Fact(code, level, voltage=least, voltage_limit=LOW_SUPPLY)
+        level = Level.BAD if least < SUPPLY.bad <= usual else Level.WATCH
+    yield Fact(code, level, voltage=least, voltage_limit=SUPPLY.watch)
 
 
 def _cells(signals: Signals, full: float) -> int | None:

@@ -14,7 +14,7 @@ from mavdem.alignment.drive import DEMAND_MESSAGE
 from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, during, of_boot, where
 from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
 from mavdem.assessment.motion import flights_of, height_above
-from mavdem.assessment.power import LEAST_SUPPLY
+from mavdem.assessment.power import SUPPLY
 from mavdem.condition.said import in_order, once, reason, said
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
@@ -191,7 +191,7 @@ def _complaints(signals: Signals) -> Iterator[Complaint]:
     if (no_radio := values("input_rc", "rc_lost")) is not None:
         yield Complaint("input_rc", no_radio > 0, Reported.RADIO_LOST)
     if (supply := values("POWER_STATUS", "Vcc")) is not None:
-        low = (supply > 0) & (supply < 1000 * LEAST_SUPPLY)
+        low = (supply > 0) & (supply < 1000 * SUPPLY.bad)
         yield Complaint("POWER_STATUS", low, Reported.BOARD_VOLTAGE_LOW)
     for name in BATTERY_MESSAGES:
         if (charge := values(name, "charge_state")) is not None:

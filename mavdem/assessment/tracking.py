@@ -11,6 +11,7 @@ from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import INJECTED, settled, worst
+from mavdem.assessment.limits import Limits
 from mavdem.condition.loop.response import LEAST_COHERENCE
 from mavdem.condition.resonance import WINDOW_SECONDS, spectra
 from mavdem.facts import Fact, Level
@@ -20,8 +21,7 @@ from mavdem.ingest.telemetry import Array
 FEWEST = 20  # setpoints, below which an error is chance
 DELAYS = np.arange(0.0, 0.62, 0.02)
 """s, that are tried: a multirotor is behind by 0.1 to 0.4, and what was sent less often comes later."""
-WATCHED_ERROR = np.radians(3.0)
-BAD_ERROR = np.radians(10.0)
+ERROR = Limits(np.radians(3.0), np.radians(10.0))
 """rad, RMS without the delay: sound vehicles have up to 2.5°, and 4° in steps of 45°; ArduPilot's crash check begins at
 30°. An error counts only where it is over half of what was asked, and is bad where it is larger than all of that: then
 no answer at all would be better. So a stick that is moved on the ground is none."""
@@ -67,10 +67,10 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact | None:
     error = float(sizes[best])
     asked_for = float(setpoint.std())
     overshoot = _overshoot(asked, angle, parts) if asked_for > STEERED else None
-    level = Level.GOOD
+    limits = Limits(max(ERROR.watch, asked_for / 2), max(ERROR.bad, asked_for))
+    level = limits.level(error)
     code = TrackingLight.FOLLOWS_SETPOINT
-    if error > max(WATCHED_ERROR, asked_for / 2):
-        level = Level.BAD if error > max(BAD_ERROR, asked_for) else Level.WATCH
+    if level is not Level.GOOD:
         code = TrackingLight.MISSES_SETPOINT
     elif overshoot is not None and overshoot > WATCHED_OVERSHOOT:
         level = Level.WATCH

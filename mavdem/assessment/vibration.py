@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, within
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flown import SEVERITY
+from mavdem.assessment.limits import Limits
 from mavdem.condition.condition import settled_parts, vibration_of
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
 
-
-class Limits(NamedTuple):
-    """Vibration, m/s², up to which it is good, and beyond which it is bad."""
-
-    watch: float
-    bad: float
-
-
 ARDUPILOT = Limits(15.0, 30.0)
-"""Of VIBE: https://ardupilot.org/copter/docs/common-measuring-vibration.html."""
+"""m/s², of VIBE: https://ardupilot.org/copter/docs/common-measuring-vibration.html."""
 PX4 = Limits(4.905, 9.81)
-"""Of ``accel_vibration_metric``: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py."""
-MANY_CLIPS = 100  # In flight, up to which ArduPilot's page calls them acceptable
+"""m/s², of ``accel_vibration_metric``: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py."""
+CLIPS = Limits(0, 100)
+"""In flight: up to the second ArduPilot's page calls them acceptable."""
 
 
 def vibration_light(evidence: Evidence) -> Fact:
@@ -50,14 +43,10 @@ def vibration_light(evidence: Evidence) -> Fact:
     most = int(mean.argmax())
     imu, axis = divmod(most, len(measured.axes))
     clips = int(measured.clips[here].sum())
-    level = Level.GOOD
-    if mean[most] > limits.bad or clips > MANY_CLIPS:
-        level = Level.BAD
-    elif mean[most] > limits.watch or clips:
-        level = Level.WATCH
+    levels_of_both = limits.level(mean[most]), CLIPS.level(clips)
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
-        level,
+        max(levels_of_both, key=SEVERITY.index),
         subject=f"IMU {imu + 1}",
         axis=measured.axes[axis],
         vibration=mean[most],

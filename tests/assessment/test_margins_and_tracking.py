@@ -15,7 +15,7 @@ from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.grounding import grounded_air, grounds_of
 from mavdem.assessment.margins import margins_light, margins_of
-from mavdem.assessment.tracking import BAD_ERROR, WATCHED_ERROR, tracking_light
+from mavdem.assessment.tracking import ERROR, tracking_light
 from mavdem.condition.condition import condition_of, settled_parts
 from mavdem.condition.oscillation import Oscillation
 from mavdem.condition.resonance import response_of
@@ -186,12 +186,12 @@ def test_tracking_has_the_error_without_the_delay():
 @pytest.mark.parametrize(
     ("size", "error", "level"),
     [
-        (0.02, 0.9 * WATCHED_ERROR, Level.GOOD),
-        (0.02, 1.1 * WATCHED_ERROR, Level.WATCH),
-        (0.2, 1.1 * WATCHED_ERROR, Level.GOOD),
-        (0.02, 0.9 * BAD_ERROR, Level.WATCH),
-        (0.02, 1.1 * BAD_ERROR, Level.BAD),
-        (0.3, 1.1 * BAD_ERROR, Level.WATCH),
+        (0.02, 0.9 * ERROR.watch, Level.GOOD),
+        (0.02, 1.1 * ERROR.watch, Level.WATCH),
+        (0.2, 1.1 * ERROR.watch, Level.GOOD),
+        (0.02, 0.9 * ERROR.bad, Level.WATCH),
+        (0.02, 1.1 * ERROR.bad, Level.BAD),
+        (0.3, 1.1 * ERROR.bad, Level.WATCH),
     ],
 )
 def test_an_error_counts_beside_what_was_asked(size, error, level):

@@ -14,12 +14,10 @@ from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, estimator_
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
 from mavdem.assessment.power import (
-    EMPTY_CELL,
+    CELL,
     FULL_CELL,
-    LEAST_SUPPLY,
-    LOW_CELL,
     LOW_SECONDS,
-    LOW_SUPPLY,
+    SUPPLY,
     power_light,
 )
 from mavdem.assessment.wind import MUCH_LEAN, wind_light
@@ -74,10 +72,10 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
 @pytest.mark.parametrize(
     ("volts", "parameters", "level"),
     [
-        (held(LOW_CELL + 0.05), {}, Level.GOOD),
-        (held(LOW_CELL - 0.05), {}, Level.WATCH),
-        (held(EMPTY_CELL - 0.05), {}, Level.BAD),
-        (held(EMPTY_CELL - 0.05, LOW_SECONDS / 2), {}, Level.GOOD),
+        (held(CELL.watch + 0.05), {}, Level.GOOD),
+        (held(CELL.watch - 0.05), {}, Level.WATCH),
+        (held(CELL.bad - 0.05), {}, Level.BAD),
+        (held(CELL.bad - 0.05, LOW_SECONDS / 2), {}, Level.GOOD),
         (held(3.6), {"BATT_LOW_VOLT": 14.5}, Level.WATCH),
         (held(3.6), {"BATT_CRT_VOLT": 14.5}, Level.BAD),
         # It can have seven cells, and eight.
@@ -120,10 +118,10 @@ def test_charge_that_the_autopilot_estimates():
 @pytest.mark.parametrize(
     ("usual", "least", "code", "level"),
     [
-        (5.0, LOW_SUPPLY + 0.1, PowerLight.SUPPLY_HELD, Level.UNKNOWN),
-        (5.0, LOW_SUPPLY - 0.05, PowerLight.SUPPLY_LOW, Level.WATCH),
-        (5.0, LEAST_SUPPLY - 0.05, PowerLight.SUPPLY_LOW, Level.BAD),
-        (LEAST_SUPPLY - 0.1, LEAST_SUPPLY - 0.2, PowerLight.SUPPLY_LOW, Level.WATCH),
+        (5.0, SUPPLY.watch + 0.1, PowerLight.SUPPLY_HELD, Level.UNKNOWN),
+        (5.0, SUPPLY.watch - 0.05, PowerLight.SUPPLY_LOW, Level.WATCH),
+        (5.0, SUPPLY.bad - 0.05, PowerLight.SUPPLY_LOW, Level.BAD),
+        (SUPPLY.bad - 0.1, SUPPLY.bad - 0.2, PowerLight.SUPPLY_LOW, Level.WATCH),
         # It never changes: it is not measured.
         (5.0, 5.0, PowerLight.POWER_UNMEASURED, Level.UNKNOWN),
     ],

@@ -6,7 +6,7 @@ from hover import Hover, changed, columns, with_texts
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.power import LEAST_SUPPLY
+from mavdem.assessment.power import SUPPLY
 from mavdem.assessment.reported import reported_events
 from mavdem.condition.said import AGAIN_SECONDS, once, said
 from mavdem.facts import Level
@@ -163,8 +163,8 @@ STATES = {
     "input_rc": ("rc_lost", 0, 1, Reported.RADIO_LOST),
     "POWER_STATUS": (
         "Vcc",
-        1000 * LEAST_SUPPLY,
-        1000 * LEAST_SUPPLY - 1,
+        1000 * SUPPLY.bad,
+        1000 * SUPPLY.bad - 1,
         Reported.BOARD_VOLTAGE_LOW,
     ),
     "SYS_STATUS": ("charge_state", 1, 2, Reported.BATTERY_WARNED),

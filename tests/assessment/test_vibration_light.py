@@ -7,7 +7,7 @@ import pytest
 from hover import Hover, changed, columns
 
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.vibration import ARDUPILOT, MANY_CLIPS, PX4, vibration_light
+from mavdem.assessment.vibration import ARDUPILOT, CLIPS, PX4, vibration_light
 from mavdem.facts import Level
 from mavdem.facts.vibration import VibrationLight
 
@@ -46,9 +46,9 @@ def test_the_worst_axis_of_the_worst_imu_is_named():
 
 def test_clips_are_counted():
     assert light([1, 1, 1]).figures["clips"] == 0
-    assert light([1, 1, 1], clips=MANY_CLIPS).level is Level.WATCH
-    many = light([1, 1, 1], clips=MANY_CLIPS + 1)
-    assert (many.level, many.figures["clips"]) == (Level.BAD, MANY_CLIPS + 1)
+    assert light([1, 1, 1], clips=CLIPS.bad).level is Level.WATCH
+    many = light([1, 1, 1], clips=CLIPS.bad + 1)
+    assert (many.level, many.figures["clips"]) == (Level.BAD, CLIPS.bad + 1)
 
 
 def test_without_the_message_it_is_not_known():

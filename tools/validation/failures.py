@@ -31,7 +31,7 @@ from mavdem.ingest import Telemetry, read_log
 from mavdem.ingest.motors import MOTOR_COUNTS, MotorGeometry, motor_geometry
 from mavdem.ingest.vocabulary import ARDUPILOT, attitude_target, heartbeat_fields, quaternion
 from mavdem.paper.runner import write_log
-from sitl_scenarios.dynamics import euler, turned
+from sitl_scenarios.dynamics import RotorFrame, euler, mix, turned
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
 from sitl_scenarios.motion import Motion
@@ -45,6 +45,9 @@ LOST_SPEED = 3.0  # m/s at which a flight that was lost hits the ground, at leas
 RATES = (10.0, 50.0)
 FRAMES = {"HEXAROTOR": (13, 2), "OCTOROTOR": (14, 3)}
 """MAV_TYPE and FRAME_CLASS of the vehicles with more rotors; FRAME_TYPE 0 is plus and 1 X."""
+
+
+ANGLES_AND_RATES = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
 
 
 class Failure(NamedTuple):
@@ -146,19 +149,14 @@ def _many(
     hover = draw.uniform(0.5, 0.65)
     rows, lost = _flown(layout, kept, start, hover, draw)
     step = round(1 / rate / STEP)
-    time, roll, pitch, yaw, p, q, r, height, climb = rows[::step, :9].T
+    time = rows[::step, 0]
+    height, climb = rows[::step, 7:9].T
     outputs = np.round(1000 + 1000 * rows[::step, 9:])
     none = np.zeros(len(time))
     beats = time[:: round(rate)]
+    motion = rows[::step, 1:7].T
     fields = {
-        "ATTITUDE": {
-            "roll": roll,
-            "pitch": pitch,
-            "yaw": yaw,
-            "rollspeed": p,
-            "pitchspeed": q,
-            "yawspeed": r,
-        },
+        "ATTITUDE": dict(zip(ANGLES_AND_RATES, motion, strict=True)),
         "ATTITUDE_TARGET": attitude_target(q=quaternion(none, none, none)),
         "SERVO_OUTPUT_RAW": {"port": none}
         | {f"servo{n + 1}_raw": one for n, one in enumerate(outputs.T)},
@@ -192,6 +190,7 @@ def _flown(
     forward, right = ARM * np.array(layout.positions).T
     spins = np.array(layout.spins)
     mixer = np.column_stack([-right / ARM, forward / ARM, spins])
+    rotors = RotorFrame(tuple(forward), tuple(right), *map(tuple, mixer.T))
     arms = np.column_stack([-right, forward, 0.02 * spins])
     count = len(spins)
     full = MASS * GRAVITY / count / hover**2
@@ -214,12 +213,9 @@ def _flown(
         push = float(np.clip(push + 0.3 * slow * STEP, -0.3, 0.3)) if height > 0 else 0.0
         asked = np.array([20.0, 20.0, 5.0]) * (-np.array([6.0, 6.0, 1.0]) * angles - rates)
         trim = np.clip(trim + STEP * asked * (height > 0), -20, 20)
-        turning = mixer @ ((asked + trim) / authority)
-        span = float(np.ptp(turning))
-        turning = turning * min(1.0, (STOP - IDLE) / span) if span else turning
         thrust = (hover + push + 0.2 * slow) / max(cos(angles[0]) * cos(angles[1]), 0.5)
-        commands = turning + np.clip(thrust, IDLE - turning.min(), STOP - turning.max())
-        commands = commands if time > 1.0 else np.zeros(count)
+        demands = *((asked + trim) / authority), thrust
+        commands = np.array(mix(rotors, demands, STOP, IDLE)) if time > 1.0 else np.zeros(count)
         rows.append([time, *angles, *rates, height, -velocity[2], *commands])
         actual += (commands - actual) * STEP / LAG
         lift = full * actual**2 * (kept if time >= start else 1.0)
