@@ -74,14 +74,7 @@ def stream_contents(held: dict[str, Any]) -> list[Sentence]:
             and lost >= MIN_LOST_SHARE
             and (missing is None or missing >= min(MIN_LOST_SHARE, lost / 2)),
         )
-    unread: dict[tuple[str, str], list[str]] = {}
-    for one in held["unread"]:
-        unread.setdefault((sender(one), one["cause"]), []).append(str(one["message_id"]))
-    sentences = (
-        f"Not decoded from {of}: message id {', '.join(ids)} ({why})."
-        for (of, why), ids in unread.items()
-    )
-    return [*blocks, *map(Sentence, sentences)]
+    return [*blocks, *section("unread", unread=held["unread"])]
 
 
 def sender(component: dict[str, Any]) -> str:

@@ -53,11 +53,6 @@ ROWS: dict[str, str] = {
     FORECAST: "forecast, motors recorded",
     PREDICTION: "prediction, motors unknown",
 }
-MOTION = (
-    ("damping", "rate damping", 1.0, "1/s"),
-    ("lag", "motor time constant", 1e3, "ms"),
-    ("delay", "delay", 1e3, "ms"),
-)
 INTERVAL = "± is the half width of the 90 % interval."
 
 
@@ -162,9 +157,10 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> list[Bl
     Where the model ``learned`` has other inputs than motors, these have a table of their own.
     """
     blocks = list[Block]()
-    rest = list[str]()
     columns = {} if hover is None else _hover_columns(hover)
-    if learned is not None and (physical := learned.physical) is not None:
+    physical = None if learned is None else learned.physical
+    half = None
+    if learned is not None and physical is not None:
         labels = Labels.of(learned)
         half = physical.interval(LEVEL)
         effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
@@ -174,16 +170,12 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> list[Bl
             columns = effects | columns
         else:
             blocks.append(_by_motor(labels.input_names, effects))
-        for name, words, scale, unit in MOTION:
-            pair = scale * getattr(physical, name), scale * getattr(half, name)
-            rest.append(
-                f"{words} {f'{plus_minus(*pair)} {unit}' if np.isfinite(pair[1]) else 'not identifiable'}"
-            )
+    lean = dict[str, float]()
     if hover is not None:
         blocks.append(_by_motor(hover.motors, columns))
-        rest += [f"mean lean {leaning}"] if (leaning := _lean(hover)) else []
-    text = f"{'; '.join(rest)}.{f' {INTERVAL}' if '±' in f'{blocks}{rest}' else ''}"
-    return [*blocks, Sentence(text[:1].upper() + text[1:])] if rest else blocks
+        angles = {"roll": hover.roll, "pitch": hover.pitch}
+        lean = {name: angle for name, angle in angles.items() if angle is not None}
+    return [*blocks, *section("motion", physical=physical, half=half, lean=lean)]
 
 
 def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:
@@ -200,12 +192,6 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
         "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
         "saturated (% of time)": [f"{100 * (up + low):.1f}" for up, low in limits],
     }
-
-
-def _lean(hover: HoverFigures) -> str:
-    """The mean angles: "roll 13.3° and pitch 0.1°"; empty where they are not known."""
-    angles = ("roll", hover.roll), ("pitch", hover.pitch)
-    return listed(f"{name} {angle:.1f}°" for name, angle in angles if angle is not None)
 
 
 def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> list[Block]:

@@ -11,17 +11,16 @@ import rerun.blueprint as rrb
 
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
-from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
-from mavdem.report.blocks import Block, Table, markdown
+from mavdem.report.blocks import Block, markdown
 from mavdem.report.labels import Labels
-from mavdem.report.numbers import TORQUE, named, per, place, plus_minus, readable
-from mavdem.report.screen import detail_blocks, screen, title, verdict_blocks
+from mavdem.report.numbers import TORQUE, named, place, readable
+from mavdem.report.screen import detail_blocks, motor_blocks, screen, title, verdict_blocks
 from mavdem.report.series import (
     COMMAND,
     FREE_ENERGY,
@@ -262,19 +261,11 @@ def _flight(
 def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
     """Bars of the motors in their order, below a table with their names and intervals; nothing where not known."""
     physical = series.learned.physical
-    unit = TORQUE
     if physical is None or physical.status["effect"] == "not identifiable":
         return []
-    values = unit.scale * physical.effect
-    halves = unit.scale * physical.interval(LEVEL).effect
-    heading = f"{per(unit, series.labels.input_units[0])} ± {LEVEL:.0%} interval"
-    motors = enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
-    table = Table(
-        ["motor", heading],
-        [[f"{n} {place(name)}", plus_minus(*pair)] for n, (name, *pair) in motors],
-    )
-    words = _text(recording, "effect/table", "Control effectiveness", [table])
-    return [words, _bars(recording, "effect/bars", "By motor", values, 1)]
+    motors = motor_blocks(series.learned, None)
+    words = _text(recording, "effect/table", "Control effectiveness", motors)
+    return [words, _bars(recording, "effect/bars", "By motor", TORQUE.scale * physical.effect, 1)]
 
 
 def _bars(

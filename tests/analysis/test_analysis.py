@@ -58,7 +58,7 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert slow.learned.physical_reason.code is NoPhysical.SAMPLED_TOO_SLOWLY
     assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
     assert slow.alarms == () and "Hz" in str(slow.reason) and slow.reason.remedy
-    assert "Lean:" in told and "mean lean" not in told and told.count("± is") == 1
+    assert "Lean:" in told and "Mean lean" not in told and told.count("± is") == 1
     assert not {"Step response", "Poles"} & {
         one.title for one in model_pictures(slow.learned, slow.findings)
     }
