@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from math import cos
+from math import cos, hypot
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -35,12 +35,11 @@ from sitl_scenarios.dynamics import RotorFrame, euler, mix, turned
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.simulation import Simulation
-from sitl_scenarios.vehicles import GRAVITY
+from sitl_scenarios.vehicles import GRAVITY, airframe
 
-FLIGHTS = 60
-QUADS = 40  # Of those; then hexarotors and octorotors in turn
+QUADS = 40  # Of the first sixty; then hexarotors and octorotors in turn
 LOST_SPEED = 3.0  # m/s at which a flight that was lost hits the ground, at least; autopilots land at 1 and less
 RATES = (10.0, 50.0)
 FRAMES = {"HEXAROTOR": (13, 2), "OCTOROTOR": (14, 3)}
@@ -173,12 +172,10 @@ def _many(
     return Failure(f"{vehicle.lower()} {('plus', 'x')[frame_type]}", motors, telemetry, lost)
 
 
+BODY = airframe(VehicleSpec(model="iris"))
+"""Its mass, inertia, length of arms and lag are those of all vehicles with more rotors."""
 STEP = 0.0025
-"""s. The body: 1 m/s² of drag at 3 m/s; kg, kg m² and m of a vehicle of 2 kg; the motors' lag, idle and stop."""
-MASS = 2.0
-INERTIA = np.array([0.04, 0.04, 0.07])
-ARM = 0.3
-LAG = 0.04
+"""s. The drag is 1 m/s² at 3 m/s; the commands idle and stop at these."""
 IDLE = 0.15
 STOP = 0.95
 
@@ -187,15 +184,16 @@ def _flown(
     layout: MotorGeometry, kept: np.ndarray, start: float, hover: float, draw: np.random.Generator
 ) -> tuple[np.ndarray, bool]:
     """Rows of time, angles, rates, height, climb and commands; and whether the flight was lost."""
-    forward, right = ARM * np.array(layout.positions).T
+    arm = hypot(*BODY.arm)
+    forward, right = arm * np.array(layout.positions).T
     spins = np.array(layout.spins)
-    mixer = np.column_stack([-right / ARM, forward / ARM, spins])
+    mixer = np.column_stack([-right / arm, forward / arm, spins])
     rotors = RotorFrame(tuple(forward), tuple(right), *map(tuple, mixer.T))
     arms = np.column_stack([-right, forward, 0.02 * spins])
     count = len(spins)
-    full = MASS * GRAVITY / count / hover**2
+    full = BODY.mass * GRAVITY / count / hover**2
     slope = 2 * full * hover  # N per unit of a command, in hover
-    authority = slope * (arms * mixer).sum(axis=0) / INERTIA
+    authority = slope * (arms * mixer).sum(axis=0) / BODY.inertia
     top = draw.uniform(10.0, 25.0)
     attitude = (1.0, 0.0, 0.0, 0.0)
     rates = np.zeros(3)
@@ -217,20 +215,20 @@ def _flown(
         demands = *((asked + trim) / authority), thrust
         commands = np.array(mix(rotors, demands, STOP, IDLE)) if time > 1.0 else np.zeros(count)
         rows.append([time, *angles, *rates, height, -velocity[2], *commands])
-        actual += (commands - actual) * STEP / LAG
+        actual += (commands - actual) * STEP / BODY.lag[0]
         lift = full * actual**2 * (kept if time >= start else 1.0)
-        if height <= 0 and lift.sum() < MASS * GRAVITY:
+        if height <= 0 and lift.sum() < BODY.mass * GRAVITY:
             if time > start:
                 break
             continue
         noise = draw.normal(0.0, 1.0, 3) * [2.0, 2.0, 0.5]
-        moment = lift @ arms - np.cross(rates, INERTIA * rates)
-        rates = rates + STEP * (moment / INERTIA + noise - 0.5 * rates)
+        moment = lift @ arms - np.cross(rates, np.multiply(BODY.inertia, rates))
+        rates = rates + STEP * (moment / BODY.inertia + noise - 0.5 * rates)
         w, x, y, z = turned(attitude, tuple(rates * STEP / 2))
         size = float(np.linalg.norm([w, x, y, z]))
         attitude = w, x, y, z = w / size, x / size, y / size, z / size
         upright = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-        acceleration = -upright * lift.sum() / MASS - velocity * np.linalg.norm(velocity) / 9
+        acceleration = -upright * lift.sum() / BODY.mass - velocity * np.linalg.norm(velocity) / 9
         velocity = velocity + STEP * (acceleration + [0.0, 0.0, GRAVITY])
         height = max(height - STEP * float(velocity[2]), 0.0)
         if height == 0 and velocity[2] > 0:
@@ -270,7 +268,7 @@ def _verdict(ending: Fact | None, failed: set[str], lost: bool) -> str:
 
 
 @click.command(help=__doc__)
-@click.option("--flights", default=FLIGHTS, show_default=True, help="How many that are lost.")
+@click.option("--flights", default=60, show_default=True, help="How many that are lost.")
 @click.option("--jobs", default=2, show_default=True, help="Processes.")
 def main(flights: int, jobs: int) -> None:
     with ProcessPoolExecutor(jobs) as pool:
