@@ -190,11 +190,19 @@ def off_ground(flights: Intervals, signals: Signals, boot: int) -> Intervals:
 
 def rose(signals: Signals, boot: int, flight: Interval) -> bool | None:
     """Returns whether a ``flight`` of ``boot`` rose by ``GROUND_HEIGHT``; None where its height was not recorded."""
+    height = above_take_off(signals, boot, flight)
+    if height is None:
+        return None
+    return bool((height.values[during(height.time, [flight])] > GROUND_HEIGHT).any())
+
+
+def above_take_off(signals: Signals, boot: int, flight: Interval) -> Signal | None:
+    """Returns the heights above where a ``flight`` of ``boot`` began, m, or else the log; None without heights."""
     height = of_boot(signals.height, boot)
     if height is None:
         return None
     ground = np.interp(flight[0], height.time, height.values)
-    return bool((height.values[during(height.time, [flight])] > ground + GROUND_HEIGHT).any())
+    return Signal(height.time, height.boot, height.values - ground)
 
 
 def _stood(signals: Signals, boot: int, flight: Interval) -> bool:

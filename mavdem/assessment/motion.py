@@ -22,6 +22,7 @@ from mavdem.alignment.phases import (
     MAX_TILT,
     Interval,
     Intervals,
+    above_take_off,
     airborne_collective,
     during,
     either,
@@ -130,11 +131,10 @@ def height_above(signals: Signals, boot: int, flight: Interval, time: float) -> 
 
     Where it began before the log, it is the height above the autopilot's home.
     """
-    height = of_boot(signals.height, boot)
-    if height is None:
-        return None
-    at, ground = np.interp([time, flight[0]], height.time, height.values)
-    return float(at if flight[0] == -inf else at - ground)
+    height = above_take_off(signals, boot, flight)
+    if flight[0] == -inf:
+        height = of_boot(signals.height, boot)
+    return None if height is None else float(np.interp(time, height.time, height.values))
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
@@ -239,11 +239,10 @@ def _loss(
 def _believed(signals: Signals, boot: int, flight: Interval) -> Signal | None:
     """The vertical speed, m/s up, but not of when the height was below that of the take-off: it may have run away."""
     climb = of_boot(signals.climb_rate, boot)
-    height = of_boot(signals.height, boot)
+    height = above_take_off(signals, boot, flight)
     if climb is None or height is None:
         return climb
-    ground = np.interp(flight[0], height.time, height.values)
-    above = np.interp(climb.time, height.time, height.values) > ground - GROUND_HEIGHT
+    above = np.interp(climb.time, height.time, height.values) > -GROUND_HEIGHT
     return Signal(climb.time[above], climb.boot[above], climb.values[above])
 
 
