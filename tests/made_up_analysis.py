@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from refusals import prose
 
-from mavdem.analysis.figures import LogAnalysis
+from mavdem.analysis.figures import LogAnalysis, VehicleFigures
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import OF_VEHICLE, Judgement
 from mavdem.condition.condition import HoverFigures
@@ -140,7 +140,7 @@ def analysis(parameters):
     windows = held_out()
     verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
-    known = verdict, SimpleNamespace(name="a"), condition, None, SimpleNamespace(hover=HOVER)
+    known = verdict, SimpleNamespace(name="a"), condition, None, VehicleFigures({}, HOVER)
     return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)
 
 

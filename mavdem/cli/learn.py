@@ -39,9 +39,7 @@ from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
 from mavdem.extras import lacking
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.condition import air_blocks
-from mavdem.report.screen import analysis_blocks, detail_blocks, title, vehicle_blocks
-from mavdem.report.truth import truth_blocks
+from mavdem.report.screen import analysis_blocks, detail_blocks, title
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
@@ -166,14 +164,7 @@ def learn_command(
     else:
         text, lead, _ = title(analysis.flights)
         heading = Sentence(printable(text), printable(lead))
-        blocks += (
-            vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
-            if axis == ALL
-            else []
-        )
-        blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, analysis.findings)
-    blocks[-1:-1] = air_blocks(assessment)  # what to do next stays last
     if not as_json:
         print_blocks([heading, *blocks, *(details if verbose else [])])
     if not no_files:

@@ -35,6 +35,7 @@ from mavdem.report.blocks import (
     text_of,
     warning,
 )
+from mavdem.report.condition import air_blocks
 from mavdem.report.labels import Labels, outputs_of, state_names, states_are_outputs
 from mavdem.report.numbers import (
     TORQUE,
@@ -46,6 +47,7 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
+from mavdem.report.truth import truth_blocks
 from mavdem.report.words import PARAMETERS, advised, headline, section
 
 # beside the baselines
@@ -122,19 +124,18 @@ def analysis_blocks(assessment: Assessment) -> list[Block]:
         return conclusion(assessment.judgement)
     learned = analysis.learned
     if learned is None:
-        blocks = conclusion(assessment.judgement)
-        if analysis.reason is not None:
-            blocks.insert(-1, Sentence(str(analysis.reason), "No model:"))
+        *above, following = conclusion(assessment.judgement)
+        above += [] if analysis.reason is None else [Sentence(str(analysis.reason), "No model:")]
     else:
         hover = analysis.vehicle.hover if analysis.tier.name == "a" else None
-        blocks = screen(learned, analysis.held_out, hover, assessment)
-    blocks += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
+        *above, following = screen(learned, analysis.held_out, hover, assessment)
+    above += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
-        blocks += [
-            *section("tier", **analysis.tier.as_dict()),
-            *section("condition", analysis.condition),
-        ]
-    return blocks
+        above += section("tier", **analysis.tier.as_dict())
+        above += section("condition", analysis.condition)
+    above += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
+    above += [] if analysis.truth is None else truth_blocks(analysis.truth)
+    return [*above, *air_blocks(assessment), following]
 
 
 def title(flights: Sequence[Flight]) -> Sentence:
