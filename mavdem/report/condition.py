@@ -12,7 +12,7 @@ from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import coming_from
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Block, Sentence, Table, caution
-from mavdem.report.words import advised, says, section
+from mavdem.report.words import advised, section
 
 # what a tier is called where it is shown
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
@@ -34,7 +34,6 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
     verdict = vehicle["verdict"]
     names = vehicle["names"]
-    is_said = says(vehicle.get("headline"), verdict.reason)
     # names of the periodic messages by their rounded rate, the fastest first
     streams: dict[str, list[str]] = {}
     for name, one in sorted(
@@ -47,7 +46,7 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
             ).append(shown)
     rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
     return [
-        *section("vehicle", **vehicle, is_tilt=verdict.axis in TILT_AXES, is_said=is_said),
+        *section("vehicle", **vehicle, is_tilt=verdict.axis in TILT_AXES),
         *section("tier", **vehicle),
         *map(caution, verdict.cautions),
         *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),

@@ -155,14 +155,6 @@ def interval(value: float, half: float | None, unit: str = " %") -> str:
     return f"{shown}{unit}"
 
 
-def says(fact: Fact | None, other: object) -> bool:
-    """Returns whether a ``fact``, or one within it, says what the ``other`` does."""
-    if not isinstance(fact, Fact):
-        return False
-    within = [figure for figure in fact.figures.values() if isinstance(figure, Fact)]
-    return str(fact) == str(other) or any(says(one, other) for one in within)
-
-
 def bare(fact: Fact | str) -> str:
     """Returns the sentence of a ``fact`` without its full stop, for the inside of another."""
     return str(fact).removesuffix(".")
