@@ -278,7 +278,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     rows = [FlightRow.of(report, file=FLIGHT), *rows_of_learned(out)]
     told = [screen, contents, page, document, flight_page(FLIGHT, found), reviewed]
     for place in told:
-        read = place.replace("&#39;", "'").replace("\N{NO-BREAK SPACE}", " ")
+        read = " ".join(place.replace("&#39;", "'").split())
         assert headline in read and "GOOD" not in read.replace("GOOD_", "")
         assert remedy in read and "vehicle's reference" not in place
     for row in rows:
