@@ -264,7 +264,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     assert run("learn", *words, "--out", out) == 0
     screen = capsys.readouterr().out
     assert run("info", FLIGHT) == 0
-    contents = capsys.readouterr().out
+    contents = " ".join(capsys.readouterr().out.split())
     assert run("review", FLIGHT, "--out", tmp_path / "review") == 0
     reviewed = " ".join(capsys.readouterr().out.split())
     page = (out / "report.html").read_text()
