@@ -36,6 +36,8 @@ DOUBT_SECONDS = 1.0  # as long it lasts there until the failsafe
 POOR_DILUTION = 2.5
 FEW_SATELLITES = 6
 """HDOP above, satellites below which PX4's filter does not start with GPS: EKF2_REQ_HDOP, EKF2_REQ_NSATS."""
+FIELD_CHANGE = 0.3  # of the compass's field, by motors and currents, up to which ArduPilot's pages take it for good
+LEAST_ROWS = 5  # of a median on the ground
 OF_ESTIMATOR = {
     Reported.ESTIMATOR_DIVERGED,
     Reported.ESTIMATOR_SWITCHED,
@@ -49,7 +51,12 @@ OF_ESTIMATOR = {
 def estimator_light(evidence: Evidence) -> Fact:
     """Returns the worst of filter and GPS in flight; unknown where the log has neither."""
     innovations = sorted(_filter(evidence), key=lambda fact: -fact.figures["duration"])
-    found = [*innovations, *_fixes(evidence), *reported(evidence, OF_ESTIMATOR)]
+    found = [
+        *innovations,
+        *_fixes(evidence),
+        *_compass(evidence),
+        *reported(evidence, OF_ESTIMATOR),
+    ]
     airborne = evidence.verdict.figures.airborne
     return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
@@ -68,13 +75,13 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
         failed = longest(part.time, doubts >= 2)
         lasting = [longest(part.time, column) for column in beyond.T]
         most = int(np.argmax(lasting)) if max(lasting) else int(ratios.max(axis=0).argmax())
-        code = EstimatorLight.FILTER_AGREED
         level = Level.GOOD
         if max(lasting) >= DOUBT_SECONDS:
-            code = EstimatorLight.FILTER_DOUBTED
             level = Level.BAD if failed >= DOUBT_SECONDS else Level.WATCH
         yield Fact(
-            code,
+            EstimatorLight.FILTER_DOUBTED
+            if level is not Level.GOOD
+            else EstimatorLight.FILTER_AGREED,
             level,
             time=part.time[ratios[:, most].argmax()],
             name=MEASURED[most],
@@ -121,3 +128,22 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
         }
         if figures["satellites"] < FEW_SATELLITES or figures["dilution"] > POOR_DILUTION:
             yield Fact(EstimatorLight.FIX_POOR, Level.WATCH, **figures)
+
+
+def _compass(evidence: Evidence) -> Iterator[Fact]:
+    """Of its field, where it is another in the first flight than on the ground before."""
+    messages = evidence.signals.telemetry.messages
+    fields = ("xmag", "ymag", "zmag")
+    for report in (messages.get("SCALED_IMU", {}), messages.get("RAW_IMU", {})):
+        if not all(field in report for field in fields):
+            continue
+        size = np.linalg.norm([floats(report, field) for field in fields], axis=0)
+        field = series(report, size, size > 0)
+        for flight in flown(evidence, field):
+            before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
+            if np.count_nonzero(before) < LEAST_ROWS:
+                return
+            change = float(np.median(flight.values) / np.median(field.values[before])) - 1
+            if abs(change) > FIELD_CHANGE:
+                yield Fact(EstimatorLight.COMPASS_DISTURBED, Level.WATCH, change=change)
+            return

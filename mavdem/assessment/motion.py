@@ -217,9 +217,9 @@ def _loss(
     if harmless or _is_caught(signals, boot, flight, end):
         code = MotionEvent.ATTITUDE_CAUGHT
         level = Level.WATCH if asked else Level.UNKNOWN
-    believed = _believed(signals, boot, flight)
+    trusted = _trusted(signals, boot, flight)
     if height is not None and height < -GROUND_HEIGHT:
-        believed = None  # it had run away before
+        trusted = None  # it had run away before
     # what the ground threw over had its speed before
     span = (onset, end + CAUGHT_SECONDS)
     if code is MotionEvent.HIT:
@@ -231,12 +231,12 @@ def _loss(
         until=_seen(end),
         angle=angle,
         height=height,
-        speed=_fastest(believed, *span),
+        speed=_fastest(trusted, *span),
         boot=boot,
     )
 
 
-def _believed(signals: Signals, boot: int, flight: Interval) -> Signal | None:
+def _trusted(signals: Signals, boot: int, flight: Interval) -> Signal | None:
     """The vertical speed, m/s up, but not of when the height was below that of the take-off: it may have run away."""
     climb = of_boot(signals.climb_rate, boot)
     height = above_take_off(signals, boot, flight)
@@ -299,12 +299,12 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
         since = lost.time - (CAUGHT_SECONDS if lost.code is MotionEvent.HIT else 0.0)
     span = (max(flight[0], since), end + CAUGHT_SECONDS)
     near = (time > span[0]) & (time < span[1])
-    believed = _believed(signals, boot, flight)
-    assert believed is not None
-    falling = believed.time[during(believed.time, [span]) & (believed.values < -FALL_SPEED)]
+    trusted = _trusted(signals, boot, flight)
+    assert trusted is not None
+    falling = trusted.time[during(trusted.time, [span]) & (trusted.values < -FALL_SPEED)]
     if len(falling):
         begun, ended = falling[[0, -1]].tolist()
-        speed = _fastest(believed, *span)
+        speed = _fastest(trusted, *span)
         yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
     soon = np.interp(time + LOST_SECONDS, time, climb.values)
     braked = near & (climb.values < -HIT_SPEED) & (soon - climb.values > HIT_SPEED)

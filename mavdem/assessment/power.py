@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from mavdem.alignment import phases
 from mavdem.alignment.drive import Signal, floats, series
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import averaged, reported, worst
+from mavdem.assessment.flown import averaged, flown, reported, worst
 from mavdem.assessment.limits import Limits
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
@@ -24,6 +25,9 @@ CELL = Limits(3.3, 3.0)
 LOW_SECONDS = 10.0  # s below a level that count: ArduPilot's default of BATT_LOW_TIMER
 SUPPLY = Limits(4.65, 4.5)
 """V of the board below which PX4 warns, at all and critically (``powerCheck.cpp``)."""
+SUPPLY_FALL = 0.3  # V: twice what ArduPilot's page on power in logs calls normal
+# of voltage and current about their means of 2 s: half of the variance is explained
+RESISTANCE_CORRELATION = -0.7
 LOW_LEVELS = ("BATT_LOW_VOLT", "FS_BATT_VOLTAGE")
 CRITICAL_LEVELS = ("BATT_CRT_VOLT",)
 """ArduPilot's parameters of voltages, V, at which it acts; 0 for none."""
@@ -56,11 +60,13 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     each = cells or 0
     critical = max(CELL.bad * each, *(parameters.get(name, 0.0) for name in CRITICAL_LEVELS))
     low = max(critical, CELL.watch * each, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
-    current = averaged(evidence, _of_message(signals, "SYS_STATUS", "current_battery")) / 100
+    load = _load(evidence)
+    resistance, current = (None, None) if load is None else _resistance(load)
     figures: dict[str, Any] = {
         "voltage": means[0],
         "cells": cells,
-        "current": current.max(initial=0.0),
+        "current": current,
+        "resistance": resistance,
         "voltage_limit": critical if lasting < critical else low,
     }
     if lasting < low:
@@ -86,13 +92,19 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
         return
     least = float(volts.min())
     usual = float(np.median(volts))
-    code = PowerLight.SUPPLY_HELD
-    level = Level.UNKNOWN
+    figures: dict[str, Any] = {
+        "voltage": least,
+        "voltage_usual": usual,
+        "voltage_limit": SUPPLY.watch,
+    }
     if least < SUPPLY.watch:
-        code = PowerLight.SUPPLY_LOW
         # where it is always so low, the vehicle flies, and the scale may be wrong
         level = Level.BAD if least < SUPPLY.bad <= usual else Level.WATCH
-    yield Fact(code, level, voltage=least, voltage_limit=SUPPLY.watch)
+        yield Fact(PowerLight.SUPPLY_LOW, level, **figures)
+    elif usual - least > SUPPLY_FALL:
+        yield Fact(PowerLight.SUPPLY_FELL, Level.WATCH, **figures)
+    else:
+        yield Fact(PowerLight.SUPPLY_HELD, **figures)
 
 
 def _cells(signals: Signals, full: float) -> int | None:
@@ -103,6 +115,34 @@ def _cells(signals: Signals, full: float) -> int | None:
     each = full / CELL_COUNTS
     possible = CELL_COUNTS[(each >= FULL_CELL[0]) & (each <= FULL_CELL[1])]
     return int(possible[0]) if len(possible) == 1 else None
+
+
+def _load(evidence: Evidence) -> tuple[Signal, ...] | None:
+    """Voltage and current in flight, V and A, (N, 2) of each boot; None where the current was not measured."""
+    columns = evidence.signals.telemetry.messages.get("SYS_STATUS", {})
+    if "current_battery" not in columns:
+        return None
+    current = floats(columns, "current_battery") / 100
+    pairs = np.column_stack([floats(columns, "voltage_battery") / 1000, current])
+    return tuple(flown(evidence, series(columns, pairs, current > 0))) or None
+
+
+def _resistance(load: tuple[Signal, ...]) -> tuple[float | None, float]:
+    """The internal resistance, ohm, where voltage falls as current rises, and the largest mean current over 2 s, A."""
+    apart = []
+    most = 0.0
+    for part in load:
+        means = np.column_stack(
+            [phases.average(Signal(part.time, part.boot, one)) for one in part.values.T]
+        )
+        apart.append(part.values - means)
+        most = max(most, float(means[:, 1].max()))
+    volts, amperes = np.concatenate(apart).T
+    spread = float(volts @ volts * (amperes @ amperes))
+    together = float(volts @ amperes)
+    if spread == 0 or together > RESISTANCE_CORRELATION * spread**0.5:
+        return None, most
+    return -together / float(amperes @ amperes), most
 
 
 def _of_message(signals: Signals, message: str, field: str) -> Signal | None:

@@ -83,7 +83,18 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact | None:
         offset_angle=float(np.mean(errors[best])),
         delay=float(DELAYS[best]),
         overshoot=overshoot,
+        rate_error=_rate_error(signals, parts),
     )
+
+
+def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
+    """RMS of the body rate less its setpoint, rad/s; None where that was not recorded."""
+    setpoints = [one.signal for one in signals.setpoints if one.unit == "rad/s"]
+    if signals.attitude is None or not setpoints:
+        return None
+    pieces = [_compared(setpoints[0], signals.attitude.rates, part) for part in parts]
+    errors = [np.interp(at, time, seen) - one for at, one, time, seen in filter(None, pieces)]
+    return float(np.sqrt(np.mean(np.square(np.concatenate(errors))))) if errors else None
 
 
 def _compared(

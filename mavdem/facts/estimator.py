@@ -1,4 +1,4 @@
-"""What the light of the estimator says of the filter and of GPS."""
+"""What the light of the estimator says of the filter, of GPS and of the compass."""
 
 from enum import auto
 
@@ -12,4 +12,5 @@ class EstimatorLight(Code):
     FILTER_DOUBTED = auto()
     FIX_POOR = auto()
     GPS_GLITCHED = auto()
+    COMPASS_DISTURBED = auto()
     ESTIMATOR_UNMEASURED = auto()

@@ -13,5 +13,6 @@ class PowerLight(Code):
     CHARGE_LOW = auto()
     SUPPLY_HELD = auto()
     SUPPLY_LOW = auto()
+    SUPPLY_FELL = auto()
     CELLS_UNKNOWN = auto()
     POWER_UNMEASURED = auto()

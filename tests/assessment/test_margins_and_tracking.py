@@ -183,6 +183,14 @@ def test_tracking_has_the_error_without_the_delay():
     assert figures["angle_error"] == approx(0.02, rel=0.05)
 
 
+def test_tracking_has_the_error_of_the_rate():
+    telemetry = changed(HOVER.telemetry(), "ATTITUDE", rollspeed=np.full(len(TIME), 0.03))
+    targets = asked(telemetry, rate=0 * TIME).messages["ATTITUDE_TARGET"]
+    both = {**targets, "type_mask": np.zeros(len(TIME))}
+    made = changed(telemetry, "ATTITUDE_TARGET", **both)
+    assert tracking_light(evidence(made)).figures["rate_error"] == approx(0.03, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("size", "error", "level"),
     [

@@ -10,7 +10,7 @@ from recorded_flights import recorded
 
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, estimator_light
+from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, FIELD_CHANGE, estimator_light
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
 from mavdem.assessment.power import (
@@ -18,6 +18,7 @@ from mavdem.assessment.power import (
     FULL_CELL,
     LOW_SECONDS,
     SUPPLY,
+    SUPPLY_FALL,
     power_light,
 )
 from mavdem.assessment.wind import MUCH_LEAN, wind_light
@@ -65,7 +66,7 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     telemetry = changed(battery(volts), "SYS_STATUS", current_battery=100 * amperes)
     fact = power_light(evidence(telemetry))
     assert (fact.code, fact.level) == (PowerLight.BATTERY_HELD, Level.GOOD)
-    assert fact.figures["cells"] == 4 and fact.figures["current"] == approx(20.0, abs=1.0)
+    assert fact.figures["cells"] == 4 and fact.figures["resistance"] == approx(0.04)
     assert fact.figures["voltage"] == approx(15.8, abs=0.1)
 
 
@@ -119,6 +120,7 @@ def test_charge_that_the_autopilot_estimates():
     ("usual", "least", "code", "level"),
     [
         (5.0, SUPPLY.watch + 0.1, PowerLight.SUPPLY_HELD, Level.UNKNOWN),
+        (5.3, 5.25 - SUPPLY_FALL, PowerLight.SUPPLY_FELL, Level.WATCH),
         (5.0, SUPPLY.watch - 0.05, PowerLight.SUPPLY_LOW, Level.WATCH),
         (5.0, SUPPLY.bad - 0.05, PowerLight.SUPPLY_LOW, Level.BAD),
         (SUPPLY.bad - 0.1, SUPPLY.bad - 0.2, PowerLight.SUPPLY_LOW, Level.WATCH),
@@ -195,6 +197,21 @@ def test_gps(satellites, dilution, code):
     figures = {"satellites_visible": satellites + 0 * TIME, "eph": 100 * dilution + 0 * TIME}
     report = columns(TIME, fix_type=3 + 0 * TIME, **figures)
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (FIELD_CHANGE + 0.05, EstimatorLight.COMPASS_DISTURBED),
+        (FIELD_CHANGE - 0.05, EstimatorLight.FILTER_AGREED),
+        (-FIELD_CHANGE - 0.05, EstimatorLight.COMPASS_DISTURBED),
+    ],
+)
+def test_a_compass_whose_field_is_another_in_flight(change, code):
+    field = 400.0 * np.where(TIME > 6.0, 1 + change, 1.0)
+    report = columns(TIME, xmag=0.6 * field, ymag=0 * field, zmag=0.8 * field)
+    fact = estimator_light(evidence(changed(filtered(), "RAW_IMU", **report)))
+    assert fact.code is code and fact.figures.get("change", change) == approx(change)
 
 
 @pytest.mark.parametrize(("time", "level"), [(30.0, Level.WATCH), (2.0, Level.GOOD)])
