@@ -188,34 +188,34 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 17950,
-    "analysis": 8700,
-    "assessment": 12000,
-    "baselines": 8100,
-    "cli": 18800,
-    "condition": 22500,
-    "dem": 81000,
-    "documents": 8700,
+    "alignment": 19400,
+    "analysis": 8100,
+    "assessment": 17050,
+    "baselines": 7550,
+    "cli": 18950,
+    "condition": 26650,
+    "dem": 73000,
+    "documents": 9450,
     "evaluate": 9650,
     "export": 3100,
-    "facts": 4500,
-    "fleet": 17700,
-    "health": 9700,
-    "ingest": 55450,
-    "live": 30100,
-    "mavdem": 5200,
-    "paper": 15500,
-    "report": 38000,
-    "sitl_scenarios": 37050,
-    "tools": 13200,
-    "view": 14850,
+    "facts": 5200,
+    "fleet": 17800,
+    "health": 10550,
+    "ingest": 49850,
+    "live": 29500,
+    "mavdem": 5400,
+    "paper": 15550,
+    "report": 36750,
+    "sitl_scenarios": 34650,
+    "tools": 16150,
+    "view": 14200,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_300
-TEST_NODES = 246_900
-NODES_A_LINE = 11.8
+ALL_NODES = 428_100
+TEST_NODES = 245_900
+NODES_A_LINE = 11.5
 """Of code: more is packed, not short."""
-ALL_CONSTANTS = 774
+ALL_CONSTANTS = 806
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 
