@@ -41,6 +41,7 @@ OF_VEHICLE = (
     Light.ESTIMATOR,
 )
 """What a vehicle is judged by, the most urgent first: a weak motor explains bad tracking."""
+OF_MOTION = {Light.MOTORS, Light.MARGINS, Light.TRACKING, Light.VIBRATION}
 OF_LOG = (Light.LOG, Light.WIND)
 
 
@@ -94,7 +95,9 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
     unknown = [light for light in OF_VEHICLE if light not in checked]
     if not checked:
         return Fact(Headline.NOTHING_CHECKED, because=lights[Light.LOG])
-    return Fact(Headline.NOTHING_WRONG, Level.GOOD, names=checked, missing=unknown)
+    # Battery and estimator alone say nothing of how it flies.
+    level = Level.GOOD if OF_MOTION.intersection(checked) else Level.UNKNOWN
+    return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown)
 
 
 def _of_level(level: Level, facts: Sequence[Fact]) -> Iterator[Fact]:
@@ -106,7 +109,7 @@ def next_step_of(headline: Fact, lights: Mapping[str, Fact], of_model: Fact | No
 
     Of a vehicle that is sound and fully judged it is what its model is worth (``of_model``).
     """
-    if headline.level is not Level.GOOD:
+    if headline.code is not Headline.NOTHING_WRONG:
         return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline)
     for light in (Light.LOG, *OF_VEHICLE):
         if lights[light].level is not Level.GOOD:

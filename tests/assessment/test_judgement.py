@@ -71,7 +71,10 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     assert Light.MARGINS not in sound.figures["names"]
     assert sound.figures["missing"] == (Light.MARGINS,)
     assert next_step_of(sound, known, None).figures["because"] == known[Light.LOG]
-    nothing = headline(lights(**dict.fromkeys(Light, Level.UNKNOWN)))
+    dark = dict.fromkeys(Light, Level.UNKNOWN)
+    little = headline(lights(**{**dark, "power": Level.GOOD}))
+    assert (little.code, little.level) == (Headline.NOTHING_WRONG, Level.UNKNOWN)
+    nothing = headline(lights(**dark))
     assert nothing.code is Headline.NOTHING_CHECKED
 
 
