@@ -190,7 +190,7 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19400,
     "analysis": 8100,
-    "assessment": 17050,
+    "assessment": 17100,
     "baselines": 7550,
     "cli": 18950,
     "condition": 26650,
@@ -213,7 +213,7 @@ NODES = {
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 428_100
 TEST_NODES = 245_900
-NODES_A_LINE = 11.5
+NODES_A_LINE = 11.6  # health
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 806
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
