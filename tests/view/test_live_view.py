@@ -435,7 +435,9 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
         shutil.copy(path, killed)  # as a process that is killed leaves it
         resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 3000, limits[1]))
         # What fails while it is flushed is noticed by a later flush, or Rerun no longer answers.
-        assert any(send() for _ in range(1000))
+        trouble = next(filter(None, (send() for _ in range(1000))))
+        if "does not respond" in trouble:  # a slow machine: it is cut when the failure shows
+            sending.sink.delivered(arrived=False)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
