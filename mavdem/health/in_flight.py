@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.drive import MotorGeometry
+from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.steadiness import MAX_TURN
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
@@ -52,6 +53,8 @@ SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: 
 # Over which the reference forgets: wind and battery change, and damage comes at once
 MEMORY_SECONDS = 60.0
 KEPT_SECONDS = 150.0
+# Without settled flight, after which what was before is no reference: no landing and take-off is shorter
+LONGEST_GAP = TRANSIENT_SECONDS
 WINDOWS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
 BATCHES = (1, 2, 4, 8)  # Blocks whose mean shows the long-run variance
 HOURS_TO_FALSE_ALARM = 10.0  # By design
@@ -254,7 +257,7 @@ class MotorWatch:
 
     Attributes:
         alarms: what was found so far.
-        weak: the latest alarm on each motor, by place, that has not recovered; none after 2 s without settled flight.
+        weak: the latest alarm on each motor, by place, that has not recovered; none after ``LONGEST_GAP``.
         obstacle: why nothing can be found, from settled flight of a few seconds on; None where it can.
     """
 
@@ -287,7 +290,10 @@ class MotorWatch:
         if not self._is_named:
             return []
         number = floor(time / BLOCK_SECONDS)
-        if not 0 <= time - self._latest < 2:  # s, after which what was before is no reference
+        step = time - self._latest
+        if -LONGEST_GAP < step <= 0:
+            return []  # doubled, or overtaken on its way: a mean of half a second does not need it
+        if not 0 < step < LONGEST_GAP:
             self._times: list[float] = []
             self._blocks: list[Array] = []
             # NaN where the nose turns, or the attitude does not follow

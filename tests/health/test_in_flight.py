@@ -10,7 +10,13 @@ from scipy.signal import lfilter
 from mavdem.facts import Level
 from mavdem.facts.motors import InFlight
 from mavdem.health.balance import motor_signatures
-from mavdem.health.in_flight import HOURS_TO_FALSE_ALARM, MotorAlarm, MotorWatch, alarm_figures
+from mavdem.health.in_flight import (
+    HOURS_TO_FALSE_ALARM,
+    LONGEST_GAP,
+    MotorAlarm,
+    MotorWatch,
+    alarm_figures,
+)
 from mavdem.ingest.motors import MotorGeometry, motor_geometry
 
 # Hz, s
@@ -241,6 +247,28 @@ def test_what_is_not_settled_is_no_reference_and_no_change():
     # Landed, and off again with another load: what comes after is compared with itself.
     assert not watched([0.3, 0.0, 0.0, 0.0], lambda at: not 20 < at < 30).alarms
     assert not watched([0.3, 0.0, 0.0, 0.0], lambda at: at < 25).alarms
+
+
+def test_a_bad_link_hides_no_fault_and_no_recovery():
+    """A fifth is lost, a tenth doubled or overtaken, and every 25 s it is silent for 2.5 s."""
+    draw = np.random.default_rng(8)
+    time, commands = flight(6, 70.0, 0.005)
+    commands[(time >= 120.0) & (time < 145.0)] *= [1.2, 1.0, 1.0, 1.0]
+    kept = np.flatnonzero((draw.random(len(time)) > 0.2) & ((time - 100.0) % 27.5 < 25.0))
+    kept = np.repeat(kept, 1 + (draw.random(len(kept)) < 0.05))
+    for row in np.flatnonzero(draw.random(len(kept) - 1) < 0.05):
+        kept[row : row + 2] = kept[row : row + 2][::-1]
+    weak, sound = changes(time[kept], commands[kept])
+    assert (weak.motor, sound.motor) == (1, 1) and weak.weak and not sound.weak
+    assert 120.0 < weak.time < 125.0 and 145.0 < sound.time < 150.0
+
+
+@pytest.mark.parametrize("silent", [LONGEST_GAP - 0.2, LONGEST_GAP + 0.2])
+def test_after_a_long_silence_what_was_before_is_no_reference(silent):
+    time, commands = flight(6, 40.0, 0.005)
+    commands[time > 120.0] *= [1.2, 1.0, 1.0, 1.0]
+    heard = np.abs(time - 120.0) > silent / 2
+    assert len(changes(time[heard], commands[heard])) == (silent < LONGEST_GAP)
 
 
 def test_where_nothing_can_be_found_it_says_why():
