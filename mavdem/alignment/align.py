@@ -18,7 +18,7 @@ from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameter_values
 from mavdem.ingest.telemetry import Array, Telemetry, selected
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 MEDIAN_STEPS = 41
 """Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
@@ -247,7 +247,9 @@ def _earlier(telemetry: Telemetry, segment: Segment) -> dict[str, float]:
     return {
         name: one
         for name, one in before.items()
-        if CONTROL_PARAMETERS.match(name) and telemetry.parameters[name] != one
+        if CONTROL_PARAMETERS.match(name)
+        and not OWN_PARAMETERS.search(name)
+        and telemetry.parameters[name] != one
     }
 
 

@@ -17,6 +17,7 @@ from mavdem.assessment.grounding import grounds_of
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
+from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS, Advice, Loop, advise
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -123,6 +124,7 @@ def axis_document(found: Advice | Fact) -> dict[str, Any]:
         return {"refusal": found}
     return {
         "loop": found.before,
+        "filters": gyro_filters(found.before.controller, found.before.crossover),
         "target": found.target,
         "verdict": found.rating,
         "sentence": found.sentence,

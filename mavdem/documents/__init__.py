@@ -31,7 +31,7 @@ DOCUMENTS = {
     "learn": Published(Report, 3, "report.json, and `--json` of learn and open"),
     "info": Published(Inventory, 3, "`--json` of info"),
     "wind": Published(Wind, 3, "`--json` of wind"),
-    "tune": Published(Tune, 3, "`--json` of tune"),
+    "tune": Published(Tune, 4, "`--json` of tune"),
     "compare": Published(CompareReport, 2, "comparison.json, and `--json` of compare"),
     "order": Published(Order, 2, "`--json` of order"),
     "diff": Published(Diff, 3, "`--json` of diff"),

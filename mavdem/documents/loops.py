@@ -123,6 +123,28 @@ class Gain(Document):
     """value to set"""
 
 
+class Notch(Document):
+    """A notch filter."""
+
+    frequency: Hertz
+    """centre; of one that follows the throttle, that in hover"""
+    bandwidth: Hertz
+    """width where half of the power is lost, of a deep notch"""
+    attenuation: Decibels
+    """attenuation at the centre; null where it is infinite"""
+
+
+class GyroFilters(Document):
+    """Filters of the gyro, which the loop has and behind which rates are logged."""
+
+    low_pass: Hertz
+    """cut-off of the second-order low-pass; 0 where there is none"""
+    notches: list[Notch]
+    """notch filters"""
+    phase_lag: Degrees
+    """phase lag of all at the crossover"""
+
+
 class Noise(Document):
     """Noise of the gyro in the demand."""
 
@@ -149,6 +171,8 @@ class AxisAdvice(Document):
     """refusal as a fact; null where there is none"""
     loop: Loop | None = None
     """the loops with the gains of the log"""
+    filters: GyroFilters | None = None
+    """filters of the gyro"""
     target: Target | None = None
     """the margins asked for"""
     verdict: Said | None = None

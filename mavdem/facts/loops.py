@@ -31,6 +31,8 @@ class Controllers(Code):
     RATE_LOOP_FASTER = auto()
     MIXER_BY_VOLTAGE = auto()
     DEMAND_BY_VOLTAGE = auto()
+    NOTCHES_MOVING = auto()
+    NOTCHES_UNMODELLED = auto()
 
 
 class Responses(Code):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import Advice, Loop
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.facts import Fact
@@ -41,6 +42,8 @@ def tune_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
         if loop.crossover * loop.record.dt > FASTEST:
             (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
             blocks.append(caution(slow.text))
+        filters = gyro_filters(loop.controller, loop.crossover)
+        blocks += section("loop_filters", filters=filters, crossover=loop.crossover)
         blocks += [*section("loop_measured", loop=loop), *map(caution, loop.cautions)]
         blocks += _gains(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())

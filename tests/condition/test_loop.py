@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, px4_rotors
+from hover import Hover, changed, columns
+from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from recorded_flights import shared
@@ -29,32 +30,6 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
 HOVER = Hover()
-X_ROLL = (-1.0, 1.0, 1.0, -1.0)
-ARDUPILOT = {
-    "ATC_RAT_RLL_FLTT": 0.0,
-    "ATC_RAT_RLL_FLTE": 0.0,
-    "ATC_RAT_RLL_FLTD": 0.0,
-    "ATC_RAT_RLL_P": 0.14,
-    "ATC_RAT_RLL_I": 0.3,
-    "ATC_RAT_RLL_D": 0.004,
-    "ATC_ANG_RLL_P": 4.5,
-    "FRAME_CLASS": 1.0,
-    "MOT_THST_EXPO": 0.65,
-    "MOT_SPIN_MIN": 0.15,
-    "MOT_SPIN_MAX": 0.95,
-    "INS_GYRO_FILTER": 0.0,
-}
-PX4 = {
-    "MC_ROLLRATE_P": 0.15,
-    "MC_ROLLRATE_I": 0.2,
-    "MC_ROLLRATE_D": 0.003,
-    "MC_ROLLRATE_K": 2.0,
-    "MC_ROLL_P": 6.5,
-    "CA_AIRFRAME": 0.0,
-    "IMU_DGYRO_CUTOFF": 30.0,
-    "THR_MDL_FAC": 0.3,
-    **px4_rotors((0.1, 0.2, 0.05), (-0.1, -0.2, 0.05), (0.1, -0.2, -0.05), (-0.1, 0.2, -0.05)),
-}
 
 
 def test_gains_have_their_names_and_units_before_arducopter_34():
@@ -136,7 +111,8 @@ def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_ha
     del names["ATC_RAT_PIT_SMAX"]
     assert [fact.figures["name"] for fact in cautions] == list(names)
     assert {fact.code for fact in cautions} == set(UNMODELLED.values()) - {
-        Controllers.DEMAND_BY_VOLTAGE
+        Controllers.DEMAND_BY_VOLTAGE,
+        Controllers.NOTCHES_UNMODELLED,
     }
     (last,) = controller_of(PX4 | {"MC_BAT_SCALE_EN": 1.0}).cautions
     assert (last.code, last.level) == (Controllers.DEMAND_BY_VOLTAGE, Level.WATCH)

@@ -1,15 +1,16 @@
 """Controllers: what an autopilot's parameters say of one axis's rate and attitude controller, and of the mixer.
 
-A demand of 1 is all that the mixer takes. Sources: ``AC_PID``, ``AP_MotorsMatrix`` and ``Thrust_Linearization`` of
-https://github.com/ArduPilot/ardupilot; ``RateControl`` and ``ControlAllocation`` of https://github.com/PX4/PX4-Autopilot.
+A demand of 1 is all that the mixer takes. Sources: ``AC_PID``, ``AP_MotorsMatrix``, ``Thrust_Linearization`` and
+``HarmonicNotchFilter`` of https://github.com/ArduPilot/ardupilot; ``RateControl``, ``ControlAllocation`` and
+``VehicleAngularVelocity`` of https://github.com/PX4/PX4-Autopilot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
-from typing import Any
+from math import inf, isfinite, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,8 +50,19 @@ UNMODELLED = {
     "FSTRATE_ENABLE": Controllers.RATE_LOOP_FASTER,
     "MOT_BAT_VOLT_MAX": Controllers.MIXER_BY_VOLTAGE,
     "MC_BAT_SCALE_EN": Controllers.DEMAND_BY_VOLTAGE,
+    "IMU_GYRO_DNF_EN": Controllers.NOTCHES_UNMODELLED,
 }
 """By the parameter that is not 0, or its end where each axis has its own."""
+NOTCHES = ("INS_HNTCH_", "INS_HNTC2_", "INS_HNTC3_", "INS_NOTCH_")
+"""How the parameters of ArduPilot's notch filters of the gyro begin; the last was a single one, before 4.2."""
+
+
+class Notch(NamedTuple):
+    """A notch filter of the gyro; ``bandwidth`` over ``frequency`` is that of its poles, the inverse of its Q."""
+
+    frequency: float  # of its centre, Hz
+    bandwidth: float  # Hz, between the frequencies that lose half of their power where it is deep
+    attenuation: float  # dB at its centre, perhaps infinite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +79,10 @@ class Controller:
     error_filter: float = 0.0
     derivative_filter: float = 0.0
     output_filter: float = 0.0
-    gyro_filter: float  # of the gyro's second-order low-pass, behind which rates are logged
+    # of the gyro's second-order low-pass and its notch filters, behind which rates are logged; at gyro_rate, Hz
+    gyro_filter: float
+    notches: tuple[Notch, ...] = ()
+    gyro_rate: float = 1000.0
     derivative_of_error: bool  # ArduPilot differentiates the error, PX4 the rate alone
     cycle: float  # s
     # (4,) thrust that a demand of 1 adds to each motor, as a share of its most
@@ -93,6 +108,9 @@ class Controller:
         """What is not modelled."""
         rate = self.names["p"][:-1]
         names = {end if "_" in end else rate + end: code for end, code in UNMODELLED.items()}
+        for prefix in NOTCHES:
+            if _is_moving(self.parameters, prefix):
+                names[f"{prefix}MODE"] = Controllers.NOTCHES_MOVING
         return tuple(
             Fact(code, Level.WATCH, name=name)
             for name, code in names.items()
@@ -157,6 +175,8 @@ def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) 
         known |= {gain: scale * known[gain] for gain in "pid"}
     known |= {
         "gyro_filter": own.get("INS_GYRO_FILTER", 0.0),
+        "gyro_rate": 1000 * 2 ** own.get("INS_GYRO_RATE", 0.0),
+        "notches": tuple(one for prefix in NOTCHES for one in _harmonic_notches(own, prefix)),
         "derivative_of_error": True,
         "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST),
         "mixer": (1.0,),
@@ -176,6 +196,39 @@ def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) 
     return known
 
 
+def _is_moving(own: Mapping[str, float], prefix: str) -> bool:
+    """Whether a notch is on and follows what parameters do not have: motors' speeds, or peaks of a spectrum."""
+    return bool(own.get(f"{prefix}ENABLE")) and own.get(f"{prefix}MODE", 0.0) > 1
+
+
+def _harmonic_notches(own: Mapping[str, float], prefix: str) -> Iterator[Notch]:
+    """Of a filter that is on: one that follows the throttle is where it hovers, another moving one at its lowest."""
+    if not own.get(f"{prefix}ENABLE"):
+        return
+    base, bandwidth, depth = _required(own, *(prefix + end for end in ("FREQ", "BW", "ATT")))
+    base = max(base, 0.52 * bandwidth)
+    mode = own.get(
+        f"{prefix}MODE", 0.0
+    )  # 1 the throttle, 3 motors' speeds, 4 peaks of the spectrum
+    options = int(own.get(f"{prefix}OPTS", 0.0))
+    reference = own.get(f"{prefix}REF", 0.0)
+    centre = base
+    if mode == 1 and reference > 0:
+        throttle = own.get("MOT_THST_HOVER", reference) / reference
+        centre *= max(own.get(f"{prefix}FM_RAT", 1.0), sqrt(max(throttle, 0.0)))
+    count = 2 if options & 1 else 3 if options & 16 else 5 if options & 64 else 1
+    half = bandwidth / base / count / 2
+    width = half * (2 - half) / (1 - half)
+    sides = [side for side in range(-(count // 2), count // 2 + 1) if side or count % 2]
+    # each motor, or each of three peaks, with notches of its own
+    sources = {3.0: MOTORS, 4.0: 3}.get(mode, 1) if options & 2 else 1
+    for harmonic in range(1, 17):
+        if int(own.get(f"{prefix}HMNCS", 1.0)) >> (harmonic - 1) & 1:
+            for side in sides * sources:
+                frequency = harmonic * centre * (1 + side * bandwidth / base / 32)
+                yield Notch(frequency, width * frequency, depth)
+
+
 def _px4(own: Mapping[str, float], axis: str, is_demand: bool) -> dict[str, Any]:
     """The fields of a PX4's controller."""
     rate = f"MC_{axis.upper()}RATE_"
@@ -183,7 +236,14 @@ def _px4(own: Mapping[str, float], axis: str, is_demand: bool) -> dict[str, Any]
     names |= {"derivative_filter": "IMU_DGYRO_CUTOFF", "expo": "THR_MDL_FAC"}
     known = _gains(own, names, rate)
     known |= {gain: own.get(f"{rate}K", 1.0) * known[gain] for gain in "pid"}
+    notches = [
+        Notch(own.get(f"IMU_GYRO_{name}", 0.0), own.get(f"IMU_GYRO_{number}_BW", 0.0), inf)
+        for number, name in (("NF0", "NF0_FRQ"), ("NF1", "NF1_FRQ"), ("NF", "NF_FREQ"))
+    ]
     return known | {
+        "notches": tuple(one for one in notches if one.frequency > 0 and one.bandwidth > 0),
+        # its drivers filter at the rate of the sensor's own buffer
+        "gyro_rate": 8000.0,
         "output_filter": own.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,
         "gyro_filter": own.get("IMU_GYRO_CUTOFF", 0.0),
         "derivative_of_error": False,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mavdem.condition.loop.controllers import MOTORS, Controller, controller_of
+from mavdem.condition.loop.filters import equivalent_cutoff
 from mavdem.condition.loop.loop import Loop, changed_in
 from mavdem.condition.loop.margins import loops_of
 from mavdem.condition.loop.response import measured_response
@@ -54,7 +55,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if not controller.p > 0:
         name = controller.names["p"]
         raise NotLearnable(Fact(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p))
-    drawn = _drawn(plant, controller.gyro_filter, record.dt)
+    drawn = _drawn(plant, equivalent_cutoff(controller), record.dt)
     per_demand = _per_demand(controller, record)
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.filters import gyro_response
 from mavdem.confidence import LEVEL
 from mavdem.dem.engine.linalg import Array
 
@@ -143,9 +144,8 @@ def loops_of(controller: Controller, gains: Array, dynamics: Array) -> tuple[Ope
     frequency = np.geomspace(lowest, min(highest, 0.45 / controller.cycle), count)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)
-    # Rates are logged, and controlled, behind the gyro's filter, the angle is not.
-    share = frequency / controller.gyro_filter if controller.gyro_filter else 0 * frequency
-    filtered = 1 / (1 + 2**0.5 * 1j * share - share**2)
+    # Rates are logged, and controlled, behind the gyro's filters, the angle is not.
+    filtered = gyro_response(controller, frequency)
     acted = filtered * np.exp(-s * delay) / (lag * s + 1)
     turned = 1 / (s + damping)
     to_rate = gains[:, None] * acted * turned

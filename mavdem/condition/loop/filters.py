@@ -1,0 +1,59 @@
+"""Filters: frequency responses of what stands between a vehicle's true rate and the one that is controlled and logged.
+
+Second-order filters by the bilinear transform are analog ones on a warped axis of frequency, tan(π f / rate). Sources:
+``LowPassFilter2p`` and ``NotchFilter`` of https://github.com/ArduPilot/ardupilot and, by the same names, of
+https://github.com/PX4/PX4-Autopilot.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.condition.loop.controllers import Controller, Notch
+from mavdem.dem.engine.linalg import Array
+
+HIGHEST = 0.48
+"""Of the gyro's rate: a notch filter from there on is off (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
+
+
+class GyroFilters(NamedTuple):
+    """The gyro's filters, and what they cost."""
+
+    low_pass: float  # Hz, of the second-order low-pass; 0 where there is none
+    notches: tuple[Notch, ...]
+    phase_lag: float  # degrees, of all at a frequency
+
+
+def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.complex128]:
+    """Returns (F,) the rate that is controlled and logged by the true one, at ``frequency`` (F,), Hz."""
+    rate = controller.gyro_rate
+    warped = np.tan(np.pi * frequency / rate)
+    response = np.ones(len(frequency), complex)
+    if controller.gyro_filter:
+        share = warped / np.tan(np.pi * min(controller.gyro_filter / rate, HIGHEST))
+        response /= 1 + 2**0.5 * 1j * share - share**2
+    for notch in controller.notches:
+        if notch.frequency < HIGHEST * rate:
+            share = warped / np.tan(np.pi * notch.frequency / rate)
+            damped = 1j * share * notch.bandwidth / notch.frequency
+            kept = 10 ** (-notch.attenuation / 20)
+            response *= (1 - share**2 + kept * damped) / (1 - share**2 + damped)
+    return response
+
+
+def equivalent_cutoff(controller: Controller) -> float:
+    """Returns the cut-off of the second-order low-pass that is as late as all the filters, Hz; 0 without any."""
+    slow = 0.1  # Hz, far below all
+    lag = -np.angle(gyro_response(controller, np.array([slow])))[0]
+    return float(2**0.5 * slow / lag) if lag > 0 else 0.0
+
+
+def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
+    """Returns the gyro's filters, and their phase lag at a ``frequency``, Hz, such as the crossover."""
+    # from low frequencies on, so that it may be more than half a turn
+    upwards = np.linspace(0.0, frequency, 100)
+    phase = np.unwrap(np.angle(gyro_response(controller, upwards)))
+    return GyroFilters(controller.gyro_filter, controller.notches, float(-np.degrees(phase[-1])))

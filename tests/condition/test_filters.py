@@ -1,0 +1,122 @@
+"""Filters of the gyro: as the autopilots' programs run them, and as their parameters are read."""
+
+from math import inf, sqrt
+
+import numpy as np
+import pytest
+from known_gains import ARDUPILOT, PX4, X_ROLL
+from numpy.testing import assert_allclose
+from pytest import approx
+
+from mavdem.condition.loop.controllers import Controller, Notch, controller_of
+from mavdem.condition.loop.filters import equivalent_cutoff, gyro_filters, gyro_response
+from mavdem.facts.loops import Controllers
+
+FREQUENCY = np.array([1.0, 20.0, 80.0, 130.0, 180.0])
+NOTCH = {"ENABLE": 1.0, "FREQ": 80.0, "BW": 40.0, "ATT": 30.0, "HMNCS": 1.0}
+
+
+def ardupilot(notch=None, prefix="INS_HNTCH_", **others) -> Controller:
+    named = {prefix + name: value for name, value in (notch or {}).items()}
+    return controller_of(ARDUPILOT | named | others, "roll", X_ROLL)
+
+
+def run(b, a, rate):
+    """The response of a filter y = b x − a y at ``FREQUENCY``, from its answer to a pulse."""
+    out = np.zeros(4000)
+    pulse = np.eye(1, 4000)[0]
+    for step in range(4000):
+        past = [out[step - back] if step >= back else 0.0 for back in (1, 2)]
+        new = [pulse[step - back] if step >= back else 0.0 for back in (0, 1, 2)]
+        out[step] = (np.dot(b, new) - np.dot(a[1:], past)) / a[0]
+    return np.exp(-2j * np.pi * FREQUENCY[:, None] / rate * np.arange(4000)) @ out
+
+
+def test_the_low_pass_is_the_autopilots():
+    """LowPassFilter2p: coefficients by ohm = tan(π cutoff / rate), of a Butterworth filter."""
+    ohm = np.tan(np.pi * 20 / 1000)
+    c = 1 + 2 * np.cos(np.pi / 4) * ohm + ohm**2
+    b = np.array([1, 2, 1]) * ohm**2 / c
+    a = [1, 2 * (ohm**2 - 1) / c, (1 - 2 * np.cos(np.pi / 4) * ohm + ohm**2) / c]
+    found = gyro_response(ardupilot(INS_GYRO_FILTER=20.0), FREQUENCY)
+    assert_allclose(found, run(b, a, 1000), rtol=1e-9)
+    assert abs(found[1]) == approx(sqrt(0.5))
+    assert np.degrees(np.angle(found[1])) == approx(-90)
+    assert_allclose(gyro_response(ardupilot(), FREQUENCY), 1)
+
+
+def test_ardupilots_notch_has_its_attenuation_and_the_quality_of_its_bandwidth():
+    """NotchFilter::calculate_A_and_Q and init_with_A_and_Q."""
+    octaves = 2 * np.log2(80 / (80 - 40 / 2))
+    quality = sqrt(2**octaves) / (2**octaves - 1)
+    kept = 10 ** (-30 / 40)
+    omega = 2 * np.pi * 80 / 2000
+    alpha = np.sin(omega) / (2 * quality)
+    b = [1 + alpha * kept**2, -2 * np.cos(omega), 1 - alpha * kept**2]
+    controller = ardupilot(NOTCH, INS_GYRO_RATE=1.0)
+    found = gyro_response(controller, FREQUENCY)
+    assert_allclose(found, run(b, [1 + alpha, b[1], 1 - alpha], 2000), rtol=1e-9)
+    assert 20 * np.log10(abs(found[2])) == approx(-30)
+    assert controller.notches[0].bandwidth == approx(80 / quality)
+
+
+def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
+    names = {"IMU_GYRO_NF0_FRQ": 100.0, "IMU_GYRO_NF0_BW": 20.0}
+    none = {"IMU_GYRO_NF1_FRQ": 0.0, "IMU_GYRO_NF1_BW": 20.0}
+    controller = controller_of(PX4 | names | none)
+    assert controller.notches == (Notch(100.0, 20.0, inf),)
+    edges = 100 * (sqrt(1 + 0.1**2) + np.array([-0.1, 0.1]))
+    found = abs(gyro_response(controller, np.array([*edges, 100.0])))
+    assert found == approx([sqrt(0.5), sqrt(0.5), 0.0], abs=1e-3)
+    old = {"IMU_GYRO_NF_FREQ": 100.0, "IMU_GYRO_NF_BW": 20.0}
+    assert controller_of(PX4 | old).notches == controller.notches
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, [80]),
+        ({"HMNCS": 5.0}, [80, 240]),
+        ({"OPTS": 1.0}, [80 * (1 - 1 / 64), 80 * (1 + 1 / 64)]),
+        ({"OPTS": 16.0}, [80 * (1 - 1 / 64), 80, 80 * (1 + 1 / 64)]),
+        ({"BW": 200.0}, [104]),
+        ({"MODE": 1.0}, [80]),
+        ({"MODE": 1.0, "REF": 0.2}, [80 * sqrt(2)]),
+        ({"MODE": 1.0, "REF": 0.8}, [80]),
+        ({"MODE": 1.0, "REF": 0.8, "FM_RAT": 0.5}, [80 * sqrt(0.5)]),
+        ({"MODE": 3.0, "REF": 1.0, "OPTS": 2.0}, [80] * 4),
+        ({"MODE": 4.0, "REF": 1.0, "OPTS": 2.0}, [80] * 3),
+        ({"ENABLE": 0.0}, []),
+    ],
+)
+@pytest.mark.parametrize("prefix", ["INS_HNTCH_", "INS_HNTC2_"])
+def test_harmonic_notches_are_where_the_parameters_have_them(given, expected, prefix):
+    controller = ardupilot(NOTCH | given, prefix, MOT_THST_HOVER=0.4)
+    assert [one.frequency for one in controller.notches] == approx(expected)
+    moving = [one.figures["name"] for one in controller.cautions]
+    assert moving == ([f"{prefix}MODE"] if given.get("MODE", 0) > 1 else [])
+
+
+def test_one_notch_or_three_beside_each_other_are_alike_and_one_beyond_half_the_rate_is_off():
+    single, triple = (gyro_response(ardupilot(NOTCH | {"OPTS": one}), FREQUENCY) for one in (0, 16))
+    assert np.degrees(np.angle(single[1])) == approx(np.degrees(np.angle(triple[1])), abs=3)
+    off = gyro_response(ardupilot(NOTCH | {"FREQ": 480.0}), FREQUENCY)
+    assert_allclose(off, 1)
+    assert gyro_response(ardupilot(NOTCH | {"FREQ": 479.0}), FREQUENCY)[-1] != 1
+
+
+def test_the_filters_are_shown_with_their_lag_and_as_late_as_one_low_pass():
+    low_pass = ardupilot(INS_GYRO_FILTER=20.0)
+    assert gyro_filters(low_pass, 20.0) == (20.0, (), approx(90))
+    assert equivalent_cutoff(low_pass) == approx(20, rel=2e-3)
+    assert equivalent_cutoff(ardupilot()) == 0
+    both = ardupilot(NOTCH, INS_GYRO_FILTER=20.0)
+    assert gyro_filters(both, 20.0).phase_lag == approx(98.4, abs=0.1)
+    assert 15 < equivalent_cutoff(both) < 19
+
+
+def test_notches_that_follow_motors_are_named():
+    (caution,) = controller_of(PX4 | {"IMU_GYRO_DNF_EN": 1.0}).cautions
+    assert caution.code is Controllers.NOTCHES_UNMODELLED
+    (caution,) = ardupilot(NOTCH | {"MODE": 3.0}).cautions
+    assert caution.code is Controllers.NOTCHES_MOVING
