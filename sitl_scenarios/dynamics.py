@@ -23,7 +23,7 @@ turn counter-clockwise seen from above
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import asin, atan2, exp, hypot, sqrt
+from math import asin, atan2, ceil, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
 from sitl_scenarios.scenario import Scenario, VehicleSpec
@@ -331,6 +331,14 @@ def _along(at: Three, slope: Three, step: float) -> Three:
     x, y, z = at
     u, v, w = slope
     return x + step * u, y + step * v, z + step * w
+
+
+MAX_STEP_SECONDS = 1e-3  # s: the physics take whole steps in a cycle, and none is longer than this
+
+
+def steps_of(cycle: float) -> int:
+    """How many steps of the physics there are in a control cycle, s."""
+    return ceil(cycle / MAX_STEP_SECONDS - 1e-9)
 
 
 class Body:

@@ -18,8 +18,10 @@ from mavdem.condition.loop.controllers import (
 )
 from mavdem.condition.loop.controllers import Controller as AxisController
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from sitl_scenarios import mixers
 from sitl_scenarios.controller import LEAD, Controller, Gains
-from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, mix
+from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, steps_of
+from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
 
@@ -40,8 +42,7 @@ def check_parameters(scenario: Scenario) -> None:
         else ("MC_", "THR_", "IMU_", "CA_")
     )
     for name, value in given.items():
-        filtered = value and name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF")
-        if filtered or name.startswith(foreign) or not CONTROL_PARAMETERS.match(name):
+        if name.startswith(foreign) or not CONTROL_PARAMETERS.match(name):
             raise ValueError(
                 f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here"
             )
@@ -71,6 +72,12 @@ def controller_for(scenario: Scenario, cycle: float) -> Controller:
     return Controller(scenario.vehicle, cycle, scenario.sensors.delay)
 
 
+def gyro_for(controller: Controller, cycle: float) -> Gyro:
+    """Returns the gyro of a ``controller``, stepped as the physics in its ``cycle``, s; its own one has no filters."""
+    axes = controller.axes if isinstance(controller, SetController) else ()
+    return Gyro(axes, cycle / steps_of(cycle))
+
+
 class SetController(Controller):
     """Flies an autopilot's parameters; position and velocity control are the simulation's own."""
 
@@ -79,22 +86,21 @@ class SetController(Controller):
         vehicle = scenario.vehicle
         columns = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)[2:]
         is_px4 = scenario.stream.autopilot == "px4"
-        axes = [
+        self.axes = axes = [
             controller_of(known, axis, () if is_px4 else column)
             for axis, column in zip(AXES, columns, strict=True)
         ]
-        self._axes = axes
         super().__init__(vehicle, cycle, scenario.sensors.delay)
         self._within(tuple(one.angle for one in axes))
-        self._mixer = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))
+        self._frame = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))
+        self._mix = mixers.px4 if is_px4 else mixers.ardupilot
         self._expo = axes[0].expo
         (self._begin, self._end) = axes[0].spin
-        self._idle = self._thrust(max(self._begin, IDLE_COMMAND))
 
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
         super().rest()
-        self._loops = [_RateLoop(one) for one in self._axes]
+        self._loops = [_RateLoop(one) for one in self.axes]
 
     def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
         """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
@@ -103,12 +109,7 @@ class SetController(Controller):
     def mixed(self, demands: Four) -> Four:
         """Normalised commands: thrusts by the mixer, and the curve and the range that the autopilot has for them."""
         roll, pitch, yaw, command = demands
-        thrusts = mix(
-            self._mixer,
-            (roll, pitch, yaw, self._thrust(command)),
-            self._thrust(self._stop),
-            self._idle,
-        )
+        thrusts = self._mix(self._frame, (roll, pitch, yaw, self._thrust(command)))
         f = self._expo
         span = 2 * (self._end - self._begin)
         roots = (1 - f + sqrt((1 - f) ** 2 + 4 * f * max(thrust, 1e-9)) for thrust in thrusts)

@@ -123,6 +123,8 @@ class BodySpec(Section):
     arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
     hover: float = Field(gt=0.1, lt=1, description="Share of the motors' range in hover")
     torque: float = Field(gt=0, le=1, description="Of a rotor, by its thrust, m")
+    spin: Annotated[tuple[Share, Share], _OrInf] = (0.0, 1.0)
+    """Shares of the motors' range at which thrust begins and ends."""
     damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (
         0.0,
         0.0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields
 from itertools import chain
-from math import ceil, fsum, hypot, sqrt
+from math import fsum, hypot, sqrt
 
 import numpy as np
 
@@ -21,8 +21,9 @@ from sitl_scenarios.dynamics import (
     damages,
     euler,
     pulse,
+    steps_of,
 )
-from sitl_scenarios.gains import controller_for, cycle_of
+from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
@@ -30,7 +31,6 @@ from sitl_scenarios.sensors import Sensing, Unbalance
 from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
-MAX_STEP_SECONDS = 1e-3  # s: the physics take whole steps in a cycle, and none is longer than this
 # rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing
 MAX_BODY_RATE = 200.0
 _COLUMNS = (
@@ -51,11 +51,12 @@ class Simulation:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.cycle = cycle_of(scenario)
-        self._steps = _steps_of(self.cycle)
+        self._steps = steps_of(self.cycle)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._airframe = airframe(scenario.vehicle)
         self._plan = Plan(scenario, self.cycle)
         self._controller = controller_for(scenario, self.cycle)
+        self._gyro = gyro_for(self._controller, self.cycle)
         self._sensing = Sensing(scenario.sensors, self.cycle, scenario.random(SENSORS))
         self._boot = round(BOOT_SECONDS / self.cycle)
         self._flight = round(scenario.duration / self.cycle)
@@ -136,7 +137,7 @@ class Simulation:
                 self._airframe.power_at(speed) for speed in state.rotors
             )
         shaken = self._unbalance.at(state.rotors, self._body.condition.thrust)
-        estimate = self._sensing.estimate(state, shaken)
+        estimate = self._sensing.estimate(state._replace(rates=self._gyro.rates), shaken)
         reference = self._plan.at(flown * self.cycle)
         landed = (
             1
@@ -192,7 +193,9 @@ class Simulation:
             lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in shares)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
-        state = self._body.moved(state, targets, air, self._steps)
+        for _ in range(self._steps):
+            state = self._body.moved(state, targets, air, 1)
+            self._gyro.sense(state.rates)
         # Not a number is not less either.
         if not hypot(*state.rates) < MAX_BODY_RATE:
             fast = f"{self._now * self.cycle:.1f} s after boot, turning at more than {MAX_BODY_RATE:g} rad/s"
@@ -210,12 +213,8 @@ class Simulation:
             self._grounded = True
             self._down = phase == 4 or not self.armed
             self._controller.rest()
+            self._gyro = gyro_for(self._controller, self.cycle)
         self._state = state
-
-
-def _steps_of(cycle: float) -> int:
-    """How many steps of the physics there are in a cycle."""
-    return ceil(cycle / MAX_STEP_SECONDS - 1e-9)
 
 
 def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Motion:
@@ -258,9 +257,10 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     """
     cycle = cycle_of(scenario)
     body = airframe(scenario.vehicle)
-    steps = _steps_of(cycle)
+    steps = steps_of(cycle)
     flown = Body(scenario.vehicle, cycle / steps)
     controller = controller_for(scenario, cycle)
+    gyro = gyro_for(controller, cycle)
     sensing = Sensing(scenario.sensors, cycle, scenario.random(SENSORS))
     grid = np.arange(round(len(torque) * dt / cycle)) * cycle / dt
     columns = [
@@ -270,14 +270,15 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     state = State(rotors=(body.hover_speed,) * 4)
     known = []
     for roll, ahead, moment in zip(*(column.tolist() for column in columns), strict=True):
-        estimate = sensing.estimate(state)
+        estimate = sensing.estimate(state._replace(rates=gyro.rates))
         known.append((angle := euler(estimate.attitude)[0], estimate.rates[0]))
         lift = max(GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2], GRAVITY / 5)
         thrust = body.mass * lift / max(np.cos(angle), 0.5)
         control = controller.steer(estimate, (roll, 0.0, 0.0), (ahead, 0.0, 0.0), thrust, True)
-        state = flown.moved(
-            state, flown.targets(control.outputs, 1.0), AirState(roll=moment), steps
-        )
+        targets = flown.targets(control.outputs, 1.0)
+        for _ in range(steps):
+            state = flown.moved(state, targets, AirState(roll=moment), 1)
+            gyro.sense(state.rates)
         if not abs(state.rates[0]) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
     rows = np.searchsorted(grid, np.arange(len(torque)) - 1e-6).clip(max=len(known) - 1)

@@ -29,7 +29,7 @@ from sitl_scenarios.dynamics import (
     drag,
     dynamics,
 )
-from sitl_scenarios.gains import controller_for, cycle_of
+from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
@@ -222,7 +222,8 @@ def _loops(
     hold = (1 - np.exp(-s * cycle)) / (s * cycle)
     rate = gain * hold / ((s + damping) * (sum(body.lag) / 2 * s + 1))
     late = np.exp(-s * scenario.sensors.delay)
-    rate_loop = -feedback * rate * late
+    gyro = gyro_for(controller, cycle)
+    rate_loop = -feedback * rate * late * gyro.response(number, s)
     attitude_loop = controller.stiff[number] * setpoint * rate / (1 + rate_loop) * late / s
     return {
         "loop_frequency": frequency,

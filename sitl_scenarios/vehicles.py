@@ -36,6 +36,8 @@ class Airframe:
     inflow: float
     # f: thrust by the share s of the full command is (1 − f) s + f s² of the full thrust; None: ``speed`` as published
     quadratic: float | None = None
+    # shares of the full command at which the thrust of ``quadratic`` begins and ends
+    spin: tuple[float, float] = (0.0, 1.0)
     # of the body's rates, besides that of ``inflow``, 1/s
     damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -44,7 +46,8 @@ class Airframe:
         slope, offset = self.speed
         if self.quadratic is None:
             return slope * command + offset
-        share = command / self.full
+        begin, end = self.spin
+        share = max(command / self.full - begin, 0.0) / (end - begin)
         return self.speed_for(
             self._full_thrust * ((1 - self.quadratic) * share + self.quadratic * share * share)
         )
@@ -55,19 +58,20 @@ class Airframe:
         if self.quadratic is None:
             return (speed - offset) / slope
         f = self.quadratic
+        begin, end = self.spin
         thrust = self.thrust_at(speed) / self._full_thrust
         # The root that stays where f is 0.
-        return self.full * 2 * thrust / (1 - f + sqrt((1 - f) ** 2 + 4 * f * thrust))
+        share = 2 * thrust / (1 - f + sqrt((1 - f) ** 2 + 4 * f * thrust))
+        return self.full * (begin + (end - begin) * share)
 
     def speed_slope(self, command: float) -> float:
         """Of ``rotor_speed`` in the command, rad/s per unit."""
         if self.quadratic is None:
             return self.speed[0]
-        rise = (
-            (1 - self.quadratic + 2 * self.quadratic * command / self.full)
-            * self._full_thrust
-            / self.full
-        )
+        begin, end = self.spin
+        span = self.full * (end - begin)
+        share = (command - self.full * begin) / span
+        rise = (1 - self.quadratic + 2 * self.quadratic * share) * self._full_thrust / span
         return rise / (2 * self.thrust[0] * self.rotor_speed(command) + self.thrust[1])
 
     @property
@@ -129,7 +133,8 @@ FULL_SPEED = 1000.0
 
 def _own(body: BodySpec, quadratic: float | None) -> Airframe:
     f = 1.0 if quadratic is None else quadratic
-    share = body.hover
+    begin, end = body.spin
+    share = (body.hover - begin) / (end - begin)
     full = body.mass * GRAVITY / 4 / ((1 - f) * share + f * share * share)
     return Airframe(
         mass=body.mass,
@@ -145,4 +150,5 @@ def _own(body: BodySpec, quadratic: float | None) -> Airframe:
         rotor_drag=0.0,
         inflow=0.0,
         damping=body.damping,
+        spin=body.spin,
     )

@@ -31,8 +31,6 @@ COLUMNS = {
 ARM = 0.15
 MASS = 1.5
 MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
-# rates are logged behind the gyro's filter: lag and delay have it
-LEFT_OUT = "INS_GYRO_FILTER", "IMU_GYRO_CUTOFF"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +53,22 @@ class Twin:
     notes: Mapping[str, Fact]
 
     @property
+    def spin(self) -> tuple[float, float]:
+        """Shares of the motors' range at which thrust begins and ends; ArduPilot's parameters have them."""
+        return self.parameters.get("MOT_SPIN_MIN", 0.0), self.parameters.get("MOT_SPIN_MAX", 1.0)
+
+    @property
+    def command(self) -> float:
+        """In hover, as a share of what is between where thrust begins and ends."""
+        begin, end = self.spin
+        return (self.hover - begin) / (end - begin)
+
+    @property
     def slope(self) -> float:
         """Of one motor's thrust by the share of its range, in hover, N."""
-        thrust = self.hover * (1 - self.expo + self.expo * self.hover)
-        return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.hover)
+        begin, end = self.spin
+        thrust = self.command * (1 - self.expo + self.expo * self.command) * (end - begin)
+        return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.command)
 
 
 def twin_of(
@@ -85,8 +95,8 @@ def twin_of(
         expo=min(max(roll.controller.expo, 0.0), 1.0),
         moment=MOMENT * arm[1],
         damping=(),
-        lag=roll.plant.lag,
-        delay=max(roll.plant.delay - cycle / 2, 0.0),
+        lag=float(roll.draws[0, 1]),
+        delay=max(float(roll.draws[0, 2]) - cycle / 2, 0.0),
         noise=roll.plant.noise,
         drag=drag,
         parameters=own,
@@ -131,11 +141,7 @@ def _parameters(logged: Mapping[str, float], autopilot: str) -> tuple[dict[str, 
     """The parameters that the simulation flies, and the control cycle, s."""
     name = LOOP_RATES[autopilot]
     rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST)
-    known = {
-        one: value
-        for one, value in logged.items()
-        if not one.startswith("CA_") and one not in LEFT_OUT
-    }
+    known = {one: value for one, value in logged.items() if not one.startswith("CA_")}
     return known | {name: rate}, 1 / rate
 
 
