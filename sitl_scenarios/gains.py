@@ -37,7 +37,7 @@ def check_parameters(scenario: Scenario) -> None:
     given = scenario.vehicle.parameters
     loop = LOOP_RATES[scenario.stream.autopilot]
     foreign = (
-        ("ATC_", "MOT_", "SCHED_")
+        ("ATC_", "MOT_", "SCHED_", "INS_")
         if scenario.stream.autopilot == "px4"
         else ("MC_", "THR_", "IMU_", "CA_")
     )

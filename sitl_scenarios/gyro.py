@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.filters import HIGHEST
 from sitl_scenarios.dynamics import Three
-
-FASTEST = 0.48
-"""Of the rate: filters from there on are off (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
 
 
 class _Section:
     """A second-order filter of one rate, by its polynomials' coefficients in the delay; resting at zero."""
 
-    def __init__(self, above: tuple[float, float, float], below: tuple[float, float, float]) -> None:
+    def __init__(
+        self, above: tuple[float, float, float], below: tuple[float, float, float]
+    ) -> None:
         self._above = [one / below[0] for one in above]
         self._below = [one / below[0] for one in below]
         self._first = self._second = 0.0
@@ -46,23 +46,26 @@ class _Section:
 
 def _sections(controller: Controller, step: float) -> list[_Section]:
     """The filters of one axis, in steps of ``step`` s."""
-    # of each filter its frequency, Hz, its damping, and the share of that in its numerator; None: a low-pass
-    filters = [(controller.gyro_filter, sqrt(2), None)] if controller.gyro_filter else []
     sections = []
-    for frequency, damping, kept in filters:
-        if frequency * step < FASTEST:
-            k = tan(pi * frequency * step)
-            below = (k * k + damping * k + 1, 2 * k * k - 2, k * k - damping * k + 1)
-            above = (k * k, 2 * k * k, k * k)
-            if kept is not None:
-                left = kept * damping * k
-                above = (k * k + left + 1, 2 * k * k - 2, k * k - left + 1)
-            sections.append(_Section(above, below))
+    if 0 < controller.gyro_filter * step < HIGHEST:
+        k = tan(pi * controller.gyro_filter * step)
+        sections.append(_Section((k * k, 2 * k * k, k * k), _polynomial(k, sqrt(2))))
+    for notch in controller.notches:
+        if notch.frequency * step < HIGHEST:
+            k = tan(pi * notch.frequency * step)
+            damping = notch.bandwidth / notch.frequency
+            kept = damping * 10 ** (-notch.attenuation / 20)
+            sections.append(_Section(_polynomial(k, kept), _polynomial(k, damping)))
     return sections
 
 
+def _polynomial(k: float, damping: float) -> tuple[float, float, float]:
+    """Of the delay, for s² + ``damping`` s + 1 at a warped frequency of ``k``."""
+    return k * k + damping * k + 1, 2 * k * k - 2, k * k - damping * k + 1
+
+
 class Gyro:
-    """The gyro of a vehicle with ``controllers`` of roll, pitch and yaw, or none; ``rates``: rad/s, behind its filters."""
+    """A vehicle's gyro; its filters are of ``controllers`` (3,), or none. ``rates``: rad/s, behind them."""
 
     def __init__(self, controllers: Sequence[Controller], step: float) -> None:
         self._axes = [_sections(one, step) for one in controllers] or [[], [], []]

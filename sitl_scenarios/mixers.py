@@ -11,7 +11,6 @@ from sitl_scenarios.dynamics import Four, RotorFrame
 
 YAW_HEADROOM = 0.2  # of thrust, that yaw has at least: ArduPilot's MOT_YAW_HEADROOM, 200 by default
 YAW_MARGIN = 0.15  # of thrust beyond the most, that yaw may ask for: PX4's MINIMUM_YAW_MARGIN
-WEAK = 0.2  # of a motor's column, below which PX4 does not use it to leave a limit
 
 
 def ardupilot(frame: RotorFrame, demands: Four) -> Four:
@@ -46,26 +45,26 @@ def px4(frame: RotorFrame, demands: Four) -> Four:
     roll, pitch, yaw, thrust = demands
     less = (-1.0,) * len(frame.yaw)
     thrusts = [thrust + roll * r + pitch * p for r, p in zip(frame.roll, frame.pitch, strict=True)]
-    thrusts = _within(thrusts, less, only_more=True)
+    thrusts = _within(thrusts, less, one_way=True)
     thrusts = _within(_within(thrusts, frame.roll), frame.pitch)
     thrusts = [one + yaw * turn for one, turn in zip(thrusts, frame.yaw, strict=True)]
-    thrusts = _within(_within(thrusts, frame.yaw, 1.0 + YAW_MARGIN), less, only_more=True)
+    thrusts = _within(_within(thrusts, frame.yaw, 1.0 + YAW_MARGIN), less, one_way=True)
     return tuple(min(max(one, 0.0), 1.0) for one in thrusts)
 
 
 def _within(
-    thrusts: Sequence[float], column: Four, highest: float = 1.0, only_more: bool = False
+    thrusts: Sequence[float], column: Four, highest: float = 1.0, one_way: bool = False
 ) -> list[float]:
-    """Thrusts moved along a ``column`` of the mixer, or along it ``only_more``, to leave limits (``desaturateActuators``)."""
+    """Thrusts moved along a ``column`` of the mixer, to leave the limits (``desaturateActuators``)."""
     moved = list(thrusts)
     for share in (1.0, 0.5):
         needed = [0.0] + [
             (min(max(one, 0.0), highest) - one) / step
             for one, step in zip(moved, column, strict=True)
-            if abs(step) >= WEAK
+            if step
         ]
         gain = min(needed) + max(needed)
-        if only_more and gain < 0.0 and share == 1.0:
+        if one_way and gain < 0.0 and share == 1.0:
             break
         moved = [one + share * gain * step for one, step in zip(moved, column, strict=True)]
     return moved

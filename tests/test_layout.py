@@ -105,6 +105,7 @@ USED_BY = {
         "mavdem.ingest.mavlink",
         "mavdem.ingest.vocabulary",
         "mavdem.condition.loop.controllers",
+        "mavdem.condition.loop.filters",
     },
 }
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""
