@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps, selected
-from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, euler_angles
+from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, Injection, euler_angles
 
 # Messages with the attitude, the preferred first
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")
@@ -131,6 +131,16 @@ def held(setpoint: Setpoint, boot: int, time: Array) -> Array:
     values = np.append(np.nan, setpoint.signal.values[here])
     last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
     return np.where(time - stamps[last] <= HOLD_SECONDS + ROUNDING, values[last], np.nan)
+
+
+class Injected(NamedTuple):
+    """A known ``signal``, rad, rad/s or a demand, that the autopilot added to what ``where`` names.
+
+    ArduCopter logs it as it is made, and adds it in the next cycle of its loop.
+    """
+
+    where: Injection
+    signal: Signal
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,6 +416,21 @@ class Signals(VehicleSignals):
         if columns is None or not is_own:
             return None
         return series(columns, np.radians(floats(columns, f"nav_{self.axis}")))
+
+    @cached_property
+    def injected(self) -> tuple[Injected, ...]:
+        """What system identification, or PX4's autotune, added to commands of the axis; empty where nothing was."""
+        columns = self.telemetry.messages.get("SIDD")
+        if columns is None:
+            return ()
+        found = list[Injected]()
+        for where in Injection:
+            own = columns["axis"] == where + AXES.index(self.axis)
+            scale = 1.0 if where is Injection.DEMAND else np.radians(1.0)
+            signal = series(columns, scale * floats(columns, "target"), own)
+            if signal.values.any():
+                found.append(Injected(where, signal))
+        return tuple(found)
 
     @cached_property
     def rates(self) -> tuple[Signal, Signal] | None:

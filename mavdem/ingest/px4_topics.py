@@ -39,6 +39,7 @@ from mavdem.ingest.vocabulary import (
     PX4,
     STANDBY,
     TAKING_OFF,
+    Injection,
     attitude_target,
     heartbeat_fields,
 )
@@ -115,6 +116,7 @@ def messages(
                 name: (rule["topics"][0], _made(_renamed, topics, name))
                 for name, rule in _RENAMED.items()
             },
+            "SIDD": ("autotune_attitude_control_status", _made(_injected, topics)),
             "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
             "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
@@ -323,6 +325,14 @@ def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:
     gps = _first(topics, "vehicle_gps_position")
     known = selected(gps, gps["time_utc_usec"] > 0)
     return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
+
+
+def _injected(topics: Topics) -> dict[str, NDArray[Any]]:
+    """The rates that PX4's autotune adds to the setpoint, three a time, as ArduPilot's SIDD has such: degrees/s."""
+    topic = _first(topics, "autotune_attitude_control_status")
+    rates = np.degrees(_array(topic, "rate_sp", 3))
+    axis = np.tile(Injection.RATE_SETPOINT + np.arange(3), len(rates))
+    return {"time": np.repeat(topic["time"], 3), "axis": axis, "target": rates.ravel()}
 
 
 def _as_logged(topics: Topics, name: str) -> dict[str, NDArray[Any]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,16 @@ OWN_PARAMETERS = re.compile(
     r"_(PRESS|TEMP|CALTEMP|DEC)$|(OFFS?|SCAL|DIA|ODI|MOT)_[XYZ]$"
 )
 """Names of parameters that autopilots set by themselves, in flight, at their start, and when sensors are calibrated."""
+
+
+class Injection(IntEnum):
+    """What a signal of system identification is added to: SID_AXIS of ArduCopter for roll; pitch and yaw follow."""
+
+    ANGLE_SETPOINT = 1
+    RECOVERED_ANGLE_SETPOINT = 4  # without shaping of the input
+    RATE_SETPOINT = 7
+    DEMAND = 10
+
 
 VERSION_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE: the least last byte of a version number, and the kind of version; none of a release."""

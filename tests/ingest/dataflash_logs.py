@@ -48,6 +48,8 @@ MESSAGES = {
     "VIBE": (139, "QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip"),
     "GPS": (140, "QBBIH", "TimeUS,I,Status,GMS,GWk"),
     "ERR": (141, "QBB", "TimeUS,Subsys,ECode"),
+    "SIDS": (142, "QBf", "TimeUS,Ax,Mag"),
+    "SIDD": (143, "Qff", "TimeUS,Time,Targ"),
 }
 
 

@@ -8,6 +8,7 @@ import dataflash_logs as made
 import numpy as np
 import pytest
 from pymavlink import DFReader
+from pytest import approx
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
@@ -20,7 +21,7 @@ from mavdem.ingest.dataflash.binary import (
 )
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.ingest.vocabulary import IN_AIR, Injection
 
 STEPS = "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN"
 LOGS = [STEPS, "logs/wlichon_baseline.BIN"]
@@ -162,7 +163,7 @@ def test_a_made_up_log(tmp_path):
         "QUADROTOR",
         (),
     )
-    assert (log.bytes_skipped, log.frames) == (0, 16 + 4 + 600 + 6)
+    assert (log.bytes_skipped, log.frames) == (0, 18 + 4 + 600 + 6)
     errors = vehicle.messages["ERR"]
     assert errors["time"].tolist() == [21.9, 21.95]
     assert errors["Subsys"].tolist() == [16, 16]
@@ -396,6 +397,29 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
             )
     assert [one.name for one in setpoints(vehicle, "yaw")] == ["yaw rate setpoint"]
     assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT"
+
+
+def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
+    pieces = made.flight(TIMES)
+    for row, (axis, size) in enumerate(
+        ((1, 2.0), (4, 3.0), (7, 4.0), (10, 0.5), (11, 0.25), (14, 9.0))
+    ):
+        pieces[20 * row] += made.message("SIDS", 20_503_000 + 200_000 * row, axis)
+        for step in range(3):
+            stamp = 20_504_000 + 200_000 * row + 2500 * step
+            pieces[20 * row] += made.message("SIDD", stamp, 0.0, size * step)
+    vehicle = vehicle_of(made.log(*pieces), tmp_path)
+    injected = Signals(vehicle).injected
+    found = {one.where: one.signal.values[1] for one in injected}
+    assert found == {
+        Injection.ANGLE_SETPOINT: approx(np.radians(2)),
+        Injection.RECOVERED_ANGLE_SETPOINT: approx(np.radians(3)),
+        Injection.RATE_SETPOINT: approx(np.radians(4)),
+        Injection.DEMAND: 0.5,
+    }
+    assert injected[-1].signal.time == approx(21.104 + 0.0025 * np.arange(3))
+    assert [one.where for one in Signals(vehicle, axis="pitch").injected] == [Injection.DEMAND]
+    assert Signals(vehicle, axis="yaw").injected == ()
 
 
 def test_a_text_log_reads_as_the_binary_one(tmp_path):

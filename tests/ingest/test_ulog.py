@@ -34,6 +34,7 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
+from mavdem.ingest.vocabulary import Injection
 
 
 def same(ours: NDArray[np.generic], theirs: NDArray[np.generic]) -> bool:
@@ -199,6 +200,18 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
     np.testing.assert_allclose(angle.signal.time, [20, 20.5, 21.5])
     (yaw,) = setpoints(vehicle, "yaw")
     np.testing.assert_allclose(yaw.signal.values, 20 + np.arange(4))
+
+
+def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
+    pieces = flight(TIMES)
+    for row in range(4):
+        pieces.append(data("autotune_attitude_control_status", 20 + row / 2, row, 0, 0))
+    vehicle = vehicle_of(log(*pieces), tmp_path)
+    (injected,) = Signals(vehicle).injected
+    assert injected.where is Injection.RATE_SETPOINT
+    np.testing.assert_allclose(injected.signal.time, 20 + np.arange(4) / 2)
+    np.testing.assert_allclose(injected.signal.values, np.arange(4), rtol=1e-6)
+    assert Signals(vehicle, axis="pitch").injected == ()
 
 
 def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):

@@ -30,6 +30,7 @@ FORMATS = {
     "vehicle_local_position": "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;bool v_z_valid;",
     "vehicle_attitude_setpoint": "uint64_t timestamp;float yaw_sp_move_rate;float[4] q_d;bool q_d_valid;",
     "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;",
+    "autotune_attitude_control_status": "uint64_t timestamp;float[3] rate_sp;",
     "battery_status": "uint64_t timestamp;float voltage_v;float voltage_filtered_v;",
     "cpuload": "uint64_t timestamp;float load;",
 }

@@ -247,6 +247,8 @@ NEEDED = (
     "MODE",
     "ERR",
     "MSG",
+    "SIDD",
+    "SIDS",
 )  # DataFlash's messages that are translated
 # A message is slower than another when it has fewer than this share of the other's number
 SLOWER_SHARE = 0.9
@@ -299,6 +301,7 @@ def translated(
         "STATUSTEXT": ("MSG", _texts(tables)),
         "ERR": ("ERR", having(tables, "ERR", ("Subsys", "ECode"))),
         "EV": ("EV", having(tables, "EV", ("Id",))),
+        "SIDD": ("SIDD", _injected(tables)),
         **{message: _renamed(tables, message) for message in _RENAMED},
         "LOCAL_POSITION_NED": _position(tables),
         "EKF_STATUS_REPORT": _filter_status(tables),
@@ -430,6 +433,18 @@ def _tuning(tables: Mapping[str, Columns], attitude: Columns | None) -> Columns 
         fields = {"desired": logged[desired], "achieved": logged[achieved]}
         parts.append(stamped(logged, {"axis": none + np.uint8(axis), **fields}))
     return joined(parts)
+
+
+def _injected(tables: Mapping[str, Columns]) -> Columns | None:
+    """SIDD, the signal of the system identification mode, with the axis of its run, SID_AXIS, which SIDS has."""
+    runs = having(tables, "SIDS", ("Ax",))
+    logged = having(tables, "SIDD", ("Targ",))
+    if runs is None or logged is None:
+        return None
+    begun, at = (1e9 * columns["boot"] + columns["time"] for columns in (runs, logged))
+    last = np.searchsorted(begun, at, side="right") - 1
+    axis = np.where(last >= 0, runs["Ax"][last], 0)
+    return stamped(logged, {"axis": axis, "target": logged["Targ"]})
 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[Fact, ...]]:
