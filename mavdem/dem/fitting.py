@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.engine.ascent import Ascent, Rates, ascend
+from mavdem.dem.engine.ascent import Ascent, ascend
 from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import (
     GenerativeModel,
@@ -68,10 +68,8 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     """Fits a record from the priors' means; ``LinAlgError`` where the fit breaks down."""
     scaling = Scaling.of(record, settings)
     model = generative_model(settings, scaling, record)
-    segments = generalized(settings, scaling, record)
-    samples = SufficientStatistics.of(*segments)
-    rates = Rates(*(settings.learning_rates or (None, None, None)), segments, record.dt)
-    ascent = ascend(model, samples, settings.iterations, rates)
+    samples = SufficientStatistics.of(*generalized(settings, scaling, record))
+    ascent = ascend(model, samples, settings.iterations)
     gain = gain_of(model, ascent.belief, smoothness_of(settings, record.dt), record.dt)
     predictor = predictor_of(ascent.belief.theta, model.sizes, gain, record.dt)
     return Fit(settings, scaling, model, ascent, gain, predictor)

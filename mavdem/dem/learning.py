@@ -227,12 +227,6 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
                 duration=len(record) * record.dt,
                 least_horizon=None if horizon else SHORTEST_HORIZON,
             )
-    flowed = fit.ascent.flowed[1:]
-    rates = fit.settings.learning_rates
-    if rates is not None and rates[0] is not None and not flowed.all():
-        unstable = np.count_nonzero(~flowed)
-        code = ModelCaution.STATES_FLOW_UNSTABLE
-        yield Fact(code, Level.WATCH, rounds=unstable, all_rounds=len(flowed))
 
 
 def learn_many(

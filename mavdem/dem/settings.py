@@ -15,6 +15,7 @@ from pydantic import Field
 from mavdem.dem.engine.linalg import Array, require_positive_definite
 from mavdem.dem.record import checked_values, real_numbers
 
+FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
 SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
 
@@ -115,8 +116,6 @@ class Settings:
     **Inference**
 
     Attributes:
-        learning_rates: k^X, k^θ and k^λ of Eq. ``GA_basic``, in the engine's units; ``None``, each or all: the exact
-            limit, in which each step goes to its maximum.
         iterations: the most rounds of D, E and M steps; fewer when F̄ has converged.
         seed: of everything random (the "uniform" prior).
 
@@ -147,7 +146,6 @@ class Settings:
     lambda_log_precision: tuple[Log, Log] = (25.0, -4.6)
     input_precision: Positive = 1.6e5
 
-    learning_rates: tuple[Positive | None, Positive | None, Positive | None] | None = None
     iterations: Natural = 200
     seed: Whole = 0
 
@@ -262,12 +260,13 @@ class Settings:
         """Returns settings from plain values by name; ``ValueError`` names a key that is not a setting."""
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
-        unknown = set(values) - {f.name for f in fields(cls)}
+        known = {f.name for f in fields(cls)}
+        unknown = set(values) - known - FORMER
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
         if isinstance(values.get("prior"), dict):
             values = values | {"prior": Gaussian.from_dict(values["prior"])}
-        return cls(**values)
+        return cls(**{name: values[name] for name in known & set(values)})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

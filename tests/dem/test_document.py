@@ -107,12 +107,16 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
         Settings(),
         Settings.paper(),
         Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=1),
-        Settings(prior=Gaussian([1], 1), known_inputs=False, learning_rates=(None, 0.5, None)),
+        Settings(prior=Gaussian([1], 1), known_inputs=False),
         Settings(order=np.int64(2), smoothness=np.float32(0.5), input_precision=np.float32(2.0)),
     ],
 )
 def test_json_both_ways(settings):
     assert Settings.from_json(settings.to_json()) == settings
+
+
+def test_settings_of_former_versions_are_read():
+    assert Settings.from_json('{"learning_rates": null, "p": 1}') == Settings(p=1)
 
 
 def test_paper_settings_are_those_of_section_v_d():
@@ -127,7 +131,6 @@ def test_paper_settings_are_those_of_section_v_d():
     [
         ("order", True),
         ("known_inputs", ("yes",)),
-        ("learning_rates", (0.0, None, None)),
         ("window", 2),
         ("smoothness", 0.0),
         ("lambda_z", (1.0, 2.0)),

@@ -9,15 +9,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
-from mavdem.dem.engine.linalg import Array, inverse, solve
+from mavdem.dem.engine.linalg import Array, inverse
 
 # F̄ has converged when two rounds and their extrapolation gain less: so little does not separate two models
 CONVERGED_NATS = 0.1
@@ -82,57 +81,27 @@ class Ascent:
     learning: Learning
     # whether rounds gained less than ``CONVERGED_NATS`` before the iterations ran out
     converged: bool
-    # (I + 1,) whether the D step followed its flow, stable and not lowering F̄, or its limit
-    flowed: NDArray[np.bool_]
 
-
-class Rates(NamedTuple):
-    """Learning rates of Eq. ``GA_basic``; ``None`` is the exact limit k → ∞, in which each step goes to its maximum.
-
-    ``state``: k^X, in 1/s per unit of F; ``theta`` and ``lambda_``: k^θ and k^λ, per round and unit of F̄; all in the
-    engine's units. A finite k^X needs the data themselves, as ``segments``, at their sampling step ``dt``.
-    """
-
-    state: float | None = None
-    theta: float | None = None
-    lambda_: float | None = None
-    segments: tuple[Array, ...] = ()  # of generalized data [ỹ; η̃], (T, ·) each
-    dt: float = 0.0
-
-    @property
-    def exact(self) -> bool:
-        """Whether every step goes to its maximum."""
-        return self.state is None and self.theta is None and self.lambda_ is None
-
-
-EXACT_RATES = Rates()
 
 ROUNDS_AT_FIXED_THETA = 3  # rounds of D and M steps with θ fixed: λ and X then converge quickly
 LARGEST_LAMBDA = 150.0  # noise precisions beyond e^±150 are lost in rounding
 
 
-def ascend(
-    model: GenerativeModel,
-    samples: SufficientStatistics,
-    iterations: int,
-    rates: Rates = EXACT_RATES,
-) -> Ascent:
+def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: int) -> Ascent:
     """Maximises F̄ by at most ``iterations`` rounds from the priors' means.
 
     After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. After every two rounds a
     third starts from an extrapolation, and is kept if F̄ᵒ increases. When they gain less than ``CONVERGED_NATS``, F̄ has
-    converged. With finite rates there is no extrapolation and no convergence; a flow of X that is unstable, or that
-    would lower F̄, is replaced by its exact limit in that round. ``LinAlgError`` where at the start a curvature is not
-    negative definite.
+    converged. ``LinAlgError`` where at the start a curvature is not negative definite.
     """
-    ascent = CoordinateAscent(model, samples, rates)
+    ascent = CoordinateAscent(model, samples)
     iterates = [ascent.start()]
     converged = False
     while not converged and len(iterates) <= iterations:
         before = iterates[-1].free_energy
         iterates += islice(ascent.rounds(iterates[-1]), iterations + 1 - len(iterates))
         gained = iterates[-1].free_energy - before
-        converged = rates.exact and gained < CONVERGED_NATS
+        converged = gained < CONVERGED_NATS
     beliefs = [iterate.belief for iterate in iterates]
     return Ascent(
         belief=beliefs[-1],
@@ -150,7 +119,6 @@ def ascend(
             np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
         ),
         converged=converged,
-        flowed=np.array([iterate.flowed for iterate in iterates]),
     )
 
 
@@ -172,7 +140,6 @@ class Iterate:
     belief: Belief
     state_map: Array
     terms: Mapping[str, float]
-    flowed: bool  # whether X came of a flow at a finite rate
 
     @property
     def free_energy(self) -> float:
@@ -186,7 +153,6 @@ class CoordinateAscent:
 
     model: GenerativeModel
     samples: SufficientStatistics
-    rates: Rates = EXACT_RATES
 
     def start(
         self, given: tuple[Array, Array] | None = None, lambda_covariance: Array | None = None
@@ -199,25 +165,15 @@ class CoordinateAscent:
         uncertain = (
             inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
         )
-        state_map = steps.d_step(self.model, theta, certain, lambda_, uncertain)
-        moments = GeneralizedMoments.of(self.model, self.samples, state_map)
-        return self._iterate(
-            Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)),
-            state_map,
-            flowed=False,
+        none = np.empty(0)
+        unstated = GeneralizedMoments.of(
+            self.model, self.samples, np.empty((0, len(self.samples.gram)))
         )
+        return self.at_belief(Belief(unstated, none, theta, certain, lambda_, uncertain))
 
     def at_belief(self, belief: Belief) -> Iterate:
         """The iterate of a belief, with X at its maximum."""
-        state_map = steps.d_step(
-            self.model,
-            belief.theta,
-            belief.theta_covariance,
-            belief.lambda_,
-            belief.lambda_covariance,
-        )
-        moments = GeneralizedMoments.of(self.model, self.samples, state_map)
-        return self._iterate(belief._replace(moments=moments), state_map, flowed=False)
+        return self._iterate(*self._d_step(belief))
 
     def at_theta(self, theta: Array, belief: Belief) -> Iterate:
         """D and M steps in turn with θ fixed at ``theta``, from a belief: the λ and X that belong to that θ."""
@@ -229,12 +185,12 @@ class CoordinateAscent:
         return iterate
 
     def rounds(self, now: Iterate) -> Iterator[Iterate]:
-        """Two rounds in turn and, with exact rates, one from their extrapolation."""
+        """Two rounds in turn, and one from their extrapolation."""
         first = self.round(now, now.belief)
         yield first
         second = self.round(first, first.belief)
         yield second
-        ahead = _extrapolated(now.belief, first.belief, second.belief) if self.rates.exact else None
+        ahead = _extrapolated(now.belief, first.belief, second.belief)
         if ahead is not None:
             yield self.round(second, ahead)
 
@@ -243,48 +199,39 @@ class CoordinateAscent:
 
         From ``now`` itself only rounding can decrease it; from an extrapolation anything can.
         """
-        for flowed in (False,) if self.rates.state is None else (True, False):
-            try:
-                then = self._steps(start, flowed, known=start is now.belief)
-            except (np.linalg.LinAlgError, FloatingPointError):
-                # An unstable flow, or noise so small, or an extrapolation so far, that the rest is lost in rounding.
-                continue
-            if then.free_energy >= now.free_energy:
-                return then
-        return now
+        try:
+            then = self._steps(start, known=start is now.belief)
+        except (np.linalg.LinAlgError, FloatingPointError):
+            # Noise so small, or an extrapolation so far, that the rest is lost in rounding.
+            return now
+        return then if then.free_energy >= now.free_energy else now
 
-    def _steps(self, start: Belief, flowed: bool, known: bool) -> Iterate:
-        """A D step, by the flow or in its exact limit, and E and M steps after it.
+    def _steps(self, start: Belief, known: bool) -> Iterate:
+        """A D step, and E and M steps after it.
 
         The covariances of a ``known`` start are already optimal and are updated at the end of the round: updating them
         after each step as well would raise F̄ hardly more, at twice the cost.
         """
         model = self.model
         samples = self.samples
-        rates = self.rates
         _require_sane(start.lambda_)
-        slope = steps.state_slope(
-            model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance
-        )
-        state_map = solve(slope[1], slope[0])
-        if flowed:
-            assert rates.state is not None
-            moments = steps.StateFlow.of(model, *slope, rates.state).moments(
-                model, rates.segments, rates.dt
-            )
-        else:
-            moments = GeneralizedMoments.of(model, samples, state_map)
-        belief = start._replace(moments=moments)
+        belief, state_map = self._d_step(start)
         if not known:
             belief = steps.with_optimal_precisions(model, belief)
-        belief = belief._replace(theta=steps.e_step(model, samples, belief, rates.theta))
-        belief = belief._replace(lambda_=steps.m_step(model, samples, belief, rates.lambda_))
+        belief = belief._replace(theta=steps.e_step(model, samples, belief))
+        belief = belief._replace(lambda_=steps.m_step(model, samples, belief))
         _require_sane(belief.lambda_)
-        return self._iterate(belief, state_map, flowed)
+        return self._iterate(belief, state_map)
 
-    def _iterate(self, belief: Belief, state_map: Array, flowed: bool) -> Iterate:
+    def _d_step(self, belief: Belief) -> tuple[Belief, Array]:
+        """A belief with X at its maximum, and the map of the data to that."""
+        state_map = steps.d_step(self.model, belief)
+        moments = GeneralizedMoments.of(self.model, self.samples, state_map)
+        return belief._replace(moments=moments), state_map
+
+    def _iterate(self, belief: Belief, state_map: Array) -> Iterate:
         belief = steps.with_optimal_precisions(self.model, belief)
-        return Iterate(belief, state_map, optimal_terms(self.model, self.samples, belief), flowed)
+        return Iterate(belief, state_map, optimal_terms(self.model, self.samples, belief))
 
 
 def _require_sane(lambda_: Array) -> None:
