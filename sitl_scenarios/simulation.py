@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields
 from itertools import chain
-from math import fsum, hypot, sqrt
+from math import cos, fsum, hypot, sqrt
 
 import numpy as np
 
@@ -249,11 +249,12 @@ HEIGHT = 0.6
 
 
 def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> Array:
-    """Returns (T, 2) roll, rad, and its rate, rad/s, as the autopilot knows them, every ``dt`` s.
+    """Returns (T, 3, 2) angles, rad, and rates, rad/s, of roll, pitch and yaw, as the autopilot knows them.
 
-    Of the ``scenario`` vehicle, sensors, autopilot and seed count. ``setpoints`` (T, 2) are of roll, rad, and of its
-    rate beside what the error of roll asks for, rad/s; ``torque`` (T,) is the wind's per moment of inertia, rad/s².
-    Raises ValueError: the vehicle tumbles.
+    Every ``dt`` s; of the ``scenario`` vehicle, sensors, autopilot and seed count. ``setpoints`` (T, 3, 2) are of the
+    angles, and of the rates beside what the angles' errors ask for; the heading is not held. ``torque`` (T, 3) is the
+    wind's per moment of inertia, rad/s². A mean wind would move the vehicle, not turn it. Raises ValueError: the
+    vehicle tumbles.
     """
     cycle = cycle_of(scenario)
     body = airframe(scenario.vehicle)
@@ -263,23 +264,25 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     gyro = gyro_for(controller, cycle)
     sensing = Sensing(scenario.sensors, cycle, scenario.random(SENSORS))
     grid = np.arange(round(len(torque) * dt / cycle)) * cycle / dt
-    columns = [
-        np.interp(grid, np.arange(len(torque)), one)
-        for one in (*setpoints.T, torque * body.inertia[0])
-    ]
+    given = np.column_stack([setpoints[..., 0], setpoints[..., 1], torque * body.inertia])
+    columns = np.column_stack([np.interp(grid, np.arange(len(torque)), one) for one in given.T])
     state = State(rotors=(body.hover_speed,) * 4)
     known = []
-    for roll, ahead, moment in zip(*(column.tolist() for column in columns), strict=True):
+    for wanted_roll, wanted_pitch, _, p, q, r, *moments in columns.tolist():
         estimate = sensing.estimate(state._replace(rates=gyro.rates))
-        known.append((angle := euler(estimate.attitude)[0], estimate.rates[0]))
+        roll, pitch, yaw = angles = euler(estimate.attitude)
+        known.append((angles, estimate.rates))
         lift = max(GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2], GRAVITY / 5)
-        thrust = body.mass * lift / max(np.cos(angle), 0.5)
-        control = controller.steer(estimate, (roll, 0.0, 0.0), (ahead, 0.0, 0.0), thrust, True)
+        thrust = body.mass * lift / max(cos(roll) * cos(pitch), 0.5)
+        control = controller.steer(
+            estimate, (wanted_roll, wanted_pitch, yaw), (p, q, r), thrust, True
+        )
+        air = AirState(*(0.0,) * 5, *moments)
         targets = flown.targets(control.outputs, 1.0)
         for _ in range(steps):
-            state = flown.moved(state, targets, AirState(roll=moment), 1)
+            state = flown.moved(state, targets, air, 1)
             gyro.sense(state.rates)
-        if not abs(state.rates[0]) < MAX_BODY_RATE:
+        if not hypot(*state.rates) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
     rows = np.searchsorted(grid, np.arange(len(torque)) - 1e-6).clip(max=len(known) - 1)
-    return np.asarray(np.array(known)[rows])
+    return np.asarray(np.array(known)[rows]).swapaxes(1, 2)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
+from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
@@ -17,7 +18,7 @@ from mavdem.cli.options import Number, no_option, read_source, vehicle_option
 from mavdem.cli.output import check_file, print_result, printable, progress, say_aside, write_text
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop.loop import Loop
-from mavdem.condition.loop.twin import BANDS, alike, setpoints_of, torque, twin_of
+from mavdem.condition.loop.twin import BANDS, Twin, again_of, alike, torque, twin_of
 from mavdem.condition.wind_of_log import air_of
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -35,9 +36,11 @@ SHOWN = {
     "damping": "1/s",
     "delay": "s",
     "hover": "share of range",
+    "wind_speed": "m/s",
+    "wind_direction": "° that it comes from",
 }
-FIGURES = {"lean": "roll, mean (°)", "sway": "roll, sd (°)", "rate": "roll rate, sd (°/s)"}
-FIGURES |= {"peak": "step of the roll rate, largest", "rise": "and time to half of it (s)"}
+FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)"}
+FIGURES |= {"peak": " rate's step, largest", "rise": " rate's step, time to half of it (s)"}
 
 
 @click.command("twin")
@@ -84,58 +87,71 @@ def twin_command(
         if isinstance(one, Fact)
     ]
     hover = hover_of(signals.about("roll", "motors"), log.components)
-    drag, px4 = (
-        None if (wind := air_of(signals)[0]) is None else wind.drag,
-        signals.telemetry.autopilot == "PX4",
-    )
-    twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), drag, mass)
+    px4 = signals.telemetry.autopilot == "PX4"
+    twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), air_of(signals)[0], mass)
     for path in out:
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
     known = {
-        name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name))) for name in SHOWN
+        name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name)))
+        for name in SHOWN
+        if getattr(twin, name) is not None
     }
     rows = [
-        [f"{name} ({unit})", known[name], str(twin.notes.get(name, ""))]
-        for name, unit in SHOWN.items()
+        [f"{name.replace('_', ' ')} ({SHOWN[name]})", value, str(twin.notes.get(name, ""))]
+        for name, value in known.items()
     ]
     blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
-    document: dict[str, Any] = {
-        "vehicle": vars(twin) | {"drag": drag and drag.as_dict()},
-        "missing": missing,
-        "alike": None,
-    }
-    if (again := setpoints_of(loops["roll"])) is None:
+    compared = _flown_again(twin, loops)
+    drag = twin.drag and twin.drag.as_dict()
+    document = {"vehicle": vars(twin) | {"drag": drag}, "missing": missing, "alike": compared}
+    for axis, figures in compared.items():
+        bands = zip(BANDS[:-1], BANDS[1:], figures["levels"], strict=True)
+        cells = [
+            [f"{axis} rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"]
+            for low, high, level in bands
+        ]
+        shown = {key: name for key, name in FIGURES.items() if key in figures}
+        cells += [
+            [f"{axis}{name}", *(f"{one:.2f}" for one in figures[key])]
+            for key, name in shown.items()
+        ]
+        blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
+    if not compared:
         blocks.append(
             Sentence("The setpoints of roll were not recorded: the twin does not fly them again.")
         )
-    else:
-        record, setpoints = again
-        flown = []
-        try:
-            scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
-            for seed in range(FLIGHTS):
-                blown = torque(loops["roll"], len(record), np.random.default_rng(seed))
-                flown.append(
-                    replayed(
-                        scenario.model_copy(update={"seed": seed}), record.dt, setpoints, blown
-                    )
-                )
-        except ValueError as error:
-            raise NotLearnable(Fact(Twins.CANNOT_FLY, because=str(error))) from None
-        document["alike"] = compared = alike(loops["roll"], record, flown)
-        bands = zip(BANDS[:-1], BANDS[1:], compared["levels"], strict=True)
-        cells = [
-            [f"roll rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"]
-            for low, high, level in bands
-        ]
-        shown = {key: name for key, name in FIGURES.items() if key in compared}
-        cells += [[name, *(f"{one:.2f}" for one in compared[key])] for key, name in shown.items()]
-        blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
     print_result(document, blocks, as_json)
     if out:
         say_aside(
             f"Written: {', '.join(printable(path) for path in out)}. Nothing was sent to a vehicle."
         )
+
+
+def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, list[float]]]:
+    """By axis, figures of the recorded flight and of the twin's; none without setpoints of roll."""
+    again = again_of(loops)
+    if not again:
+        return {}
+    record = again["roll"].record
+    setpoints = np.zeros((len(record), len(AXES), 2))
+    for axis, one in again.items():
+        setpoints[:, AXES.index(axis)] = one.setpoints
+    flown = []
+    try:
+        scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
+        for seed in range(FLIGHTS):
+            noise = np.random.default_rng(seed)
+            blown = np.zeros((len(record), len(AXES)))
+            for axis in again:
+                blown[:, AXES.index(axis)] = torque(loops[axis], len(record), noise)
+            seeded = scenario.model_copy(update={"seed": seed})
+            flown.append(replayed(seeded, record.dt, setpoints, blown))
+    except ValueError as error:
+        raise NotLearnable(Fact(Twins.CANNOT_FLY, because=str(error))) from None
+    return {
+        axis: alike(loops[axis], one.record, [motion[:, AXES.index(axis)] for motion in flown])
+        for axis, one in again.items()
+    }

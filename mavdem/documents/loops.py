@@ -29,6 +29,7 @@ from mavdem.units import (
     Radians,
     Rejection,
     Seconds,
+    Speed,
 )
 
 
@@ -233,6 +234,10 @@ class TwinVehicle(Document):
     """standard deviation of a measured rate"""
     drag: Drag | None
     """drag; null where no wind is known"""
+    wind_speed: Speed
+    """mean wind of the flight; null where it is not known"""
+    wind_direction: Degrees | None
+    """where that wind comes from, clockwise from the north of the yaw"""
     parameters: dict[str, OfParameter]
     """parameters of the autopilot's control"""
     notes: dict[str, Said]
@@ -243,15 +248,15 @@ class Alike(Document):
     """Figures of the recorded flight, and their mean over the twin's."""
 
     levels: list[Decibels]
-    """level of the roll rate's spectrum by band, the twin's over the recorded"""
-    lean: list[Degrees]
-    """mean roll, recorded and twin's"""
-    sway: list[Degrees]
-    """standard deviation of roll, recorded and twin's"""
+    """level of the rate's spectrum by band, the twin's over the recorded"""
+    lean: list[Degrees] | None = None
+    """mean angle, recorded and twin's; not of yaw"""
+    sway: list[Degrees] | None = None
+    """standard deviation of the angle, recorded and twin's; not of yaw"""
     rate: list[DegreesPerSecond]
-    """standard deviation of the roll rate, recorded and twin's"""
+    """standard deviation of the rate, recorded and twin's"""
     peak: list[Number] | None = None
-    """peak of the roll rate's step response, recorded and twin's"""
+    """peak of the rate's step response, recorded and twin's"""
     rise: list[Seconds] | None = None
     """time to half of that peak, recorded and twin's"""
 
@@ -263,5 +268,5 @@ class Twin(Document):
     """the vehicle for simulators"""
     missing: list[Said]
     """what is not learned, one sentence each"""
-    alike: Alike | None
-    """figures of the recorded flight, and their mean over the twin's"""
+    alike: dict[str, Alike]
+    """by axis, figures of the recorded flight, and their mean over the twin's; none without setpoints of roll"""

@@ -1,6 +1,8 @@
 """Loops: the controller of the parameters, margins of known loops and of flights, and gains that have margins."""
 
+import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +27,9 @@ from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.paper.runner import logged
+from mavdem.report.vehicle_files import vehicle_text
 from sitl_scenarios.files import scenario_of
+from sitl_scenarios.scenario import SteadyWind
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
@@ -334,7 +338,7 @@ def test_a_flight_without_loops_says_why(plant, record, code):
 
 def test_a_twin_says_of_each_figure_how_sure_it_is():
     loop = made_up()
-    twin = twin_of({"roll": loop}, px4=True, hover=0.5, drag=None, mass=None)
+    twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, mass=None)
     assert twin.notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)
     assert twin.notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and twin.arm == (0.1, 0.2)
     inertia = twin.notes["inertia"].figures
@@ -345,12 +349,21 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=halves.damping)
     status = {**loop.plant.status, "lag": "not identifiable"}
     unsure = replace(loop, plant=loop.plant._replace(status=status))
-    twin = twin_of({"roll": unsure}, px4=True, hover=0.5, drag=None, mass=2.0)
+    twin = twin_of({"roll": unsure}, px4=True, hover=0.5, air=None, mass=2.0)
     assert twin.notes["lag"] == Fact(Twins.LAG_NOTE, lag=None)
     assert twin.notes["mass"].figures["is_given"]
     with pytest.raises(mavdem.NotLearnable) as refused:
-        twin_of({"roll": loop}, px4=True, hover=0.05, drag=None, mass=None)
+        twin_of({"roll": loop}, px4=True, hover=0.05, air=None, mass=None)
     assert refused.value.fact == Fact(Twins.NO_HOVER, share=0.05)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
+    air = SimpleNamespace(drag=None, speed=3.0, direction=80.0, sized=known, directed=True)
+    twin = twin_of({"roll": made_up()}, px4=True, hover=0.5, air=air, mass=None)
+    scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "a.tlog")))
+    blown = SteadyWind(kind="steady", speed=3.0, direction=80.0)
+    assert scenario.wind == (blown,) * known
 
 
 @pytest.mark.slow

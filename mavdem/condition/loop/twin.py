@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
@@ -11,6 +12,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.condition.loop.controllers import FASTEST, LOOP_RATES, USUAL_RATES, controller_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.response import evenly, measured_response
+from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
@@ -49,6 +51,8 @@ class Twin:
     delay: float  # from the motion to the motors' command, without the hold over a control cycle, s
     noise: float  # standard deviation of a measured rate, rad/s
     drag: Drag | None  # None where there is no wind
+    wind_speed: float | None  # mean of the flight, m/s; None where it is not known
+    wind_direction: float | None  # degrees that it comes from
     parameters: Mapping[str, float]  # of the autopilot's rate and attitude control, by name
     notes: Mapping[str, Fact]
 
@@ -72,17 +76,20 @@ class Twin:
 
 
 def twin_of(
-    loops: Mapping[str, Loop], px4: bool, hover: float, drag: Drag | None, mass: float | None
+    loops: Mapping[str, Loop], px4: bool, hover: float, air: WindVelocity | None, mass: float | None
 ) -> Twin:
     """Returns the twin of a vehicle from its ``loops`` by axis.
 
     Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
-    share of the motors' range. The motion has the product of mass, arm and 1/inertia only: the ``mass``, kg, is assumed
-    unless given, and the arm by it, unless PX4's parameters have it. Raises ``NotLearnable``: no hover.
+    share of the motors' range, ``air`` what the flight says of wind and drag. The motion has the product of mass, arm
+    and 1/inertia only: the ``mass``, kg, is assumed unless given, and the arm by it, unless PX4's parameters have it.
+    Raises ``NotLearnable``: no hover.
     """
     if not 0.1 < hover < 1:
         raise NotLearnable(Fact(Twins.NO_HOVER, share=hover))
     roll = loops["roll"]
+    drag = None if air is None else air.drag
+    wind = air if air is not None and air.sized and air.directed else None
     weight = mass or MASS
     arm, is_measured = _arm(roll.controller.parameters, weight)
     own, cycle = _parameters(roll.controller.parameters, "px4" if px4 else "ardupilot")
@@ -99,6 +106,8 @@ def twin_of(
         delay=max(float(roll.draws[0, 2]) - cycle / 2, 0.0),
         noise=roll.plant.noise,
         drag=drag,
+        wind_speed=None if wind is None else wind.speed,
+        wind_direction=None if wind is None else wind.direction,
         parameters=own,
         notes={},
     )
@@ -195,34 +204,61 @@ SETTLES = 3.0
 LONGEST = 120.0
 
 
-def setpoints_of(loop: Loop) -> tuple[Record, Array] | None:
-    """Returns the longest segment of the loop's flight and its setpoints (T, 2) of angle and rate; None without them.
+class Again(NamedTuple):
+    """What is flown again of one axis: a segment of the ``record``, with ``setpoints`` (T, 2) of angle and rate.
 
-    The rate, rad/s, is beside what the angle's error asks for, which ArduPilot's ATTITUDE_TARGET alone leaves out.
+    The rate, rad/s, is beside what the angle's error asks for; of yaw it is all, and the angle is 0.
     """
+
+    record: Record
+    setpoints: Array
+
+
+def again_of(loops: Mapping[str, Loop]) -> dict[str, Again]:
+    """Returns by axis the longest segment of the flight, where its setpoints were recorded; none without those of roll.
+
+    Pitch and yaw are there where they were learned from the segments of roll.
+    """
+    found = dict[str, Again]()
+    roll = loops["roll"].record
+    longest = int(np.argmax(roll.lengths))
+    length = min(roll.lengths[longest], round(LONGEST / roll.dt))
+    segment = slice(int(roll.starts[longest]), int(roll.starts[longest]) + length)
+    for axis, loop in loops.items():
+        is_alike = loop.record.lengths == roll.lengths and loop.record.begins == roll.begins
+        again = _again(loop, segment) if is_alike else None
+        if again is not None:
+            found[axis] = again
+    return found if "roll" in found else {}
+
+
+def _again(loop: Loop, segment: slice) -> Again | None:
     record = loop.record
-    names = [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
+    names = [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"][loop.axis == "yaw" :]
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
         return None
-    longest = int(np.argmax(record.lengths))
-    length = min(record.lengths[longest], round(LONGEST / record.dt))
-    begin = int(record.starts[longest])
-    inputs, outputs, table = (
-        one[begin : begin + length] for one in (record.inputs, record.outputs, record.setpoints)
-    )
+    table = record.setpoints[segment]
     asked = table[:, [record.setpoint_names.index(name) for name in names]]
-    at = np.arange(length)
     known = np.isfinite(asked).all(axis=1)
     if known.mean() < 0.5:
         return None
-    angle, rate = (evenly(np.interp(at, at[known], column[known])) for column in asked.T)
-    corrected = loop.controller.angle * (angle - outputs[:, 0])
-    twice = 2 * corrected @ (rate - np.gradient(angle, record.dt))
-    inside = not loop.controller.derivative_of_error or twice > corrected @ corrected
+    at = np.arange(len(asked))
+    *angles, rate = (evenly(np.interp(at, at[known], column[known])) for column in asked.T)
     flown = replace(
-        record, inputs=inputs, outputs=outputs, lengths=(length,), begins=(), setpoints=table
+        record,
+        inputs=record.inputs[segment],
+        outputs=record.outputs[segment],
+        lengths=(len(asked),),
+        begins=(),
+        setpoints=table,
     )
-    return flown, np.column_stack([angle, rate - inside * corrected])
+    if not angles:
+        return Again(flown, np.column_stack([0 * rate, rate]))
+    # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
+    corrected = loop.controller.angle * (angles[0] - flown.outputs[:, 0])
+    twice = 2 * corrected @ (rate - np.gradient(angles[0], record.dt))
+    inside = not loop.controller.derivative_of_error or twice > corrected @ corrected
+    return Again(flown, np.column_stack([angles[0], rate - inside * corrected]))
 
 
 def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
@@ -237,29 +273,29 @@ def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
 
 
 def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[float]]:
-    """Returns figures of a ``record`` and of angles and rates (T, 2), rad and rad/s, that were ``flown`` again.
+    """Returns figures of a ``record`` and of angle and rate (T, 2), rad and rad/s, that were ``flown`` again.
 
-    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; both mean and sd of the angle, sd of
-    the rate, in degrees, and where it is measured the peak of the rate's step, and the time to half of it, s.
+    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; both mean and sd of the angle but
+    for yaw, and sd of the rate, in degrees; where it is measured the peak of the rate's step, and the time to half of
+    it, s.
     """
     from scipy.signal import detrend, welch  # it takes half a second to import
 
-    both = np.array([record.outputs, *flown])[:, round(SETTLES / record.dt) :]
+    outputs = [one[:, -record.outputs.shape[1] :] for one in flown]
+    both = np.array([record.outputs, *outputs])[:, round(SETTLES / record.dt) :]
     length = int(min(WINDOW / record.dt, both.shape[1] / 2))
-    frequency, power = welch(both[..., 1], 1 / record.dt, nperseg=length, detrend=detrend)
+    frequency, power = welch(both[..., -1], 1 / record.dt, nperseg=length, detrend=detrend)
     bands = [
         (low <= frequency) & (frequency < high)
         for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)
     ]
     level = np.array([power[:, band].mean(axis=1) for band in bands])
-    values = {
-        "lean": both[..., 0].mean(axis=1),
-        "sway": both[..., 0].std(axis=1),
-        "rate": both[..., 1].std(axis=1),
-    }
-    values = {name: np.degrees(one) for name, one in values.items()}
+    values = {"rate": np.degrees(both[..., -1].std(axis=1))}
+    if loop.axis != "yaw":
+        angles = np.degrees(both[..., 0])
+        values |= {"lean": angles.mean(axis=1), "sway": angles.std(axis=1)}
     if loop.agrees:
-        flights = [replace(record, outputs=outputs) for outputs in (record.outputs, *flown)]
+        flights = [replace(record, outputs=one) for one in (record.outputs, *outputs)]
         known = (
             loop.controller,
             np.ones(record.inputs.shape[1]),
