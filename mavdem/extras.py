@@ -13,6 +13,7 @@ EXTRAS = {
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
     "ros2": ("mcap_ros2",),
+    "serve": ("python_multipart", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
     "xarray": ("xarray",),

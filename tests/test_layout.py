@@ -48,9 +48,11 @@ FLOORS = (
     {"fleet", "live"},
     {"report"},
     {"documents", "export", "view"},
+    {"results"},
     {"paper"},
     {"api"},
     {"__init__"},
+    {"serve"},
     {"cli"},
     {"__main__"},
 )
@@ -75,6 +77,9 @@ ROOMS_OF_LIBRARIES = {
     "matplotlib": {"paper", "report"},
     "jinja2": {"report"},
     "sitl_scenarios": {"cli", "paper"},
+    "starlette": {"serve"},
+    "uvicorn": {"serve"},
+    "python_multipart": {"serve"},
 }
 """The only rooms of mavdem that may import a library."""
 

@@ -23,8 +23,9 @@ PROSE = {
     "condition": 6,
     "dem": 25,
     "evaluate": 1,
-    "fleet": 43,
+    "fleet": 45,
     "mavdem": 17,
+    "serve": 40,
 }
 """Literals of words below `report` that say nothing of a flight: SQL, units, names of columns and of terms of F̄, titles
 of progress bars, what ``repr`` shows, and pydantic's own messages."""

@@ -93,6 +93,10 @@ class _Commands(click.Group):
             "track",
             help="Keeps a table of many flights: tiers, figures and health of each vehicle.",
         ),
+        click.Command(
+            "serve",
+            help="Shows logs that are dropped in a browser, and the library of all flights.",
+        ),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
         click.Command(

@@ -33,13 +33,14 @@ from mavdem.cli.output import (
     progress,
     say_aside,
 )
-from mavdem.cli.results import RECORDING, RESULT_FILES, files_of, named_after, write_results
+from mavdem.cli.results import files_of, named_after, write_results
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
 from mavdem.extras import lacking
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
+from mavdem.results import RECORDING, RESULT_FILES
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:

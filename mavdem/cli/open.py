@@ -17,13 +17,14 @@ from mavdem.cli.commands import UNUSABLE
 from mavdem.cli.learn import learn_command
 from mavdem.cli.options import source_options
 from mavdem.cli.output import say_aside
-from mavdem.cli.results import RECORDING, named_after, write_dashboard
+from mavdem.cli.results import named_after
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.extras import lacking, require
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Sentence
 from mavdem.report.screen import analysis_blocks
+from mavdem.results import RECORDING, write_dashboard
 
 INCOMPATIBLE = 66
 """Exit code of a loader for a file that is for others (rerun.io/docs/reference/data-loaders)."""

@@ -10,11 +10,12 @@ import click
 from mavdem.assessment.assess import assess
 from mavdem.cli.options import folder_named, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
-from mavdem.cli.results import RESULT_FILES, files_of, named_after, write_results
+from mavdem.cli.results import files_of, named_after, write_results
 from mavdem.documents.review import review_document
 from mavdem.report.blocks import Sentence
 from mavdem.report.review import screen_of
 from mavdem.report.screen import analysis_blocks
+from mavdem.results import RESULT_FILES
 
 
 @click.command("review")

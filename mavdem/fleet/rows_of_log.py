@@ -70,6 +70,16 @@ def _rows_of_vehicle(
     """The rows of a vehicle, and its assessment, None without settled flight."""
     signals = Signals(telemetry, inputs="motors")
     assessment = assess_signals(log, signals, TILT_AXES[0], further=TILT_AXES[1:])
+    rows = rows_of_assessment(assessment, signals, file)
+    return rows, None if rows[0].axis is None else assessment
+
+
+def rows_of_assessment(assessment: Assessment, signals: Signals, file: str) -> list[FlightRow]:
+    """Returns a row for each axis that the ``assessment`` of a vehicle with these ``signals`` has an analysis of.
+
+    ``file`` is the name of its log. Without settled flight there is one row, of no axis, whose status says why.
+    """
+    telemetry = signals.telemetry
     first = assessment.analysis
     assert first is not None
     columns: dict[str, Any] = {
@@ -91,7 +101,7 @@ def _rows_of_vehicle(
             **unknown,
             **columns,
         )
-        return [row], None
+        return [row]
     if (balance := balance_of_signals(signals)) is not None:
         columns |= {
             "balance": balance.mean,
@@ -117,7 +127,7 @@ def _rows_of_vehicle(
                 motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None,
             )
         rows.append(row)
-    return rows, assessment
+    return rows
 
 
 def _wind(wind: WindVelocity) -> dict[str, Any]:

@@ -78,7 +78,7 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
     if os.path.isdir(name):
         yield from _inside(os.path.abspath(name), left_out)
     elif os.path.lexists(name):
-        yield _file(name)
+        yield source_of(name)
     elif not glob.has_magic(name):
         raise Unreadable(Fact(Folder.PATH_MISSING, path=name))
     else:
@@ -86,7 +86,7 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
             # What a pattern names is taken as if it were named, but `**` also names the folders.
             is_left_out = bool(left_out) and os.path.realpath(path).startswith(left_out + os.sep)
             if not os.path.isdir(path) and not is_left_out:
-                yield _file(path)
+                yield source_of(path)
 
 
 def _inside(folder: str, left_out: str) -> Iterator[Source]:
@@ -105,12 +105,12 @@ def _inside(folder: str, left_out: str) -> Iterator[Source]:
         seen.add(real)
         below.sort()
         yield from (
-            _file(path) for name in names if looks_like_log(path := os.path.join(place, name))
+            source_of(path) for name in names if looks_like_log(path := os.path.join(place, name))
         )
 
 
-def _file(path: str) -> Source:
-    """A file of this machine, whether it is there or not."""
+def source_of(path: str) -> Source:
+    """Returns a file of this machine, whether it is there or not."""
     try:
         status = os.stat(path)
     except OSError:

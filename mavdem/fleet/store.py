@@ -204,6 +204,12 @@ class Store:
                 )
                 self._judge_anew(vehicle for _, vehicle, _ in rows)
 
+    def remove(self, source: Source) -> None:
+        """Removes what is known of a log by this name, and its rows where it has no other."""
+        with self._transaction():
+            self._db.execute("delete from logs where path = ?", [as_text(source.path)])
+            self._delete_rows("log not in (select log from logs)")
+
     def track(self, sources: Iterable[Source]) -> None:
         """Puts the flights of these logs, as far as they are known, into the table."""
         with self._transaction():

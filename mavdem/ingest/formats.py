@@ -61,7 +61,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progr
     See Also:
         :func:`mavdem.read_flight`: what a model is learnt from; :class:`mavdem.Telemetry`.
     """
-    name, kind = _name_and_format(path)
+    name, kind = format_of(path)
     # A library that only one format needs is imported when a file of that format is read.
     match kind:
         case Format.ULOG:
@@ -99,7 +99,7 @@ def read_stream(
 
     Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.
     """
-    name, kind = _name_and_format(path)
+    name, kind = format_of(path)
     if kind is Format.MCAP:
         from mavdem.ingest.mcap.log import mcap_stream
 
@@ -109,7 +109,8 @@ def read_stream(
     return tlog_stream(name, progress)
 
 
-def _name_and_format(path: str | bytes | os.PathLike[str]) -> tuple[str, Format]:
+def format_of(path: str | bytes | os.PathLike[str]) -> tuple[str, Format]:
+    """Returns the name of a file and its format; raises ``Unreadable`` where that is none, ``ValueError``: no path."""
     if not isinstance(path, str | bytes | os.PathLike):
         raise ValueError(f"path must name a file, not be {path!r}")
     name = os.fsdecode(path)

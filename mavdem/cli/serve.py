@@ -1,0 +1,115 @@
+"""``mavdem serve``: drop a log in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+import mavdem
+from mavdem.cli.options import Number, folder_named, no_option
+from mavdem.cli.output import say_aside
+from mavdem.cli.track import MOST
+from mavdem.dem.parallel import spare_cores
+from mavdem.extras import require
+from mavdem.fleet.workers import Limits
+
+SAMPLE = Path(mavdem.__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog"
+"""Of the source tree; an installation has none."""
+
+
+@click.command("serve")
+@click.argument(
+    "folder",
+    default="mavdem-data",
+    type=click.Path(file_okay=False),
+    callback=folder_named,
+)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option("--port", default=8600, show_default=True, type=click.IntRange(0, 65535))
+@click.option(
+    "--token",
+    default="",
+    envvar="MAVDEM_TOKEN",
+    callback=no_option,
+    help="Secret that uploading and the list of flights need; better in the environment as MAVDEM_TOKEN.",
+)
+@click.option(
+    "--behind-proxy", is_flag=True, help="A reverse proxy before it checks who may come in."
+)
+@click.option(
+    "--quota",
+    metavar="GB",
+    type=Number(0.001, MOST),
+    help="What logs and results may take on the disk. [default: all but 64 MB]",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
+)
+@click.option(
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
+    callback=no_option,
+    help="Read them on this Dask cluster instead, whose machines share FOLDER.",
+)
+@click.option(
+    "--time-limit",
+    type=Number(1, MOST),
+    default=Limits().seconds,
+    show_default=True,
+    help="Seconds of the processor that one log may take.",
+)
+@click.option(
+    "--memory-limit",
+    type=click.IntRange(256, MOST),
+    default=1000,
+    show_default=True,
+    help="Memory in MB that the reading of one log may take.",
+)
+@click.option("--no-browser", is_flag=True, help="Open no browser.")
+def serve_command(
+    folder: Path,
+    host: str,
+    port: int,
+    token: str,
+    behind_proxy: bool,
+    quota: float | None,
+    jobs: int | None,
+    scheduler: str | None,
+    time_limit: float,
+    memory_limit: int,
+    no_browser: bool,
+) -> None:
+    """Shows logs that are dropped in a browser, and the library of all flights.
+
+    FOLDER has logs, pages and the index; it may be that of `mavdem track`. Without --token or --behind-proxy the server
+    listens on this machine only. Each flight has a link that cannot be guessed; its owner shares it, or not.
+
+    \b
+    Examples:
+      mavdem serve
+      mavdem serve fleet/ --port 8000
+      MAVDEM_TOKEN=$(openssl rand -hex 16) mavdem serve --host 0.0.0.0 --quota 100
+      curl -F filearg=@flight.bin http://127.0.0.1:8600/api/logs
+
+    QGroundControl, PX4's upload_log.py and ARK's logloader upload to http://127.0.0.1:8600/upload, or to the address
+    that the first page shows. The interface for programs is described at /api/openapi.json.
+    """
+    require("serve", "`mavdem serve`")
+    from mavdem.serve.run import Options, serve
+
+    options = Options(
+        folder,
+        host,
+        port,
+        token,
+        behind_proxy,
+        None if quota is None else int(quota * 1e9),
+        jobs or spare_cores(),
+        Limits(time_limit, memory_limit),
+        scheduler,
+        SAMPLE if SAMPLE.is_file() else None,
+    )
+    serve(
+        options, None, lambda address: say_aside(f"Serving {folder} at {address}"), not no_browser
+    )

@@ -1,0 +1,156 @@
+"""What the server answers to programs: keys, units and meanings of documents."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+from mavdem.documents.document import Document, Error
+from mavdem.documents.review import Review
+from mavdem.facts.serve import Sharing
+from mavdem.units import Seconds, Speed, UnixSeconds, unit
+
+
+def _split(value: Any) -> Any:
+    return [word for word in value.split(",") if word] if isinstance(value, str) else value
+
+
+Words = Annotated[list[str], BeforeValidator(_split)]
+
+
+class Flight(Document):
+    """A log of the library."""
+
+    id: str
+    """of its link, /f/ID"""
+    name: str
+    """of the log"""
+    size: Annotated[int, unit("B")]
+    """of the log"""
+    received: UnixSeconds
+    """when it was uploaded"""
+    stage: str
+    """waiting, reading, judging, learning, drawing, done or failed"""
+    problem: str
+    """why it cannot be read; empty where it can"""
+    sharing: str
+    """private, link or public"""
+    log_shared: bool
+    """whether whoever sees it may download the log"""
+    note: str
+    """what was written about it"""
+    tags: Words
+    """words that were given to it"""
+    vehicle: str
+    """name of the vehicle"""
+    date: str
+    """when the flight began, ISO 8601, UTC; empty where that is not known"""
+    duration: Seconds
+    """duration of settled flight"""
+    headline: str
+    """the worst that was found, or how the flight was lost, one sentence"""
+    level: str
+    """level of the headline: good, watch, bad or unknown"""
+    next_step: str
+    """what to do about it"""
+    lights: dict[str, str]
+    """level by light: motors, vibration, tracking, margins, power, estimator, wind and log"""
+    modes: Words
+    """flight modes, in order"""
+    motor: int | None
+    """number of the motor that is suspected, from 1"""
+    wind_speed: Speed
+    """speed of the mean wind"""
+    files: Words
+    """what was made of it, at /f/ID/FILE"""
+
+
+class Flights(Document):
+    """Flights of the library, the newest first."""
+
+    total: int
+    """how many there are"""
+    flights: list[Flight]
+    """those that were asked for"""
+
+
+class FlightReview(Document):
+    """A flight, and its review."""
+
+    flight: Flight
+    """what is listed of it"""
+    review: dict[str, Any] | None
+    """the document of `mavdem review --json`; null before it is done"""
+
+
+class RefusedLog(Document):
+    """A file that is no log."""
+
+    name: str
+    """of the file"""
+    error: Error
+    """why"""
+
+
+class Added(Document):
+    """What became of an upload."""
+
+    flights: list[Flight]
+    """logs, which are read now"""
+    refused: list[RefusedLog]
+    """files that are none"""
+
+
+class Progress(Document):
+    """How far a log is."""
+
+    id: str
+    """of its link"""
+    stage: str
+    """waiting, reading, judging, learning, drawing, done or failed"""
+    words: str
+    """the same in words"""
+    step: str
+    """what is being done; may be empty"""
+    headline: str
+    """once it is known"""
+    level: str
+    """of the headline"""
+    lights: dict[str, str]
+    """level by light, once they are known"""
+    problem: str
+    """why the log cannot be read"""
+
+
+class Change(Document):
+    """What is to be changed of a flight; what is not named stays."""
+
+    sharing: Sharing = Sharing.PRIVATE
+    """private, link or public"""
+    log_shared: bool = False
+    """whether whoever sees it may download the log"""
+    note: Annotated[str, Field(max_length=4000)] = ""
+    """what is to be known of it"""
+    tags: Annotated[
+        list[Annotated[str, Field(max_length=40, pattern="^[^,]+$")]], Field(max_length=20)
+    ] = []
+    """words to find it by"""
+
+
+class Baseline(Document):
+    """Healthy flights."""
+
+    flights: Annotated[list[str], Field(max_length=1000)]
+    """ids"""
+
+
+class Viewer(Document):
+    """A viewer that shows a flight."""
+
+    address: str
+    """of its page"""
+
+
+ANSWERS = (Flights, FlightReview, Added, Progress, Change, Baseline, Viewer, Error, Review)
+"""Models of the interface."""

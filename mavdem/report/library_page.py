@@ -1,0 +1,98 @@
+"""The pages of ``mavdem serve``: the library, a flight while it is read, a vehicle, what changed, and refusals.
+
+The page of a flight is that of its folder, with a bar above it. No page has a script of its own: there is one, apart,
+and those that draw the timeline, whose hashes a policy can name.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment
+from markupsafe import Markup
+
+from mavdem.facts import Fact
+from mavdem.facts.lights import Light
+from mavdem.fleet.row import Flight
+from mavdem.report.blocks import Block
+from mavdem.report.fleet import vehicle_words
+from mavdem.report.page import environment
+
+PLACE = "<main>\n"
+"""Of the bar in a flight's page."""
+POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
+SCRIPTS = ("uplot/uPlot.iife.min.js", "timeline.js")
+"""Those within a flight's page."""
+
+
+@cache
+def words() -> dict[str, dict[str, str]]:
+    """Returns what stages, sharing and the interface are called."""
+    told = (files("mavdem.report") / "serve" / "words.toml").read_text("utf-8")
+    return tomllib.loads(told)
+
+
+@cache
+def script() -> bytes:
+    """Returns the script of these pages."""
+    return (files("mavdem.report") / "serve" / "serve.js").read_bytes()
+
+
+@cache
+def script_hashes() -> tuple[str, ...]:
+    """Returns the hashes, as a content security policy names them, of the scripts within a flight's page."""
+    sources = [_environment().get_template(name).render() for name in SCRIPTS]
+    digests = [hashlib.sha256(source.encode()).digest() for source in sources]
+    return tuple(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+
+
+@cache
+def _environment() -> Environment:
+    made = environment()
+    made.globals |= words() | {"lights": [str(light) for light in Light]}
+    return made
+
+
+def served(name: str, /, **known: Any) -> str:
+    """Returns the HTML of the page of this ``name``, of what is ``known``."""
+    return _environment().get_template(f"serve/{name}.html").render(known)
+
+
+def with_bar(page: str, **known: Any) -> str:
+    """Returns the ``page`` of a flight with a bar above it, for a server whose policy takes the place of its own."""
+    key = served("key", **known)
+    return POLICY.sub(lambda _: key, page, count=1).replace(
+        PLACE, PLACE + served("bar", **known), 1
+    )
+
+
+def vehicle_page(
+    flights: Sequence[Flight], changes: Iterable[Block], figure: str, **known: Any
+) -> str:
+    """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
+    said = vehicle_words(flights) if flights else ""
+    return served("vehicle", words=said, changes=[*changes], figure=Markup(figure), **known)
+
+
+def vehicle_svg(flights: Sequence[Flight]) -> str:
+    """Returns the picture of a vehicle's figures over its flights; empty where nothing is known."""
+    # matplotlib takes a second to load
+    from mavdem.report.figures.flights import vehicle_figure
+    from mavdem.report.figures.style import svg
+
+    try:
+        return svg(vehicle_figure(flights), "vehicle")
+    except ValueError:
+        return ""
+
+
+def refusal_page(fact: Fact, asks: bool, **known: Any) -> str:
+    """Returns the HTML of why there is no other page; it ``asks`` for the token."""
+    return served("message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **known)

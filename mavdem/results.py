@@ -1,0 +1,51 @@
+"""Results: the files that say what is known of a log, in one folder: page, documents, model and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mavdem.assessment import Assessment
+from mavdem.export.conversion import write_channels
+from mavdem.extras import missing
+from mavdem.report.page import review_page
+
+if TYPE_CHECKING:
+    from mavdem.view import Target
+
+REPORT = "report.json"
+PAGE = "report.html"
+RECORDING = "flight.rrd"
+RESULT_FILES = ("model.json", REPORT, PAGE, RECORDING, "flight.mcap")
+
+
+def result_files(assessment: Assessment) -> tuple[str, ...]:
+    """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
+    if assessment.model is None:
+        return (REPORT, PAGE)
+    return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
+
+
+def write_result_files(place: Mapping[str, Path], document: str, assessment: Assessment) -> None:
+    """Writes the :func:`result_files`, each to its ``place``, with this ``document`` as report."""
+    analysis = assessment.analysis
+    place[REPORT].write_text(document + "\n")
+    place[PAGE].write_text(review_page(assessment), "utf-8", "replace")
+    if analysis is not None and analysis.learned is not None and analysis.held_out is not None:
+        place["model.json"].write_text(analysis.learned.to_json() + "\n")
+        if RECORDING in place:
+            write_dashboard(place[RECORDING], assessment)
+        known = analysis.flights, analysis.learned, analysis.held_out
+        write_channels(place["flight.mcap"], *known, assessment.wind_of_model)
+
+
+def write_dashboard(target: Target, assessment: Assessment) -> None:
+    """Writes an ``assessment`` with a model as an .rrd file, or to a stream."""
+    # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
+    from mavdem.view import write_recording
+
+    analysis = assessment.analysis
+    assert analysis is not None and analysis.learned is not None and analysis.held_out is not None
+    known = analysis.flights, analysis.learned, analysis.held_out
+    write_recording(target, *known, assessment)

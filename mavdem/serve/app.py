@@ -1,0 +1,550 @@
+"""The application: what each address of the server answers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import parse_qs
+
+from pydantic import ValidationError
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+from starlette.requests import Request as HttpRequest
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    RedirectResponse,
+    Response,
+    StreamingResponse,
+)
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from mavdem.documents import whole
+from mavdem.documents.document import Document
+from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, Progress, Viewer
+from mavdem.errors import NotLearnable, Refusal
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Incomparable
+from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
+from mavdem.fleet.difference import since_baseline, vehicle_difference
+from mavdem.fleet.row import OK, FlightRow, vehicles_of
+from mavdem.ingest.formats import format_of
+from mavdem.report.difference import baseline_blocks, difference_blocks
+from mavdem.report.library_page import (
+    refusal_page,
+    script,
+    script_hashes,
+    served,
+    vehicle_page,
+    vehicle_svg,
+    with_bar,
+    words,
+)
+from mavdem.results import PAGE, RECORDING, REPORT
+from mavdem.serve.library import Entry, Library
+from mavdem.serve.openapi import openapi
+from mavdem.serve.rights import COOKIE, Rights
+from mavdem.serve.search import WORKING, Condition, condition_of
+from mavdem.serve.uploads import MOST_TEXT, Form, received
+from mavdem.serve.work import Work
+
+PAGE_LENGTH = 100  # flights
+MOST_LISTED = 1000  # that a program may ask for at once
+MOST_UPLOADS = 32  # at a time: each has a file open
+MOST_WAITING = 5000  # logs: hours of work
+LOOK_SECONDS = 0.3  # between looks at how far logs are
+POLICY = (
+    "default-src 'none'; script-src 'self' {scripts}; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+STATUS = {
+    Request.NO_RIGHT: 401,
+    Request.OTHER_SITE: 403,
+    Request.NO_SUCH_FLIGHT: 404,
+    Request.UPLOAD_TOO_SLOW: 408,
+    Request.UPLOAD_TOO_LARGE: 413,
+    Request.UPLOADS_TOO_MANY: 503,
+    Request.DISK_FULL: 507,
+    Request.QUOTA_REACHED: 507,
+    Request.NOT_STARTED: 503,
+}
+"""Of what is refused; 400 of other requests, and 415 of what is no log."""
+
+Model = TypeVar("Model", bound=Document)
+Endpoint = Callable[[HttpRequest], Awaitable[Response]]
+
+
+class Server:
+    """Answers requests about a ``library``, whose logs ``work`` reads, by the ``rights`` of those who ask.
+
+    ``sample`` is a flight to try it with; ``show`` opens a recording in a viewer and returns its address.
+    """
+
+    def __init__(
+        self,
+        library: Library,
+        rights: Rights,
+        work: Work,
+        sample: Path | None = None,
+        show: Callable[[Path], str] | None = None,
+    ) -> None:
+        self.library = library
+        self.rights = rights
+        self.work = work
+        self._sample = sample
+        self._show = show
+        self._uploads = 0
+
+    @cached_property
+    def app(self) -> ASGIApp:
+        """The application."""
+        routes = {
+            "GET /": self._list_page,
+            "GET /f/{id}": self._flight_page,
+            "GET /f/{id}/{name}": self._file,
+            "GET /vehicle": self._vehicle_page,
+            "GET /compare": self._compare_page,
+            "GET /enter": self._enter_page,
+            "POST /enter": self._enter,
+            "POST /leave": self._leave,
+            "GET /static/serve.js": self._script,
+            "POST /upload": self._upload,
+            "POST /{key}/upload": self._upload,
+            "POST /api/logs": self._add,
+            "POST /api/sample": self._add_sample,
+            "GET /api/flights": self._flights,
+            "GET /api/flights/{id}": self._flight,
+            "PATCH /api/flights/{id}": self._change,
+            "DELETE /api/flights/{id}": self._delete,
+            "POST /api/flights/{id}/viewer": self._viewer,
+            "PUT /api/baseline": self._baseline,
+            "GET /api/progress": self._progress,
+            "GET /api/openapi.json": self._openapi,
+        }
+        made = [
+            Route(path, self._guarded(endpoint), methods=[method])
+            for (method, path), endpoint in ((key.split(), value) for key, value in routes.items())
+        ]
+        starlette = Starlette(routes=made, lifespan=self._lifespan)
+        return _WithHeaders(starlette)
+
+    @asynccontextmanager
+    async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
+        self.work.start()
+        yield
+        await run_in_threadpool(self.work.stop)
+        self.library.close()
+
+    def _guarded(self, endpoint: Callable[[HttpRequest], Any]) -> Endpoint:
+        """An endpoint, also one that is a plain function, whose refusals become answers."""
+
+        async def answer(request: HttpRequest) -> Response:
+            try:
+                self.rights.check_site(request)
+                if asyncio.iscoroutinefunction(endpoint):
+                    response: Response = await endpoint(request)
+                    return response
+                return await run_in_threadpool(endpoint, request)
+            except Refusal as error:
+                return await run_in_threadpool(self._refused, request, error.fact)
+            except ClientDisconnect:
+                return Response(status_code=400)
+
+        return answer
+
+    def _refused(self, request: HttpRequest, fact: Fact) -> Response:
+        status = STATUS.get(fact.code, 400 if isinstance(fact.code, Request) else 415)  # type: ignore[call-overload]
+        headers = {"Retry-After": "10"} if status == 503 else {}
+        path = request.url.path
+        if path.startswith("/api/") or path.endswith("/upload"):
+            error = {"reason": fact, "remedy": fact.remedy, "fact": fact}
+            return JSONResponse(whole("error", {"error": error}), status, headers)
+        asks = fact.code is Request.NO_RIGHT
+        page = refusal_page(fact, asks, **self._known(request))
+        return HTMLResponse(page, status, headers)
+
+    def _need(self, right: bool, name: Use) -> None:
+        if not right:
+            raise Refusal(Fact(Request.NO_RIGHT, name=name))
+
+    def _seen(self, request: HttpRequest) -> Entry:
+        """The flight of a link, for one who may see it."""
+        entry = self.library.entry(request.path_params["id"])
+        if not self.rights.may_see(request, entry):
+            # nor may one know that it is there
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        return entry
+
+    def _known(self, request: HttpRequest) -> dict[str, Any]:
+        """What every page knows: who reads it, and where the server is."""
+        may_read = self.rights.may_read(request)
+        address = str(request.base_url).rstrip("/")
+        key = self.rights.key(Use.UPLOAD)
+        return {
+            "may_read": may_read,
+            "may_write": may_read,
+            "may_upload": may_read,
+            "key": self.rights.key(Use.WRITE) if may_read else "",
+            "has_token": bool(self.rights.token),
+            "address": address,
+            "upload": f"{address}{f'/{key}' if key else ''}/upload" if may_read else "",
+        }
+
+    # Pages
+
+    def _found(
+        self, request: HttpRequest, most: int, limit: int
+    ) -> tuple[list[Entry], int, str, int]:
+        """The flights that were asked for and may be listed, their number, the search and where it begins."""
+        query = request.query_params.get("q", "")[:500]
+        offset = _whole_number(request, "offset", 0)
+        where, values = condition_of(query)
+        if not self.rights.may_read(request):
+            where = f"sharing = '{Sharing.PUBLIC}' and {where}"
+        entries, total = self.library.find(where, values, min(limit, most), offset)
+        return entries, total, query, offset
+
+    def _list_page(self, request: HttpRequest) -> Response:
+        entries, total, query, offset = self._found(request, PAGE_LENGTH, PAGE_LENGTH)
+        known = self._known(request)
+        page = served(
+            "library",
+            entries=entries,
+            total=total,
+            query=query,
+            offset=offset,
+            page=PAGE_LENGTH,
+            is_empty=not entries and not query and not offset,
+            sample=self._sample,
+            vehicles=self.library.vehicles()[:20] if known["may_read"] else [],
+            **known,
+        )
+        return HTMLResponse(page)
+
+    def _flight_page(self, request: HttpRequest) -> Response:
+        entry = self._seen(request)
+        known = self._known(request) | {"one": entry}
+        path = self._page_of(entry)
+        if entry.stage != Stage.DONE or path is None:
+            return HTMLResponse(served("flight", **known))
+        can_open = self._show is not None and RECORDING in entry.file_names
+        page = with_bar(
+            path.read_text("utf-8"),
+            files=entry.file_names if entry.digest else [],
+            can_open=can_open and known["may_write"],
+            **known,
+        )
+        return HTMLResponse(page)
+
+    def _page_of(self, entry: Entry) -> Path | None:
+        path = (
+            self.library.results_of(entry) / PAGE
+            if entry.digest
+            else self.library.folder / (entry.files or PAGE)
+        )
+        return path if path.is_file() else None
+
+    def _file(self, request: HttpRequest) -> Response:
+        entry = self._seen(request)
+        name = request.path_params["name"]
+        if name == "log":
+            self._need(bool(entry.log_shared) or self.rights.may_read(request), Use.DOWNLOAD)
+            path = self.library.path_of(entry)
+            name = entry.name
+        elif entry.digest and name in entry.file_names:
+            path = self.library.results_of(entry) / name
+        else:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        if not path.is_file():
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        return FileResponse(path, media_type="application/octet-stream", filename=name)
+
+    def _vehicle_page(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_read(request), Use.READ)
+        name = request.query_params.get("name", "")
+        entries, _ = self.library.find("vehicle = ?", [name], MOST_LISTED)
+        if not entries:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
+        flights = vehicles_of(rows).get(name, [])
+        with self.library.store() as store:
+            healthy = [row for row in store.healthy if row.vehicle == name]
+        change = since_baseline(rows, healthy).get(name) if healthy else None
+        page = vehicle_page(
+            flights,
+            baseline_blocks(*change) if change else (),
+            vehicle_svg(flights) if len(flights) > 1 else "",
+            name=name,
+            entries=entries,
+            baseline=len({row.key for row in healthy}),
+            **self._known(request),
+        )
+        return HTMLResponse(page)
+
+    def _compare_page(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_read(request), Use.READ)
+        a, b = (self.library.entry(request.query_params.get(name, "")) for name in "ab")
+        first, second = (self._flown(name, entry) for name, entry in (("A", a), ("B", b)))
+        blocks = difference_blocks(vehicle_difference(first, second))
+        return HTMLResponse(served("compare", a=a, b=b, blocks=blocks, **self._known(request)))
+
+    def _flown(self, name: str, entry: Entry) -> list[FlightRow]:
+        rows = self.library.rows_of([entry])
+        flown = [row for row in rows if row.status == OK and row.vehicle == rows[0].vehicle]
+        if not flown:
+            because = rows[0].status if rows else None
+            raise NotLearnable(Fact(Incomparable.NO_FLIGHT, subject=name, because=because))
+        return flown
+
+    def _enter_page(self, request: HttpRequest) -> Response:
+        raise Refusal(Fact(Request.NO_RIGHT, name=Use.READ))
+
+    async def _enter(self, request: HttpRequest) -> Response:
+        fields = parse_qs((await _body(request)).decode(errors="replace"))
+        if not self.rights.is_token(fields.get("token", [""])[0].strip()):
+            await asyncio.sleep(1.0)  # guessing takes longer
+            raise Refusal(Fact(Request.NO_RIGHT, name=Use.READ))
+        answer = RedirectResponse("/", 303)
+        is_secure = request.url.scheme == "https"
+        key = self.rights.key(Use.READ)
+        answer.set_cookie(COOKIE, key, httponly=True, samesite="lax", secure=is_secure)
+        return answer
+
+    def _leave(self, request: HttpRequest) -> Response:
+        answer = RedirectResponse("/", 303)
+        answer.delete_cookie(COOKIE)
+        return answer
+
+    def _script(self, request: HttpRequest) -> Response:
+        return Response(script(), media_type="text/javascript")
+
+    # For programs
+
+    async def _upload(self, request: HttpRequest) -> Response:
+        """As Flight Review has it: the page's address, and nothing else."""
+        added = await self._receive(request)
+        return RedirectResponse(f"/f/{added.flights[0].id}", 302)
+
+    async def _add(self, request: HttpRequest) -> Response:
+        added = await self._receive(request)
+        return JSONResponse(added.as_dict(), 201 if added.flights else 415)
+
+    async def _receive(self, request: HttpRequest) -> Added:
+        self._need(self.rights.may_upload(request), Use.UPLOAD)
+        limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS)}
+        limits[Crowd.LOGS] = (await run_in_threadpool(self.library.waiting), MOST_WAITING)
+        for name, (count, most) in limits.items():
+            if count >= most:
+                raise Refusal(Fact(Request.UPLOADS_TOO_MANY, count=count, name=name))
+        self._uploads += 1
+        try:
+            form = await received(request, self.library)
+        finally:
+            self._uploads -= 1
+        is_flight_review = request.url.path.endswith("/upload")
+        added: Added = await run_in_threadpool(self._enter_logs, form, is_flight_review)
+        return added
+
+    def _enter_logs(self, form: Form, is_flight_review: bool) -> Added:
+        """Enters the logs of a form, which are then in the library; raises ``Refusal`` if there is none."""
+        fields = form.fields
+        columns: dict[str, Any] = {"note": fields.get("description", "")[:4000]}
+        columns["keep"] = int(fields.get("keep", "true").lower() != "false")
+        if is_flight_review:
+            is_public = fields.get("public", "").lower() in ("true", "1", "on")
+            columns["sharing"] = Sharing.PUBLIC if is_public else Sharing.LINK
+        flights = list[Entry]()
+        refused = list[tuple[str, Fact]]()
+        try:
+            for part in form.parts:
+                if not part.size:
+                    continue
+                try:
+                    format_of(part.path)
+                    name = part.name or "log"
+                    flights.append(
+                        self.library.receive(part.path, part.digest.hexdigest(), name, **columns)[0]
+                    )
+                except Refusal as error:
+                    if isinstance(error.fact.code, Request):
+                        raise
+                    refused.append((part.name, error.fact.but(path=part.name)))
+        finally:
+            form.drop()
+        if not flights and len(refused) == 1:
+            raise Refusal(refused[0][1])
+        self.work.notify()
+        errors = [
+            {"name": name, "error": {"reason": fact, "remedy": fact.remedy, "fact": fact}}
+            for name, fact in refused
+        ]
+        return Added.model_validate({"flights": flights, "refused": errors})
+
+    async def _add_sample(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_write(request), Use.UPLOAD)
+        sample = self._sample
+        if sample is None:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        added = await run_in_threadpool(self._sampled, sample)
+        return JSONResponse(added.as_dict(), 201)
+
+    def _sampled(self, sample: Path) -> Added:
+        entry = self.library.copied(sample)
+        self.work.notify()
+        return Added.model_validate({"flights": [entry], "refused": []})
+
+    def _flights(self, request: HttpRequest) -> Response:
+        limit = _whole_number(request, "limit", PAGE_LENGTH)
+        entries, total, *_ = self._found(request, MOST_LISTED, limit)
+        return _answer(Flights.model_validate({"total": total, "flights": entries}))
+
+    def _flight(self, request: HttpRequest) -> Response:
+        entry = self._seen(request)
+        review = None
+        path = self.library.results_of(entry) / REPORT
+        if entry.stage == Stage.DONE and path.is_file():
+            review = json.loads(path.read_bytes())
+        listed = Flight.model_validate(entry).as_dict()
+        return JSONResponse({"flight": listed, "review": review})
+
+    async def _change(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_write(request), Use.WRITE)
+        told = _checked(Change, await _body(request)).model_dump(mode="json", exclude_unset=True)
+        if "tags" in told:
+            told["tags"] = ",".join(told["tags"])
+        entry = await run_in_threadpool(self.library.change, request.path_params["id"], **told)
+        return _answer(Flight.model_validate(entry))
+
+    def _delete(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_write(request), Use.WRITE)
+        self.library.delete(request.path_params["id"])
+        return Response(status_code=204)
+
+    def _viewer(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_write(request), Use.WRITE)
+        entry = self._seen(request)
+        if self._show is None or RECORDING not in entry.file_names:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        address = self._show(self.library.results_of(entry) / RECORDING)
+        return _answer(Viewer(address=address))
+
+    async def _baseline(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_write(request), Use.WRITE)
+        chosen = _checked(Baseline, await _body(request))
+        await run_in_threadpool(self.library.set_baseline, chosen.flights)
+        return _answer(chosen)
+
+    def _openapi(self, request: HttpRequest) -> Response:
+        return JSONResponse(openapi())
+
+    async def _progress(self, request: HttpRequest) -> Response:
+        id = request.query_params.get("id")
+        if id is None:
+            self._need(self.rights.may_read(request), Use.READ)
+            condition = Condition(WORKING)
+        else:
+            request.path_params["id"] = id
+            await run_in_threadpool(self._seen, request)
+            condition = Condition("id = ?", (id,))
+        return StreamingResponse(self._told(request, condition), media_type="text/event-stream")
+
+    async def _told(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
+        """Events while flights are being read, those that were done meanwhile too."""
+        watched = list[str]()
+        before = dict[str, Progress]()
+        while not await request.is_disconnected():
+            now = await run_in_threadpool(self._progress_of, condition, watched)
+            watched = [one.id for one in now if one.stage not in (Stage.DONE, Stage.FAILED)]
+            changed = [one.as_dict() for one in now if before.get(one.id) != one]
+            before = {one.id: one for one in now}
+            if changed:
+                yield f"data: {json.dumps(changed)}\n\n"
+            if not watched:
+                break
+            await asyncio.sleep(LOOK_SECONDS)
+        yield "event: end\ndata: \n\n"
+
+    def _progress_of(self, condition: Condition, watched: list[str]) -> list[Progress]:
+        entries, _ = self.library.find(*condition, MOST_LISTED)
+        known = {entry.id for entry in entries}
+        for id in watched:
+            if id not in known:
+                gone, _ = self.library.find("id = ?", [id], 1)
+                entries += gone
+        return [self._progress_of_one(entry) for entry in entries]
+
+    def _progress_of_one(self, entry: Entry) -> Progress:
+        told = {} if entry.is_done else self.library.told(entry)
+        stage = told.get("stage", entry.stage)
+        level = told.get("level", entry.level)
+        lights = {name: told[name] for name in entry.light_names if name in told}
+        return Progress(
+            id=entry.id,
+            stage=stage,
+            words=words()["stages"][stage],
+            step=told.get("step", ""),
+            headline=told.get("headline", entry.headline),
+            level=level,
+            lights=lights or entry.lights,
+            problem=entry.problem,
+        )
+
+
+class _WithHeaders:
+    """Gives every answer its policy: no script but the server's own, no frame, nothing sniffed, nothing kept."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+        headers: Mapping[str, str] = {
+            "content-security-policy": POLICY.format(scripts=" ".join(script_hashes())),
+            "x-content-type-options": "nosniff",
+            "referrer-policy": "same-origin",
+            "cross-origin-opener-policy": "same-origin",
+            "cross-origin-resource-policy": "same-origin",
+            "cache-control": "no-cache, private",
+            "x-robots-tag": "noindex",
+        }
+        self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *self._headers]
+            await send(message)
+
+        await self._app(scope, receive, with_headers)
+
+
+def _answer(document: Document) -> Response:
+    return JSONResponse(document.as_dict())
+
+
+def _whole_number(request: HttpRequest, name: str, default: int) -> int:
+    text = request.query_params.get(name, "")
+    return int(text) if text.isdecimal() and len(text) < 10 else default
+
+
+async def _body(request: HttpRequest) -> bytes:
+    """The body of a request that is no upload."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MOST_TEXT:
+            raise Refusal(Fact(Request.UPLOAD_TOO_LARGE, size_limit=MOST_TEXT))
+    return bytes(body)
+
+
+def _checked(model: type[Model], body: bytes) -> Model:
+    try:
+        return model.model_validate_json(body)
+    except ValidationError as error:
+        because = error.errors()[0]["msg"]
+        raise Refusal(Fact(Request.BAD_REQUEST, because=because)) from None

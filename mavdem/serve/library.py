@@ -1,0 +1,491 @@
+"""The library: which logs the server has, how far each is and who sees it, in one SQLite file beside the fleet's.
+
+``FOLDER/library.sqlite`` is the index; what logs say is in the fleet's store, ``mavdem.fleet.store``. A log is
+``logs/DIGEST/NAME``, by the SHA-256 of its content, and ``results/DIGEST/`` is what was made of it. Each is
+there whole or not at all, and an entry is acknowledged when both log and index are on the disk. Several processes may
+share a folder: each holds a lock on a file of its own, and what a dead one was doing is given to another.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import re
+import secrets
+import shutil
+import sqlite3
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import IO, Any
+
+from mavdem.errors import Refusal, Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.lights import Light
+from mavdem.facts.serve import Request, Sharing, Stage, Start
+from mavdem.fleet.row import OK, FlightRow
+from mavdem.fleet.sources import Source, source_of
+from mavdem.fleet.store import BUSY_SECONDS, Store, is_fleet, opened, read_rows
+from mavdem.fleet.tracking import assess_rows
+from mavdem.fleet.workers import Limits, Outcome
+from mavdem.results import PAGE
+
+INDEX = "library.sqlite"
+LOGS = "logs"
+RESULTS = "results"
+INCOMING = "incoming"
+SERVERS = "servers"
+PROGRESS = "progress.json"
+TABLES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
+# left free, so that flights can still be deleted, which SQLite writes down
+RESERVED_BYTES = 64 << 20
+MAX_NAME = 150  # bytes, of 255 that file systems allow
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A log of the library: what is listed of it. Lights are levels; ``modes`` and ``tags`` words between commas."""
+
+    id: str
+    name: str
+    digest: str = ""
+    path: str = ""  # relative to the folder, or absolute for a log that the fleet has elsewhere
+    size: int = 0  # of the log, bytes
+    kept: int = 0  # of its results, bytes
+    keep: int = 1  # whether a log that cannot be read is kept
+    received: float = 0.0  # UNIX time, s
+    stage: str = Stage.WAITING
+    claimed: str = ""
+    problem: str = ""
+    sharing: str = Sharing.PRIVATE
+    log_shared: int = 0
+    note: str = ""
+    tags: str = ""
+    vehicle: str = ""
+    date: str = ""
+    duration: float | None = None
+    headline: str = ""
+    level: str = ""
+    next_step: str = ""
+    motors: str = ""
+    vibration: str = ""
+    tracking: str = ""
+    margins: str = ""
+    power: str = ""
+    estimator: str = ""
+    wind: str = ""
+    log: str = ""
+    modes: str = ""
+    motor: int | None = None
+    wind_speed: float | None = None
+    gains: str = "{}"
+    files: str = ""  # of the results, by commas
+    words: str = ""  # that a search finds it by
+
+    @property
+    def lights(self) -> dict[str, str]:
+        """The level of each light; empty before the log is judged."""
+        return {str(light): getattr(self, light) for light in Light} if self.level else {}
+
+    @property
+    def light_names(self) -> list[str]:
+        """Names of all lights."""
+        return [str(light) for light in Light]
+
+    @property
+    def file_names(self) -> list[str]:
+        """Names of the files that were made of it."""
+        return self.files.split(",") if self.files else []
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing more will become of it."""
+        return self.stage in (Stage.DONE, Stage.FAILED)
+
+
+COLUMNS = tuple(column.name for column in fields(Entry))
+
+
+class Library:
+    """The library in a ``folder``, of at most ``quota`` bytes.
+
+    Raises:
+        Unreadable: the folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path, quota: int | None = None) -> None:
+        self.folder = folder.absolute()
+        self.quota = quota
+        self.name = secrets.token_hex(8)
+        self._local = threading.local()
+        self._store_lock = threading.Lock()
+        try:
+            for part in (LOGS, RESULTS, INCOMING, SERVERS):
+                (self.folder / part).mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self.folder / SERVERS / self.name)
+            self._db.executescript(TABLES)
+        except (OSError, sqlite3.Error) as error:
+            because = getattr(error, "strerror", None) or str(error)
+            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=str(folder), because=because)
+            raise Unreadable(wrong) from None
+        self.recover()
+
+    def close(self) -> None:
+        """Gives back what it was doing."""
+        with self._transaction() as db:
+            self._release(db, self.name)
+        (self.folder / SERVERS / self.name).unlink(missing_ok=True)
+        self._lock.close()
+
+    @property
+    def _db(self) -> sqlite3.Connection:
+        """A connection of this thread."""
+        db: sqlite3.Connection | None = getattr(self._local, "db", None)
+        if db is None:
+            path = self.folder / INDEX
+            db = sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)
+            db.execute("pragma journal_mode = wal")
+            db.execute("pragma synchronous = full")
+            db.row_factory = sqlite3.Row
+            self._local.db = db
+        return db
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """All or nothing; raises ``Refusal`` where the disk is full."""
+        try:
+            with self._db as db:
+                db.execute("begin immediate")
+                yield db
+        except (sqlite3.OperationalError, OSError) as error:
+            raise refusal_of(error) from None
+
+    def path_of(self, entry: Entry) -> Path:
+        """Where the log is."""
+        return self.folder / entry.path
+
+    def results_of(self, entry: Entry) -> Path:
+        """The folder of what was made of a log."""
+        return self.folder / RESULTS / (entry.digest or entry.id)
+
+    def told(self, entry: Entry) -> dict[str, Any]:
+        """Returns what the process that reads a log has said of it so far."""
+        for name in (entry.digest, f".{entry.digest}"):
+            with suppress(OSError, ValueError):
+                told: dict[str, Any] = json.loads(
+                    (self.folder / RESULTS / name / PROGRESS).read_bytes()
+                )
+                return told
+        return {}
+
+    @property
+    def used(self) -> int:
+        """Bytes of all logs and results."""
+        (total,) = self._db.execute("select total(size + kept) from entries").fetchone()
+        return int(total)
+
+    def room_for(self, size: int) -> None:
+        """Raises ``Refusal`` where a log of this ``size`` has no room."""
+        coming = [path.stat().st_size for path in (self.folder / INCOMING).iterdir()]
+        used = self.used + sum(coming)
+        if self.quota is not None and used + size > self.quota:
+            raise Refusal(Fact(Request.QUOTA_REACHED, size=used, size_limit=self.quota))
+        if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
+            raise Refusal(Fact(Request.DISK_FULL))
+
+    def new_part(self) -> Path:
+        """Where an upload may be written; what is left there of a dead server is swept."""
+        return self.folder / INCOMING / f"{self.name}-{secrets.token_hex(8)}"
+
+    def receive(self, part: Path, digest: str, name: str, **columns: Any) -> tuple[Entry, bool]:
+        """Takes a whole upload, ``part``, and returns its entry, and whether it is new.
+
+        When it returns, neither the end of the process nor of its machine loses the log. Of a log that is known
+        already the entry is the one there was, unless that could not be read.
+        """
+        path = Path(LOGS, digest, file_name(name))
+        with self._transaction() as db:
+            known = db.execute("select * from entries where digest = ?", [digest]).fetchone()
+            if known is not None and known["stage"] != Stage.FAILED:
+                part.unlink()
+                return _entry(known), False
+            if known is not None:
+                db.execute("delete from entries where digest = ?", [digest])
+            entry = Entry(
+                new_id(),
+                name,
+                digest,
+                str(path),
+                part.stat().st_size,
+                received=time.time(),
+                **columns,
+            )
+            _insert(db, entry)
+            (self.folder / path).parent.mkdir(exist_ok=True)
+            os.replace(part, self.folder / path)
+            _sync((self.folder / path).parent)
+            _sync(self.folder / LOGS)
+        return entry, True
+
+    def copied(self, path: Path) -> Entry:
+        """Takes a copy of a log of this machine, and returns its entry."""
+        part = self.new_part()
+        shutil.copyfile(path, part)
+        with part.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return self.receive(part, digest, path.name)[0]
+
+    def set_baseline(self, ids: Iterable[str]) -> None:
+        """Makes these flights those that all others of their vehicles are compared with, and judges all anew."""
+        rows = self.rows_of([self.entry(id) for id in ids])
+        with self.store() as store:
+            store.healthy = [row for row in rows if row.status == OK]
+            store.publish(assess_rows)
+
+    def entry(self, id: str) -> Entry:
+        """Returns the entry of a link; raises ``Refusal`` if there is none."""
+        row = self._db.execute("select * from entries where id = ?", [id]).fetchone()
+        if row is None:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        return _entry(row)
+
+    def find(
+        self, where: str, values: Iterable[Any], limit: int, offset: int = 0
+    ) -> tuple[list[Entry], int]:
+        """Returns the entries ``where`` a condition with ``values`` holds, the newest first, and their number."""
+        values = [*values]
+        listed = f"select * from entries where {where} order by date desc, received desc limit ? offset ?"
+        rows = self._db.execute(listed, [*values, limit, offset]).fetchall()
+        counted = f"select count(*) from entries where {where}"
+        (total,) = self._db.execute(counted, values).fetchone()
+        return [_entry(row) for row in rows], total
+
+    def vehicles(self) -> list[str]:
+        """Names of all vehicles."""
+        query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
+        return [name for (name,) in self._db.execute(query)]
+
+    def waiting(self) -> int:
+        """How many logs wait to be read."""
+        query = "select count(*) from entries where stage = ?"
+        return int(self._db.execute(query, [Stage.WAITING]).fetchone()[0])
+
+    def change(self, id: str, **columns: Any) -> Entry:
+        """Sets columns of an entry."""
+        with self._transaction() as db:
+            places = ", ".join(f"{name} = :{name}" for name in ("id", *columns))
+            db.execute(f"update entries set {places} where id = :id", {**columns, "id": id})
+            row = db.execute("select * from entries where id = ?", [id]).fetchone()
+            if row is None:
+                raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            entry = _entry(row)
+            db.execute("update entries set words = ? where id = ?", [words_of(entry), id])
+        return entry
+
+    def claim(self) -> Entry | None:
+        """Returns a log to read, the one that waits longest; None if there is none."""
+        query = "select * from entries where stage = ? order by received limit 1"
+        if self._db.execute(query, [Stage.WAITING]).fetchone() is None:
+            return None
+        with self._transaction() as db:
+            row = db.execute(query, [Stage.WAITING]).fetchone()
+            if row is None:
+                return None
+            claimed = [Stage.READING, self.name, row["id"]]
+            db.execute("update entries set stage = ?, claimed = ? where id = ?", claimed)
+        return _entry(row)
+
+    def finish(self, entry: Entry, outcome: Outcome, limits: Limits) -> None:
+        """Enters what became of a log: its rows into the fleet, and what is known of it into the index.
+
+        A log that cannot be read goes, unless its entry says that it is to be kept.
+        """
+        results = self.results_of(entry)
+        has_page = (results / PAGE).is_file()
+        told = {name: value for name, value in self.told(entry).items() if name in COLUMNS}
+        try:
+            self.entry(entry.id)
+        except Refusal:  # it was deleted meanwhile
+            shutil.rmtree(results, ignore_errors=True)
+        else:
+            source = source_of(str(self.path_of(entry)))
+            with self.store() as store:
+                store.add(source, outcome, limits)
+                store.track([source])
+            if has_page:
+                (results / PROGRESS).unlink(missing_ok=True)
+                names = sorted(path.name for path in results.iterdir())
+                sizes = [(results / name).stat().st_size for name in names]
+                made = {"kept": sum(sizes), "files": ",".join(names), "stage": Stage.DONE}
+                self.change(entry.id, **(told | made | {"claimed": "", "problem": ""}))
+                return
+            why = outcome.rows[0].status
+            failed = {"claimed": "", "stage": Stage.FAILED, "problem": why}
+            if not entry.keep:
+                self._forget(entry)
+                failed |= {"size": "0", "path": entry.id}
+            self.change(entry.id, **(told | failed))
+
+    def delete(self, id: str) -> None:
+        """Removes log, results and row."""
+        entry = self.entry(id)
+        with self._transaction() as db:
+            db.execute("delete from entries where id = ?", [id])
+        self._forget(entry)
+        shutil.rmtree(self.results_of(entry), ignore_errors=True)
+
+    def _forget(self, entry: Entry) -> None:
+        """Removes a log from the fleet and, where it is the server's, from the disk."""
+        path = self.path_of(entry)
+        with self.store() as store:
+            store.remove(source_of(str(path)))
+        if entry.digest:
+            shutil.rmtree(path.parent, ignore_errors=True)
+
+    @contextmanager
+    def store(self) -> Iterator[Store]:
+        """Gives the fleet's store, to one thread at a time."""
+        with self._store_lock, opened(self.folder) as store:
+            yield store
+
+    def rows_of(self, entries: Iterable[Entry]) -> list[FlightRow]:
+        """Returns the fleet's rows of these logs."""
+        sources = [Source(str(self.path_of(entry)), -1, "") for entry in entries]
+        with self.store() as store:
+            return store.rows_of(sources)
+
+    def recover(self) -> None:
+        """Gives what dead servers were doing to others, and removes what they left half done."""
+        with self._transaction() as db:
+            for path in (self.folder / SERVERS).iterdir():
+                if path.name != self.name and not _is_held(path):
+                    self._release(db, path.name)
+                    for part in (self.folder / INCOMING).glob(f"{path.name}-*"):
+                        part.unlink(missing_ok=True)
+                    path.unlink(missing_ok=True)
+            used = {digest for (digest,) in db.execute("select digest from entries")}
+            for path in (self.folder / LOGS).iterdir():
+                if path.name not in used:  # it was never acknowledged, or is deleted
+                    shutil.rmtree(path, ignore_errors=True)
+            query = "select '.' || digest from entries where claimed <> ''"
+            used |= {name for (name,) in db.execute(query)}
+            for path in (self.folder / RESULTS).iterdir():
+                if path.name not in used:
+                    shutil.rmtree(path, ignore_errors=True)
+
+    def _release(self, db: sqlite3.Connection, server: str) -> None:
+        query = "update entries set stage = ?, claimed = '' where claimed = ?"
+        db.execute(query, [Stage.WAITING, server])
+
+    def adopt(self) -> None:
+        """Enters the flights of the fleet that are not in the library, as of a fleet that `mavdem track` made."""
+        if not is_fleet(self.folder):
+            return
+        rows = dict[str, list[FlightRow]]()
+        for row in read_rows(self.folder):
+            rows.setdefault(row.file, []).append(row)
+        with self._transaction() as db:
+            known = {str(self.folder / path) for (path,) in db.execute("select path from entries")}
+            for file in rows.keys() - known:
+                _insert(db, _of_rows(file, rows[file]))
+
+
+def new_id() -> str:
+    """Returns the name that a link has, of 128 bits, which cannot be guessed."""
+    return secrets.token_urlsafe(16)
+
+
+def file_name(name: str) -> str:
+    """Returns the name that a log has on the disk: nothing in it leads elsewhere."""
+    plain = re.sub(r"[^\w.()-]", "_", name).lstrip(".")
+    return plain.encode()[-MAX_NAME:].decode(errors="ignore").lstrip(".") or "log"
+
+
+def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
+    """The entry of a log of a fleet."""
+    first = rows[0]
+    date = "" if first.date is None else first.date.isoformat(timespec="seconds")
+    size = first.key.rpartition("-")[2]
+    entry = Entry(
+        new_id(),
+        Path(file).name,
+        path=file,
+        size=int(size or 0),
+        received=0.0 if first.date is None else first.date.timestamp(),
+        stage=Stage.DONE if first.status == OK else Stage.FAILED,
+        problem="" if first.status == OK else first.status,
+        date=date,
+        files=first.page or "",
+        **columns_of(rows),
+    )
+    return Entry(**{**vars(entry), "words": words_of(entry)})
+
+
+def columns_of(rows: list[FlightRow]) -> dict[str, Any]:
+    """Returns what the index has of a log's rows."""
+    first = rows[0]
+    lights = {str(light): getattr(first, f"light_{light}") or "" for light in Light}
+    suspects = [row.suspect_motor for row in rows if row.suspect_motor is not None]
+    return {
+        "vehicle": first.vehicle,
+        "duration": first.duration,
+        "headline": first.headline or "",
+        "level": first.headline_level or "",
+        "motor": suspects[0] if suspects else None,
+        "wind_speed": first.wind_speed,
+        **lights,
+    }
+
+
+def words_of(entry: Entry) -> str:
+    """Returns the words that a search finds an entry by."""
+    said = (entry.name, entry.vehicle, entry.date, entry.headline, entry.problem, entry.note)
+    return " ".join(filter(None, (*said, entry.tags, entry.modes))).lower()
+
+
+def refusal_of(error: OSError | sqlite3.Error) -> Refusal:
+    """Returns what is said of a disk that is full; raises any other ``error``."""
+    number = getattr(error, "errno", None)
+    code = getattr(error, "sqlite_errorcode", None)
+    if number in (errno.ENOSPC, errno.EDQUOT) or code == sqlite3.SQLITE_FULL:
+        return Refusal(Fact(Request.DISK_FULL))
+    raise error
+
+
+def _entry(row: sqlite3.Row) -> Entry:
+    return Entry(**{name: row[name] for name in COLUMNS})
+
+
+def _insert(db: sqlite3.Connection, entry: Entry) -> None:
+    names = ", ".join(COLUMNS)
+    places = ", ".join(f":{name}" for name in COLUMNS)
+    db.execute(f"insert into entries ({names}) values ({places})", vars(entry))
+
+
+def _locked(path: Path) -> IO[str]:
+    """Makes a file and holds it until the process ends, however it ends."""
+    file = path.open("w")
+    fcntl.flock(file, fcntl.LOCK_EX)
+    return file
+
+
+def _is_held(path: Path) -> bool:
+    with suppress(OSError), path.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return False
+    return path.exists()
+
+
+def _sync(folder: Path) -> None:
+    """Puts the names in a folder on the disk."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,107 @@
+"""The description of the interface for programs (OpenAPI 3.1), made of the models of the documents."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+from pydantic.json_schema import models_json_schema
+
+from mavdem.documents.library import ANSWERS
+from mavdem.report.library_page import words
+
+
+class Operation(NamedTuple):
+    """A method of a path: its name, the status of a success, and models of what it takes and returns."""
+
+    method: str
+    path: str
+    name: str
+    status: str
+    answer: str = ""
+    body: str = ""
+
+
+LOGS = "logs"
+OPERATIONS = (
+    Operation("post", "/upload", "upload", "302", body=LOGS),
+    Operation("post", "/api/logs", "add", "201", "Added", LOGS),
+    Operation("get", "/api/flights", "list", "200", "Flights"),
+    Operation("get", "/api/flights/{id}", "get", "200", "FlightReview"),
+    Operation("patch", "/api/flights/{id}", "change", "200", "Flights", "Change"),
+    Operation("delete", "/api/flights/{id}", "delete", "204"),
+    Operation("put", "/api/baseline", "baseline", "200", "Baseline", "Baseline"),
+    Operation("get", "/api/progress", "progress", "200", "Progress"),
+    Operation("get", "/f/{id}", "page", "200"),
+    Operation("get", "/f/{id}/{file}", "file", "200"),
+)
+QUERIES = {"list": ("q", "limit", "offset"), "progress": ("id",)}
+UPLOAD = {
+    "multipart/form-data": {
+        "schema": {
+            "type": "object",
+            "properties": {
+                "filearg": {"type": "string", "format": "binary"},
+                "keep": {"type": "boolean"},
+                "public": {"type": "boolean"},
+                "description": {"type": "string"},
+            },
+            "required": ["filearg"],
+        }
+    }
+}
+
+
+@cache
+def openapi() -> dict[str, Any]:
+    """Returns the description, plain JSON values."""
+    template = "#/components/schemas/{model}"
+    _, schemas = models_json_schema(
+        [(model, "serialization") for model in ANSWERS], ref_template=template
+    )
+    # A review is sent as it was written, which is not checked again.
+    review = schemas["$defs"]["FlightReview"]["properties"]["review"]
+    review["anyOf"][0] = _schema("Review")["schema"]
+    paths = dict[str, dict[str, Any]]()
+    for operation in OPERATIONS:
+        paths.setdefault(operation.path, {})[operation.method] = _described(operation)
+    return {
+        "openapi": "3.1.0",
+        "info": {"title": words()["interface"]["title"], "version": version("mavdem")},
+        "paths": paths,
+        "components": {
+            "schemas": schemas["$defs"],
+            "securitySchemes": {"token": {"type": "http", "scheme": "bearer"}},
+        },
+        "security": [{"token": []}, {}],
+    }
+
+
+def _described(operation: Operation) -> dict[str, Any]:
+    summary = words()["interface"][operation.name]
+    answer: dict[str, Any] = {"description": summary}
+    if operation.answer:
+        kind = "text/event-stream" if operation.name == "progress" else "application/json"
+        answer["content"] = {kind: _schema(operation.answer)}
+    failure = {"description": "Error", "content": {"application/json": _schema("Error")}}
+    names = [part[1:-1] for part in operation.path.split("/") if part.startswith("{")]
+    places = [*((name, "path") for name in names)]
+    places += [(name, "query") for name in QUERIES.get(operation.name, ())]
+    described: dict[str, Any] = {
+        "operationId": operation.name,
+        "summary": summary,
+        "parameters": [
+            {"name": name, "in": place, "required": place == "path", "schema": {"type": "string"}}
+            for name, place in places
+        ],
+        "responses": {operation.status: answer, "default": failure},
+    }
+    if operation.body:
+        json = {"application/json": _schema(operation.body)}
+        described["requestBody"] = {"content": UPLOAD if operation.body == LOGS else json}
+    return described
+
+
+def _schema(name: str) -> dict[str, Any]:
+    return {"schema": {"$ref": f"#/components/schemas/{name}"}}

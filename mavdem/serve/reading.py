@@ -1,0 +1,117 @@
+"""Reading a log for the library, in a worker process: its rows for the fleet, and the folder of results.
+
+The folder is made beside its place and moved there whole. Meanwhile a file in it says how far the work is, and what is
+known of the log so far, for those who watch.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.signals import Signals
+from mavdem.analysis import analyse
+from mavdem.analysis.figures import ALL
+from mavdem.assessment import Assessment
+from mavdem.assessment.assess import assess_signals
+from mavdem.documents import whole
+from mavdem.documents.review import review_document
+from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.events import Reported
+from mavdem.facts.fleet import Reading
+from mavdem.facts.serve import Stage
+from mavdem.files import atomic_write
+from mavdem.fleet.row import OK, FlightRow
+from mavdem.fleet.rows_of_log import rows_of_assessment
+from mavdem.fleet.workers import LogRows
+from mavdem.ingest import Log, Telemetry, read_log
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.results import PAGE, result_files, write_result_files
+from mavdem.serve.library import PROGRESS, RESULTS, columns_of
+
+READ = "mavdem.serve.reading:read_for_library"
+
+
+def read_for_library(path: Path, key: str, page: object) -> LogRows:
+    """Returns the rows of a log, whose results are then in their folder; raises ``Unreadable``."""
+    results = path.parents[2] / RESULTS
+    digest = path.parent.name
+    made = results / f".{digest}"
+    shutil.rmtree(made, ignore_errors=True)
+    made.mkdir()
+    told = dict[str, Any]()
+
+    def tell(stage: Stage, **columns: Any) -> None:
+        told.update(columns, stage=stage)
+        with atomic_write(made / PROGRESS) as file:
+            file.write(json.dumps(told).encode())
+
+    tell(Stage.READING)
+    log = read_log(path)
+    if not log.vehicles:
+        raise Unreadable(Fact(Reading.NO_VEHICLE))
+    # Of several vehicles the page is of the one that flew, the first of them.
+    judged = [_judged(log, telemetry, tell) for telemetry in log.vehicles]
+    assessment, _ = next((one for one in judged if one[1][0].status == OK), judged[0])
+    rows = [row for _, of_vehicle in judged for row in of_vehicle]
+    place = f"{RESULTS}/{digest}/{PAGE}"
+    tell(Stage.DRAWING, **_told(assessment, rows))
+    names = result_files(assessment)
+    files = {name: name for name in names}
+    document = whole("review", review_document(assessment) | {"files": files})
+    places = {name: made / name for name in names}
+    write_result_files(places, json.dumps(document, indent=1, allow_nan=False), assessment)
+    shutil.rmtree(results / digest, ignore_errors=True)  # of an earlier time
+    os.replace(made, results / digest)
+    return [replace(row, page=place) for row in rows], {}
+
+
+def _judged(
+    log: Log, telemetry: Telemetry, tell: Callable[..., None]
+) -> tuple[Assessment, list[FlightRow]]:
+    """The assessment of a vehicle, as `mavdem LOG` has it, and its rows, for which pitch is modelled too."""
+
+    @contextmanager
+    def step(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
+        tell(Stage.LEARNING, step=title)
+        yield lambda share: None
+
+    tell(Stage.JUDGING)
+    signals = Signals(telemetry)
+    assessment = assess_signals(log, signals, ALL, progress=step)
+    analyses = {**assessment.analyses}
+    roll = assessment.analysis
+    for axis in TILT_AXES[1:]:
+        analyses[axis] = analyse(log, axis, signals=signals, other_axis=roll)
+    of_axes = replace(assessment, analyses=analyses)
+    motors = signals.about(TILT_AXES[0], "motors")
+    return assessment, rows_of_assessment(of_axes, motors, log.source)
+
+
+def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
+    """What the index has of a log."""
+    assert assessment.analysis is not None and assessment.evidence is not None
+    identity = assessment.analysis.identity
+    signals = assessment.evidence.signals
+    parameters = signals.telemetry.parameters
+    gains = {name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)}
+    changes = (event for event in assessment.events if event.code is Reported.MODE_CHANGED)
+    modes = dict.fromkeys(event.subject for event in changes)
+    return {
+        **columns_of(rows),
+        "date": "" if identity.date is None else identity.date.isoformat(timespec="seconds"),
+        "headline": str(assessment.headline),
+        "level": str(assessment.headline.level),
+        "next_step": str(assessment.next_step),
+        **{name: str(fact.level) for name, fact in assessment.lights.items()},
+        "modes": ",".join(modes),
+        "gains": json.dumps(gains),
+    }

@@ -1,0 +1,100 @@
+"""Rights: who may read, upload and change, by one token; and which sites a browser may ask from.
+
+Without a token the server listens on this machine only, or a proxy has checked who comes in, and everybody who reaches
+it owns all flights. With one, derived keys do less than the token itself: a browser's cookie reads, the key within a
+page changes, and the upload key, which stands in an address given to QGroundControl, uploads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+from starlette.requests import HTTPConnection
+
+from mavdem.errors import Refusal, Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.serve import Request, Sharing, Start, Use
+from mavdem.serve.library import Entry
+
+COOKIE = "mavdem"
+FEWEST_LETTERS = 16  # of a token: 64 bits in hexadecimal digits
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+SAME_SITE = ("same-origin", "none")
+"""Values of Sec-Fetch-Site of what a page of this server, or the user by a typed address, asks for."""
+
+
+@dataclass(frozen=True)
+class Rights:
+    """Who may do what.
+
+    Attributes:
+        token: the secret of the owner; empty where everybody who reaches the server is one.
+        is_local: only names of this machine are answered to, whatever a name server says of others.
+    """
+
+    token: str = ""
+    is_local: bool = True
+
+    def key(self, use: Use) -> str:
+        """Returns the key for one ``use``; empty without a token."""
+        if not self.token:
+            return ""
+        return hmac.new(self.token.encode(), use.encode(), hashlib.sha256).hexdigest()[:32]
+
+    def may_read(self, request: HTTPConnection) -> bool:
+        """Returns whether the one who asks may read all flights."""
+        return self._holds(_bearer(request), Use.WRITE) or self._holds(
+            request.cookies.get(COOKIE, ""), Use.READ
+        )
+
+    def may_see(self, request: HTTPConnection, entry: Entry) -> bool:
+        """Returns whether the one who asks, and has its link, may see a flight."""
+        return entry.sharing != Sharing.PRIVATE or self.may_read(request)
+
+    def may_write(self, request: HTTPConnection) -> bool:
+        """Returns whether the one who asks may change flights: no cookie is enough."""
+        return self._holds(_bearer(request), Use.WRITE)
+
+    def may_upload(self, request: HTTPConnection) -> bool:
+        """Returns whether the one who asks may upload, by the key in the address too."""
+        key = request.path_params.get("key", "")
+        return self.may_write(request) or self._holds(key, Use.UPLOAD)
+
+    def is_token(self, token: str) -> bool:
+        """Returns whether this is the token."""
+        return hmac.compare_digest(token.encode(), self.token.encode())
+
+    def _holds(self, secret: str, use: Use) -> bool:
+        if not self.token:
+            return True
+        is_key = hmac.compare_digest(secret.encode(), self.key(use).encode())
+        return self.is_token(secret) or is_key
+
+    def check_site(self, request: HTTPConnection) -> None:
+        """Raises ``Refusal`` for what another site's page asks for, or under a name that is not this machine's."""
+        host = request.headers.get("host", "")
+        if self.is_local and urlsplit(f"//{host}").hostname not in LOOPBACK:
+            raise Refusal(Fact(Request.OTHER_SITE, address=host))
+        if request.scope["method"] in ("GET", "HEAD"):
+            return
+        origin = request.headers.get("origin")
+        site = request.headers.get("sec-fetch-site", SAME_SITE[0])
+        if site not in SAME_SITE or (origin is not None and urlsplit(origin).netloc != host):
+            raise Refusal(Fact(Request.OTHER_SITE, address=origin or site))
+
+
+def rights_of(host: str, token: str, is_behind_proxy: bool) -> Rights:
+    """Returns the rights on a server that listens on ``host``; raises ``Unreadable`` where that is not safe."""
+    if token and len(token) < FEWEST_LETTERS:
+        raise Unreadable(Fact(Start.TOKEN_TOO_SHORT, count=len(token), needed=FEWEST_LETTERS))
+    if not token and not is_behind_proxy and host not in LOOPBACK:
+        raise Unreadable(Fact(Start.TOKEN_NEEDED, address=host))
+    return Rights(token, is_local=not token and not is_behind_proxy)
+
+
+def _bearer(request: HTTPConnection) -> str:
+    kind, _, secret = request.headers.get("authorization", "").partition(" ")
+    return secret.strip() if kind.lower() == "bearer" else ""

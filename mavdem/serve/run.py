@@ -1,0 +1,85 @@
+"""Running the server: its address, its workers, and the end of both."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import uvicorn
+
+from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.serve import Start
+from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.workers import Limits
+from mavdem.serve.app import Server
+from mavdem.serve.library import Library
+from mavdem.serve.rights import rights_of
+from mavdem.serve.work import Work
+
+MOST_CONNECTIONS = 1000
+
+
+class Options(NamedTuple):
+    """How a server runs.
+
+    ``processes`` read logs, each within ``limits``, or the Dask cluster at ``scheduler`` does. ``quota`` is in bytes.
+    """
+
+    folder: Path
+    host: str
+    port: int
+    token: str
+    is_behind_proxy: bool
+    quota: int | None
+    processes: int
+    limits: Limits
+    scheduler: str | None
+    sample: Path | None
+
+
+def serve(
+    options: Options, show: Callable[[Path], str] | None, say: Callable[[str], None], is_shown: bool
+) -> None:
+    """Runs a server until it is asked to end.
+
+    ``show`` opens a recording in a viewer and returns its address; ``say`` is called with the server's own address when
+    it listens, and ``is_shown`` opens it in a browser. Raises ``Unreadable``: it cannot listen, or that is not safe, or
+    the folder cannot be written to.
+    """
+    rights = rights_of(options.host, options.token, options.is_behind_proxy)
+    listening = _listening(options.host, options.port)
+    library = Library(options.folder, options.quota)
+    library.adopt()
+    cluster = Cluster(options.scheduler, options.limits) if options.scheduler else None
+    work = Work(library, options.processes, options.limits, cluster)
+    app = Server(library, rights, work, options.sample, show).app
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        server_header=False,
+        date_header=False,
+        limit_concurrency=MOST_CONNECTIONS,
+        timeout_graceful_shutdown=3,  # s, for answers that are on their way
+        proxy_headers=options.is_behind_proxy,
+    )
+    name = f"[{options.host}]" if ":" in options.host else options.host
+    address = f"http://{name}:{listening.getsockname()[1]}"
+    say(address)
+    if is_shown:
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    uvicorn.Server(config).run(sockets=[listening])
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family, backlog=512)
+    except OSError as error:
+        because = error.strerror or str(error)
+        busy = Fact(Start.ADDRESS_NOT_FREE, address=f"{host}:{port}", because=because)
+        raise Unreadable(busy) from None

@@ -1,0 +1,118 @@
+"""Work: threads that take logs from the library, and give each to a process within limits or to a cluster."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from multiprocessing.connection import wait
+
+from mavdem.errors import Refusal
+from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.tracking import assess_rows
+from mavdem.fleet.workers import Job, Limits, LogReader, Outcome
+from mavdem.serve.library import Entry, Library
+from mavdem.serve.reading import READ
+
+PAUSE_SECONDS = 1.0  # between looks for logs that other servers have received, and at the clock
+
+
+class Work:
+    """Reads the logs of a ``library`` with so many ``processes``, or on the ``cluster``, each within ``limits``."""
+
+    def __init__(
+        self,
+        library: Library,
+        processes: int,
+        limits: Limits,
+        cluster: Cluster | None = None,
+        read: str = READ,
+    ) -> None:
+        self._library = library
+        self._limits = limits
+        self._cluster = cluster
+        self._read = read
+        self._is_ending = threading.Event()
+        self._has_come = threading.Condition()
+        self._unpublished = threading.Event()
+        runs = [self._on_cluster] if cluster else [self._in_process] * processes
+        self._threads = [threading.Thread(target=run, daemon=True) for run in runs]
+
+    def start(self) -> None:
+        """Begins."""
+        for thread in self._threads:
+            thread.start()
+
+    def notify(self) -> None:
+        """Says that a log has come."""
+        with self._has_come:
+            self._has_come.notify()
+
+    def stop(self) -> None:
+        """Ends the processes, whatever they do; returns when they have ended."""
+        self._is_ending.set()
+        with self._has_come:
+            self._has_come.notify_all()
+        for thread in self._threads:
+            thread.join()
+
+    def _claimed(self) -> Iterator[Entry]:
+        """Logs as they come, until the end."""
+        while not self._is_ending.is_set():
+            entry = None
+            with suppress(Refusal):  # the disk is full: it may be better in a while
+                entry = self._library.claim()
+            if entry is not None:
+                yield entry
+                continue
+            self._publish()
+            with self._has_come:
+                self._has_come.wait(PAUSE_SECONDS)
+
+    def _publish(self) -> None:
+        """Judges vehicles anew, and writes the fleet's table, when nothing waits."""
+        if self._unpublished.is_set():
+            self._unpublished.clear()
+            with suppress(Refusal), self._library.store() as store:
+                store.publish(assess_rows)
+
+    def _finish(self, entry: Entry, outcome: Outcome) -> None:
+        with suppress(Refusal):
+            self._library.finish(entry, outcome, self._limits)
+        self._unpublished.set()
+
+    def _in_process(self) -> None:
+        reader = LogReader()
+        try:
+            for entry in self._claimed():
+                reader.send(self._job(entry), self._limits, self._read)
+                outcome = None
+                while outcome is None and not self._is_ending.is_set():
+                    seconds = min(reader.seconds_left, PAUSE_SECONDS)
+                    answered = bool(wait([reader.connection], seconds))
+                    if answered or not reader.seconds_left:
+                        outcome = reader.outcome(answered)
+                if outcome is not None:
+                    self._finish(entry, outcome)
+        finally:
+            reader.stop()
+
+    def _on_cluster(self) -> None:
+        assert self._cluster is not None
+        entries = dict[str, Entry]()
+
+        def jobs() -> Iterator[Job]:
+            while (entry := self._library.claim()) is not None:
+                job = self._job(entry)
+                entries[job.path] = entry
+                yield job
+
+        for first in self._claimed():
+            entries[self._job(first).path] = first
+            ahead = (job for part in ([self._job(first)], jobs()) for job in part)
+            with closing(self._cluster.outcomes(ahead)) as outcomes:
+                for outcome in outcomes:
+                    self._finish(entries.pop(outcome.path), outcome)
+
+    def _job(self, entry: Entry) -> Job:
+        return Job(str(self._library.path_of(entry)))

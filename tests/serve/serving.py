@@ -1,0 +1,166 @@
+"""A server in a thread, with logs that are made up and read at once, and what asks it."""
+
+import http.client
+import json
+import threading
+from contextlib import closing, contextmanager
+from typing import NamedTuple
+
+import uvicorn
+
+from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Reading
+from mavdem.facts.lights import Light
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.workers import Job, Limits, outcome_of
+from mavdem.report.blocks import Sentence
+from mavdem.report.page import document
+from mavdem.results import PAGE, REPORT
+from mavdem.serve.app import Server
+from mavdem.serve.library import PROGRESS, RESULTS, Library, columns_of
+from mavdem.serve.rights import Rights
+
+TOKEN = "0123456789abcdef"
+LIMITS = Limits(1, 256)
+BEGINNING = b"ULog\x01\x12\x35"
+"""Of a log, by which it is known as one."""
+BOUNDARY = "----WebKitFormBoundary7MA4YWxkTrZu0gW"
+
+
+def log(name="", size=100):
+    """The bytes of a made-up log."""
+    return (BEGINNING + name.encode()).ljust(size, b"~")
+
+
+def read_made_up(path, key, page):
+    """Results of a log whose bytes are its name and headline; one with "damaged" in it cannot be read."""
+    said = path.read_bytes().removeprefix(BEGINNING).rstrip(b"~").decode()
+    if "damaged" in said:
+        raise Unreadable(Fact(Reading.NO_VEHICLE))
+    made = path.parents[2] / RESULTS / path.parent.name
+    made.mkdir(exist_ok=True)
+    lights = {f"light_{light}": "good" for light in Light} | {"light_motors": "bad"}
+    known = {"vehicle": "quad 7", "headline": said, "headline_level": "bad", "date": "2026-11-20"}
+    rows = [
+        FlightRow(file=str(path), axis=axis, tier="a", duration=60.0, **known, **lights)
+        for axis in ("roll", "pitch")
+    ]
+    told = columns_of(rows) | {"date": "2026-11-20T10:00:00", "gains": '{"MC_ROLL_P": 6.5}'}
+    (made / PROGRESS).write_text(json.dumps(told | {"modes": "Loiter,Land"}))
+    (made / PAGE).write_text(document(path.name, "", [Sentence("", said)]))
+    (made / REPORT).write_text(json.dumps({"headline": said}))
+    return rows, {}
+
+
+class AtOnce:
+    """Work that is done by :meth:`run`, in the thread that asks for it, or as logs come."""
+
+    def __init__(self, library, is_eager=True):
+        self.library = library
+        self.is_eager = is_eager
+
+    def start(self):
+        pass
+
+    def stop(self):
+        pass
+
+    def notify(self):
+        if self.is_eager:
+            self.run()
+
+    def run(self):
+        while (entry := self.library.claim()) is not None:
+            job = Job(str(self.library.path_of(entry)))
+            self.library.finish(entry, outcome_of(job, read_made_up), LIMITS)
+
+
+class Answer(NamedTuple):
+    """What the server answers."""
+
+    status: int
+    headers: http.client.HTTPMessage
+    text: str
+
+    @property
+    def json(self):
+        return json.loads(self.text)
+
+    @property
+    def code(self):
+        """Of what is refused."""
+        return self.json["error"]["fact"]["code"]
+
+
+class Served:
+    """A server that listens: its ``library``, ``work`` and ``port``, and what asks it."""
+
+    def __init__(self, library, work, port):
+        self.library = library
+        self.work = work
+        self.port = port
+        self.address = f"http://127.0.0.1:{port}"
+
+    def ask(self, method, path, body=None, token="", **headers):
+        given = {name.replace("_", "-"): value for name, value in headers.items()}
+        if token:
+            given["Authorization"] = f"Bearer {token}"
+        if isinstance(body, dict):
+            body = json.dumps(body)
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)) as line:
+            line.request(method, path, body, given)
+            answer = line.getresponse()
+            return Answer(answer.status, answer.headers, answer.read().decode())
+
+    def upload(self, *files, path="/api/logs", token="", fields=(), **headers):
+        """Uploads files, each a name and bytes, in Flight Review's form."""
+        kind = f"multipart/form-data; boundary={BOUNDARY}"
+        return self.ask("POST", path, form(files, fields), token, Content_Type=kind, **headers)
+
+    def add(self, name="flight.ulg", said="", **more):
+        """Uploads one log and returns its id."""
+        return self.upload((name, log(said or name)), **more).json["flights"][0]["id"]
+
+
+def form(files, fields=()):
+    """A multipart form, as browsers, QGroundControl and curl make it."""
+    parts = [
+        f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n{value}\r\n'.encode()
+        for name, value in fields
+    ]
+    for name, content in files:
+        head = f'Content-Disposition: form-data; name="filearg"; filename="{name}"\r\n'
+        head = f"--{BOUNDARY}\r\n{head}Content-Type: application/octet-stream\r\n\r\n"
+        parts.append(head.encode() + content + b"\r\n")
+    return b"".join([*parts, f"--{BOUNDARY}--\r\n".encode()])
+
+
+@contextmanager
+def serving(folder, token="", quota=None, is_eager=True, sample=None, **more):
+    """Serves a folder in a thread."""
+    library = Library(folder, quota)
+    library.adopt()
+    work = AtOnce(library, is_eager)
+    rights = Rights(token, is_local=not token)
+    server = Server(library, rights, work, sample, **more)
+    running = uvicorn.Server(
+        uvicorn.Config(server.app, port=0, log_level="warning", timeout_graceful_shutdown=1)
+    )
+    begun = threading.Event()
+    startup = running.startup
+
+    async def starting(*given, **known):
+        await startup(*given, **known)
+        begun.set()
+
+    running.startup = starting
+    thread = threading.Thread(target=running.run)
+    thread.start()
+    try:
+        assert begun.wait(60)
+        port = running.servers[0].sockets[0].getsockname()[1]
+        yield Served(library, work, port)
+    finally:
+        running.should_exit = True
+        thread.join()

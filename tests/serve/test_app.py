@@ -1,0 +1,356 @@
+"""The server: uploads in Flight Review's form, the library, sharing, and what is refused."""
+
+import errno
+import json
+import re
+import socket
+from urllib.parse import urlencode
+
+import pytest
+from browser import HOSTILE
+from serving import BOUNDARY, TOKEN, form, log, serving
+
+from mavdem.errors import Unreadable
+from mavdem.facts.fleet import Incomparable
+from mavdem.facts.serve import Request, Sharing, Stage, Start
+from mavdem.facts.sources import Source
+from mavdem.report.library_page import words
+from mavdem.serve import app, uploads
+from mavdem.serve.rights import rights_of
+
+
+@pytest.fixture
+def served(tmp_path):
+    with serving(tmp_path) as server:
+        yield server
+
+
+@pytest.fixture
+def guarded(tmp_path):
+    """A server with a token."""
+    with serving(tmp_path, TOKEN) as server:
+        yield server
+
+
+FLIGHT_REVIEW = {
+    # PX4's upload_log.py
+    "upload_log": [("type", "flightreport"), ("description", "A walk"), ("feedback", "")]
+    + [("email", "a@b.c"), ("source", "webui"), ("public", "true"), ("windSpeed", "0")],
+    "QGroundControl": [("email", ""), ("description", ""), ("rating", ""), ("windSpeed", "0")]
+    + [("videoUrl", ""), ("public", "true"), ("source", "QGroundControl"), ("type", "personal")],
+    "logloader": [("source", "auto"), ("email", ""), ("public", "false"), ("version", "1")],
+}
+
+
+@pytest.mark.parametrize("client", FLIGHT_REVIEW)
+def test_an_upload_as_flight_review_has_it_is_answered_by_the_page(served, client):
+    fields = FLIGHT_REVIEW[client]
+    answer = served.upload(("a.ulg", log("Sound.")), path="/upload", fields=fields)
+    assert answer.status == 302 and not answer.text
+    place = answer.headers["Location"]
+    assert re.fullmatch(r"/f/[\w-]{22}", place)
+    assert "Sound." in served.ask("GET", place).text
+    entry = served.library.entry(place.removeprefix("/f/"))
+    is_public = ("public", "true") in fields
+    assert entry.sharing == (Sharing.PUBLIC if is_public else Sharing.LINK)
+    assert entry.note == dict(fields).get("description", "")
+
+
+def test_an_uploaded_log_is_listed_with_its_review(served):
+    answer = served.upload(("a.ulg", log("One.")), ("b.ulg", log("Two.")))
+    assert answer.status == 201 and [one["name"] for one in answer.json["flights"]] == [
+        "a.ulg",
+        "b.ulg",
+    ]
+    listed = served.ask("GET", "/api/flights").json
+    assert listed["total"] == 2
+    one = next(flight for flight in listed["flights"] if flight["name"] == "a.ulg")
+    assert (one["stage"], one["level"], one["lights"]["motors"]) == (Stage.DONE, "bad", "bad")
+    assert (one["modes"], one["vehicle"]) == (["Loiter", "Land"], "quad 7")
+    found = served.ask("GET", f"/api/flights/{one['id']}").json
+    assert found["flight"] == one and found["review"]["headline"] == "One."
+    assert served.ask("GET", f"/f/{one['id']}/log").text == log("One.").decode()
+    assert served.ask("GET", f"/f/{one['id']}/report.json").json == {"headline": "One."}
+    assert {"model.json", "../library.sqlite"}.isdisjoint(one["files"])
+
+
+def test_the_same_log_again_has_the_same_link(served):
+    assert served.add("a.ulg", "Same.") == served.add("b.ulg", "Same.")
+
+
+def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
+    kept, gone = (
+        served.upload((f"{keep}.ulg", log(f"damaged {keep}")), fields=[("keep", keep)]).json[
+            "flights"
+        ][0]["id"]
+        for keep in ("true", "false")
+    )
+    entries = [served.library.entry(id) for id in (kept, gone)]
+    assert [entry.stage for entry in entries] == [Stage.FAILED] * 2
+    assert all(entry.problem for entry in entries)
+    assert served.library.path_of(entries[0]).is_file() and entries[1].size == 0
+    assert [served.ask("GET", f"/f/{id}/log").status for id in (kept, gone)] == [200, 404]
+    assert len(list((served.library.folder / "logs").iterdir())) == 1
+    assert entries[1].problem in served.ask("GET", f"/f/{gone}").text
+
+
+def test_what_is_no_log_is_refused_with_its_name(served):
+    answer = served.upload(("letter.txt", b"Dear all, this is text."))
+    assert answer.status == 415 and answer.code == Source.FORMAT_UNKNOWN
+    both = served.upload(("letter.txt", b"text"), ("a.ulg", log("One."))).json
+    assert [one["name"] for one in both["refused"]] == ["letter.txt"] and len(both["flights"]) == 1
+    assert list((served.library.folder / "incoming").iterdir()) == []
+
+
+def test_progress_is_told_until_all_is_done(tmp_path):
+    with serving(tmp_path, is_eager=False) as server:
+        id = server.add("a.ulg", "One.")
+        assert words()["stages"][Stage.WAITING] in server.ask("GET", f"/f/{id}").text
+        server.work.run()
+        told = server.ask("GET", f"/api/progress?id={id}")
+        assert told.headers["Content-Type"].startswith("text/event-stream")
+        first, end, _ = told.text.split("\n\n")
+        (one,) = json.loads(first.removeprefix("data: "))
+        assert (one["stage"], one["headline"]) == (Stage.DONE, "One.") and end.startswith(
+            "event: end"
+        )
+
+
+def total(served, search):
+    return served.ask("GET", f"/api/flights?{urlencode({'q': search})}").json["total"]
+
+
+def test_a_flight_is_changed_found_and_deleted(served):
+    id = served.add("a.ulg", "One.")
+    served.add("b.ulg", "Two.")
+    changed = served.ask("PATCH", f"/api/flights/{id}", {"note": "Gusty", "tags": ["race", "new"]})
+    assert changed.json["tags"] == ["race", "new"]
+    searches = ("gusty", "tag:race", "mode:loiter one", "motors:bad", "MC_ROLL_P>6", "date>2026-11")
+    assert [total(served, search) for search in searches] == [1, 1, 1, 2, 2, 2]
+    assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0
+    assert served.ask("DELETE", f"/api/flights/{id}").status == 204
+    assert served.ask("GET", f"/f/{id}").status == 404
+    assert served.ask("GET", "/api/flights").json["total"] == 1
+    assert [
+        len(list((served.library.folder / part).iterdir())) for part in ("logs", "results")
+    ] == [1, 1]
+    wrong = served.ask("PATCH", f"/api/flights/{id}", {"sharing": "all"})
+    assert wrong.status == 400 and wrong.code == Request.BAD_REQUEST
+
+
+def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served):
+    a, b = (served.add(f"{name}.ulg", name) for name in ("One.", "Two."))
+    assert served.ask("GET", f"/compare?a={a}&b={b}").status == 200
+    assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
+    with served.library.store() as store:
+        assert {row.headline for row in store.healthy} == {"One."}
+    page = served.ask("GET", "/vehicle?name=quad%207").text
+    assert "One." in page and "Two." in page
+    damaged = served.add("c.ulg", "damaged")
+    refused = served.ask("GET", f"/compare?a={a}&b={damaged}")
+    assert refused.status == 415 and Incomparable.NO_FLIGHT
+
+
+def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
+    private = guarded.add("a.ulg", "Private.", token=TOKEN)
+    link, public = (
+        guarded.upload(
+            (f"{name}.ulg", log(name)), token=TOKEN, path="/upload", fields=[("public", name)]
+        ).headers["Location"][3:]
+        for name in ("false", "true")
+    )
+    seen = {id: guarded.ask("GET", f"/f/{id}").status for id in (private, link, public)}
+    assert seen == {private: 404, link: 200, public: 200}
+    listed = guarded.ask("GET", "/api/flights").json
+    assert [one["id"] for one in listed["flights"]] == [public]
+    assert "Private." not in guarded.ask("GET", "/").text
+    assert guarded.ask("GET", "/api/flights", token=TOKEN).json["total"] == 3
+    # The log itself only where its owner allows.
+    assert guarded.ask("GET", f"/f/{link}/log").status == 401
+    guarded.ask("PATCH", f"/api/flights/{link}", {"log_shared": True}, TOKEN)
+    assert guarded.ask("GET", f"/f/{link}/log").status == 200
+    for method, path in (
+        ("DELETE", f"/api/flights/{link}"),
+        ("PATCH", f"/api/flights/{link}"),
+        ("PUT", "/api/baseline"),
+        ("POST", "/api/logs"),
+        ("POST", "/upload"),
+        ("POST", f"/{TOKEN[::-1]}/upload"),
+        ("POST", "/api/sample"),
+        ("GET", "/api/progress"),
+    ):
+        refused = guarded.ask(method, path, {})
+        assert (refused.status, refused.code) == (401, Request.NO_RIGHT), path
+    assert [guarded.ask("GET", path).status for path in ("/vehicle?name=quad%207", "/compare")] == [
+        401
+    ] * 2
+
+
+def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
+    id = guarded.add("a.ulg", "One.", token=TOKEN)
+    wrong = guarded.ask("POST", "/enter", "token=guess")
+    assert wrong.status == 401 and "Set-Cookie" not in wrong.headers
+    entered = guarded.ask("POST", "/enter", f"token={TOKEN}")
+    cookie = entered.headers["Set-Cookie"]
+    assert "HttpOnly" in cookie and "SameSite=lax" in cookie and TOKEN not in cookie
+    mine = {"Cookie": cookie.split(";")[0]}
+    page = guarded.ask("GET", f"/f/{id}", **mine).text
+    assert guarded.ask("DELETE", f"/api/flights/{id}", **mine).status == 401
+    key = re.search(r'name="mavdem-key" content="(\w+)"', page)[1]
+    address = re.search(r"/(\w+)/upload", guarded.ask("GET", "/", **mine).text)[1]
+    assert TOKEN not in page and key != address
+    # The key in the address given to QGroundControl uploads and does nothing else.
+    uploaded = guarded.upload(("b.ulg", log("Two.")), path=f"/{address}/upload")
+    assert uploaded.status == 302
+    assert guarded.ask("DELETE", f"/api/flights/{id}", token=address).status == 401
+    assert guarded.ask("DELETE", f"/api/flights/{id}", token=key).status == 204
+    left = guarded.ask("POST", "/leave", **mine).headers["Set-Cookie"]
+    assert 'mavdem=""' in left
+
+
+def test_another_site_is_refused(served):
+    id = served.add()
+    for headers in (
+        {"Origin": "https://evil.example"},
+        {"Origin": "null"},
+        {"Sec_Fetch_Site": "cross-site"},
+        {"Host": "evil.example"},
+    ):
+        refused = served.ask("DELETE", f"/api/flights/{id}", **headers)
+        assert (refused.status, refused.code) == (403, Request.OTHER_SITE), headers
+    assert served.ask("GET", "/", Host="evil.example").status == 403
+    same = {"Origin": served.address, "Sec_Fetch_Site": "same-origin"}
+    assert served.ask("DELETE", f"/api/flights/{id}", **same).status == 204
+
+
+def test_names_and_texts_of_logs_are_only_text(served):
+    name = f"../../{HOSTILE}/../x.ulg".replace('"', "%22")
+    id = served.upload((name, log(HOSTILE))).json["flights"][0]["id"]
+    served.ask("PATCH", f"/api/flights/{id}", {"note": HOSTILE, "tags": [HOSTILE[:30]]})
+    (folder,) = (served.library.folder / "logs").iterdir()
+    assert [path.parent for path in folder.iterdir()] == [folder]
+    for path in (
+        "/",
+        f"/f/{id}",
+        "/?q=%3Cscript%3Ealert(1)%3C/script%3E",
+        "/vehicle?name=%3Cb%3E",
+        "/vehicle?name=quad%207",
+    ):
+        text = served.ask("GET", path).text
+        assert "<script>" not in text and "<b>" not in text.replace("<b>quad", ""), path
+    policy = served.ask("GET", f"/f/{id}").headers["Content-Security-Policy"]
+    scripts = re.search("script-src ([^;]*)", policy)[1]
+    assert "unsafe" not in scripts and "default-src 'none'" in policy
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/f/../../etc/passwd", "/f/%2e%2e%2f/log", "/f/x/..%2flibrary.sqlite", "/static/../app.py"],
+)
+def test_no_path_leads_elsewhere(served, path):
+    id = served.add()
+    assert served.ask("GET", path).status == 404
+    assert served.ask("GET", f"/f/{id}/..%2f..%2flibrary.sqlite").status == 404
+
+
+def test_what_is_no_upload_is_refused(served):
+    kind = f"multipart/form-data; boundary={BOUNDARY}"
+    whole = form([("a.ulg", log())])
+    for body, content_type, status in (
+        (b"{}", "application/json", 400),
+        (whole.replace(log(), b""), kind, 400),
+        (whole[:-10], kind, 400),
+        (b"nothing of a form", kind, 400),
+        (form([], [("field", "x" * 100_000)]), kind, 413),
+    ):
+        assert served.ask("POST", "/api/logs", body, Content_Type=content_type).status == status
+    assert served.ask("POST", "/api/logs", b"{}").code == Request.UPLOAD_WITHOUT_LOG
+    broken = served.ask("POST", "/api/logs", whole[:-10], Content_Type=kind)
+    assert broken.code == Request.UPLOAD_BROKEN
+    assert list((served.library.folder / "incoming").iterdir()) == []
+
+
+def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
+    monkeypatch.setattr(uploads, "MAX_BYTES", 1000)
+    monkeypatch.setattr(uploads, "MOST_FILES", 2)
+    monkeypatch.setattr(uploads, "PATIENCE_SECONDS", 0.2)
+    monkeypatch.setattr(app, "MOST_WAITING", 1)
+    with serving(tmp_path, is_eager=False) as server:
+        large = server.upload(("a.ulg", log(size=1001)))
+        assert (large.status, large.code) == (413, Request.UPLOAD_TOO_LARGE)
+        many = server.upload(*[(f"{one}.ulg", log(str(one))) for one in range(3)])
+        assert (many.status, many.code) == (503, Request.UPLOADS_TOO_MANY)
+        assert many.headers["Retry-After"]
+        with socket.create_connection(("127.0.0.1", server.port)) as line:
+            head = "POST /api/logs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n"
+            head += f"Content-Type: multipart/form-data; boundary={BOUNDARY}\r\n\r\n"
+            line.sendall(head.encode() + form([("a.ulg", log())])[:100])
+            assert b" 408 " in line.recv(100)
+        server.add(size=1000)
+        assert server.upload(("b.ulg", log("b"))).code == Request.UPLOADS_TOO_MANY
+        assert list((tmp_path / "incoming").iterdir()) == []
+
+
+def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkeypatch):
+    with serving(tmp_path, quota=1000) as server:
+        id = server.add("a.ulg", "One.")
+        refused = server.upload(("b.ulg", log("Two.", 2000)))
+        assert (refused.status, refused.code) == (507, Request.QUOTA_REACHED)
+        server.library.quota = None
+
+        def full(handle):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        with monkeypatch.context() as patch:
+            patch.setattr("mavdem.serve.uploads.os.fsync", full)
+            refused = server.upload(("b.ulg", log("Two.")))
+        assert (refused.status, refused.code) == (507, Request.DISK_FULL)
+        assert server.ask("GET", "/api/flights").json["total"] == 1
+        assert list((tmp_path / "incoming").iterdir()) == []
+        assert server.ask("DELETE", f"/api/flights/{id}").status == 204
+        assert server.add("b.ulg", "Two.")
+
+
+def test_only_loopback_needs_no_token():
+    assert rights_of("127.0.0.1", "", False).is_local
+    assert not rights_of("0.0.0.0", "", True).is_local
+    for host, token, code in (
+        ("0.0.0.0", "", Start.TOKEN_NEEDED),
+        ("127.0.0.1", "short", Start.TOKEN_TOO_SHORT),
+    ):
+        with pytest.raises(Unreadable) as refused:
+            rights_of(host, token, False)
+        assert refused.value.fact.code is code
+
+
+def test_the_interface_describes_itself(served):
+    described = served.ask("GET", "/api/openapi.json").json
+    assert described["openapi"].startswith("3.1")
+    names = set(re.findall(r"#/components/schemas/(\w+)", json.dumps(described)))
+    assert names <= set(described["components"]["schemas"])
+    for path, methods in described["paths"].items():
+        for method in methods:
+            answer = served.ask(
+                method.upper(), path.replace("{id}", "none").replace("{file}", "log"), {}
+            )
+            assert answer.status in (200, 400, 404), path
+
+
+def test_the_first_visit_explains_itself_and_offers_a_sample(tmp_path):
+    sample = tmp_path / "sample.ulg"
+    sample.write_bytes(log("Sample."))
+    with serving(tmp_path / "served", sample=sample) as server:
+        assert 'id="sample"' in server.ask("GET", "/").text
+        id = server.ask("POST", "/api/sample", {}).json["flights"][0]["id"]
+        assert "Sample." in server.ask("GET", f"/f/{id}").text
+        assert 'id="sample"' not in server.ask("GET", "/").text and sample.is_file()
+
+
+def test_a_recording_opens_in_a_viewer(tmp_path):
+    with serving(tmp_path, show=lambda path: f"http://viewer/{path.name}") as server:
+        id = server.add("a.ulg", "One.")
+        assert server.ask("POST", f"/api/flights/{id}/viewer", {}).status == 404
+        server.library.change(id, files="flight.rrd,report.html")
+        shown = server.ask("POST", f"/api/flights/{id}/viewer", {}).json
+        assert shown == {"address": "http://viewer/flight.rrd"}
+        assert 'id="rerun"' in server.ask("GET", f"/f/{id}").text
