@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import usable_segments
@@ -11,10 +18,26 @@ from mavdem.analysis.analysis import flown_after
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.dem import NotIdentifiable, physical
+from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Loops
+from mavdem.flight import Flight
 from mavdem.ingest import Log
+from mavdem.ingest.mavlink.definitions import parameters_sent
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+
+NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
+"""What the names of one axis's parameters have in them."""
+
+
+class GainsSet(NamedTuple):
+    """The parameters of a controller from a moment on."""
+
+    boot: int
+    time: float  # s
+    values: Mapping[str, float]
 
 
 def loops_of_log(signals: Signals, log: Log, start: float = 0.0) -> Loop:
@@ -22,11 +45,87 @@ def loops_of_log(signals: Signals, log: Log, start: float = 0.0) -> Loop:
     segments, verdict = usable_segments(signals, log.components)
     if not segments:
         raise NotLearnable(verdict.reason)
-    flights = flown_after(segments, start)
+    flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
     plant = physical(flights)
     if isinstance(plant, NotIdentifiable):
         raise NotLearnable(plant.reason)
-    return loop_of(plant, Record.of(flights))
+    loop = loop_of(plant, Record.of(flights))
+    return loop if caution is None else replace(loop, cautions=(caution, *loop.cautions))
+
+
+def with_one_set_of_gains(
+    flights: Sequence[Flight], signals: Signals
+) -> tuple[tuple[Flight, ...], Fact | None]:
+    """Returns the parts of ``flights`` with the set of gains that was flown longest, with these; a fact if not all.
+
+    Parts in ArduPilot's AutoTune are left out: no parameter has its gains. Raises ``NotLearnable``: no part is left.
+    """
+    sets = gains_of_log(signals)
+    parts = defaultdict[tuple[tuple[str, float], ...], list[Flight]](list)
+    for flight in flights:
+        boot = flight.provenance["segment"]["boot"]
+        changes = [*signals.modes(boot), (inf, "")]
+        tuning = [
+            (begin, end) for (begin, mode), (end, _) in pairwise(changes) if mode == "Autotune"
+        ]
+        stamps = [one.time for one in sets if one.boot == boot]
+        edges = np.searchsorted(flight.time, [*stamps, *np.ravel(tuning)])
+        for first, last in pairwise(np.unique([0, *edges, len(flight)]).tolist()):
+            time = flight.time[first]
+            is_tuned = any(begin <= time < end for begin, end in tuning)
+            if last - first >= FEWEST_SAMPLES and not is_tuned:
+                known = [one.values for one in sets if (one.boot, one.time) <= (boot, time)]
+                parts[tuple(known[-1].items())].append(flight[first:last])
+    if not parts:
+        raise NotLearnable(Fact(Loops.GAINS_OF_AUTOTUNE))
+    gains, longest = max(parts.items(), key=lambda item: sum(map(len, item[1])))
+    kept = tuple(_with_parameters(part, dict(gains)) for part in longest)
+    settled = sum(flight.duration for flight in flights)
+    if sum(map(len, kept)) == sum(map(len, flights)):
+        return kept, None
+    changed = {name for other in parts for name, _ in set(other) - set(gains)}
+    caution = Fact(
+        Loops.GAINS_OF_PART,
+        Level.WATCH,
+        names=sorted(changed),
+        duration=sum(part.duration for part in kept),
+        settled=settled,
+    )
+    return kept, caution
+
+
+def gains_of_log(signals: Signals) -> list[GainsSet]:
+    """Returns the parameters of the axis's control from before the log on, and after each change."""
+    telemetry = signals.telemetry
+    sent = telemetry.messages.get("PARAM_VALUE")
+    if sent is None:
+        return [GainsSet(-1, -inf, {})]
+    others = [part for axis, parts in NAMED.items() if axis != signals.axis for part in parts]
+    own = [
+        (boot, time, name, value)
+        for boot, time, (name, value) in zip(
+            sent["boot"].tolist(),
+            sent["time"].tolist(),
+            parameters_sent(sent, telemetry.autopilot),
+            strict=True,
+        )
+        if CONTROL_PARAMETERS.match(name)
+        and not OWN_PARAMETERS.search(name)
+        and not any(part in name for part in others)
+        and isfinite(value)
+    ]
+    known = {name: value for _, _, name, value in reversed(own)}
+    sets = [GainsSet(-1, -inf, dict(known))]
+    for boot, time, name, value in own:
+        if known[name] != value:
+            known[name] = value
+            sets.append(GainsSet(boot, time, dict(known)))
+    return sets
+
+
+def _with_parameters(flight: Flight, values: Mapping[str, float]) -> Flight:
+    known = {"parameters": {**flight.provenance["parameters"], **values}, "earlier": {}}
+    return replace(flight, provenance={**flight.provenance, **known})
 
 
 def loops_of_axes(

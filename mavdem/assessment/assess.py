@@ -18,7 +18,7 @@ from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.analysis.analysis import StepProgress, silent
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
-from mavdem.analysis.loops import loops_of_axes
+from mavdem.analysis.loops import loops_of_axes, with_one_set_of_gains
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.grounding import grounded_air, grounds_of
@@ -37,6 +37,7 @@ from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NoModel
+from mavdem.flight import Flight
 from mavdem.health.in_flight import losses_of
 from mavdem.ingest import Log, read_log
 
@@ -207,7 +208,9 @@ def assess_signals(
     loops = dict[str, Loop | Fact]()
     for one in analyses.values():
         for name, figures in one.axis_figures.items():
-            loops[name] = loop_by(figures, Record.of(figures.flights) if figures.flights else None)
+            if _has_one_set_of_gains(figures.flights, signals.about(name)):
+                record = Record.of(figures.flights) if figures.flights else None
+                loops[name] = loop_by(figures, record)
     options = options or Options()
     with progress("Identifying the loops", measured=False):
         rest = [name for name in AXES if name not in loops]
@@ -231,6 +234,14 @@ def assess_signals(
     )
     judgement = judge(evidence, analysis.findings.purposes)
     return Assessment(log, judgement, evidence, analyses)
+
+
+def _has_one_set_of_gains(flights: Sequence[Flight], signals: Signals) -> bool:
+    """Whether nothing of it is to be left out for another set of gains."""
+    try:
+        return not flights or with_one_set_of_gains(flights, signals)[1] is None
+    except NotLearnable:
+        return False
 
 
 def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:

@@ -16,6 +16,8 @@ class Loops(Code):
     MIXER_REVERSED = auto()
     EFFECT_BIASED = auto()
     PARAMETERS_CHANGED = auto()
+    GAINS_OF_PART = auto()
+    GAINS_OF_AUTOTUNE = auto()
 
 
 class Controllers(Code):

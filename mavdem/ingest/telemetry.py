@@ -37,7 +37,7 @@ class Telemetry:
         autopilot: the MAV_AUTOPILOT without its prefix ("ARDUPILOTMEGA", "PX4").
         messages: columns by message name ("ATTITUDE").
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
-        earlier: the first values of those that changed, where the source does not say when.
+        earlier: the first values of those that changed.
         source: the file or link it came from.
         repairs: what was odd or damaged, and what was done about it (a wrap, a reboot, damage).
         translated_from: the source of messages that the autopilot did not send as MAVLink: "DataFlash", "ULog", or

@@ -17,10 +17,11 @@ import struct
 from array import array
 from collections.abc import Container, Mapping
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
 from pyulog import ULog
 from scipy.ndimage import median_filter
 
@@ -404,6 +405,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
             "time": stamps / 1e6,
             "boot": np.zeros(len(texts), dtype=np.int64),
         }
+    made["PARAM_VALUE"] = _parameters_set(log)
     ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
     # 1 is PX4's default
     system, component = (int(number) if 1 <= number <= 255 else 1 for number in ids)
@@ -430,6 +432,20 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     )
     progress(1.0)
     return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
+
+
+def _parameters_set(log: ULog) -> dict[str, NDArray[Any]]:
+    """PARAM_VALUE, all as float32: when the logger began, and when one was set."""
+    began = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
+    rows = [*began, *log.changed_parameters]
+    stamps, names, values = zip(*rows, strict=True) if rows else ((), (), ())
+    return {
+        "time": np.array(stamps, np.float64) / 1e6,
+        "boot": np.zeros(len(rows), np.int64),
+        "param_id": np.array([name.encode() for name in names], np.object_),
+        "param_value": np.array(values, np.float32),
+        "param_type": np.full(len(rows), dialect.MAV_PARAM_TYPE_REAL32),
+    }
 
 
 def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:

@@ -439,7 +439,7 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path):
         for name, columns in binary.messages.items():
             for field, values in columns.items():
                 theirs = vehicle.messages[name][field]
-                if field == "text":
+                if values.dtype.kind in "OS":
                     assert theirs.tolist() == values.tolist()
                     continue
                 assert np.allclose(theirs, values, atol=1e-12, equal_nan=True), (name, field)

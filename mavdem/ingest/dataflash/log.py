@@ -131,7 +131,7 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
 # Without a stamp, as before ArduCopter 3.4, they have the time of the message before them; texts have
 # their own only between their neighbours', for those of the start are older
-EVENTS = ("EV", "ARM", "ERR", "MODE", "MSG")
+EVENTS = ("EV", "ARM", "ERR", "MODE", "MSG", "PARM")
 UNKNOWN: int = dialect.MAV_TYPE_GENERIC
 COPTER: int = dialect.MAV_TYPE_QUADROTOR
 FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10, "sub": 12}
@@ -203,10 +203,13 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     if len(texts) == len(said.place):
         words = {"Message": np.array(texts, dtype=np.object_)}
         logged["MSG"] = MessageTable(said.place, {**numbers(said).columns, **words})
+    changed = recording.table("PARM")
+    named = {"Name": changed.columns.get("Name", changed.place[:0])}
+    logged["PARM"] = MessageTable(changed.place, {**numbers(changed).columns, **named})
     tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
     if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
         raise Unreadable(_no_flight(source, recording))
-    parameters, first = (_parameters(recording.table("PARM"), way) for way in (1, -1))
+    parameters, first = (_parameters(changed, way) for way in (1, -1))
     kind = _mav_type(texts, parameters)
     # DSF counts the messages that the logger had no room for, anew with each boot.
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
@@ -252,7 +255,7 @@ def _on_boot_clock(
         name: field
         for name, table in tables.items()
         for field in CLOCKS
-        if field in table.columns and name != "MSG"
+        if field in table.columns and name not in ("MSG", "PARM")
     }
     if not clocks:
         return {}, ()

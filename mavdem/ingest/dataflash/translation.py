@@ -300,6 +300,7 @@ def translated(
         "GPS_RAW_INT": ("GPS", _fixes(tables)),
         "STATUSTEXT": ("MSG", _texts(tables)),
         "ERR": ("ERR", having(tables, "ERR", ("Subsys", "ECode"))),
+        "PARAM_VALUE": ("PARM", _parameters_set(tables)),
         "EV": ("EV", having(tables, "EV", ("Id",))),
         "SIDD": ("SIDD", _injected(tables)),
         **{message: _renamed(tables, message) for message in _RENAMED},
@@ -433,6 +434,15 @@ def _tuning(tables: Mapping[str, Columns], attitude: Columns | None) -> Columns 
         fields = {"desired": logged[desired], "achieved": logged[achieved]}
         parts.append(stamped(logged, {"axis": none + np.uint8(axis), **fields}))
     return joined(parts)
+
+
+def _parameters_set(tables: Mapping[str, Columns]) -> Columns | None:
+    """PARAM_VALUE, when the logger began and when one was set."""
+    logged = having(tables, "PARM", ("Value",))
+    if logged is None or len(logged["Name"]) != count(logged):
+        return None
+    value = logged["Value"].astype(np.float32)
+    return stamped(logged, {"param_id": logged["Name"], "param_value": value})
 
 
 def _injected(tables: Mapping[str, Columns]) -> Columns | None:

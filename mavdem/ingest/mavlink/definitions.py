@@ -126,7 +126,12 @@ def enum_name(enum: str, value: int) -> str:
 
 
 def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:
-    """The last finite value of each parameter by name, from PARAM_VALUE's columns and the MAV_AUTOPILOT of the sender.
+    """The last finite value of each parameter by name, of :func:`parameters_sent`."""
+    return {name: value for name, value in parameters_sent(sent, autopilot) if isfinite(value)}
+
+
+def parameters_sent(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
+    """Name and value of each row of PARAM_VALUE's columns, from the MAV_AUTOPILOT of the sender.
 
     A parameter travels in a float32. ArduPilot casts integers to it; PX4 copies their bits. Source:
     https://mavlink.io/en/services/parameter.html#parameter-encoding.
@@ -143,9 +148,7 @@ def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:
         name.split(b"\0", 1)[0].decode("ascii", errors="replace")
         for name in sent["param_id"].tolist()
     ]
-    return {
-        name: value for name, value in zip(names, values.tolist(), strict=True) if isfinite(value)
-    }
+    return list(zip(names, values.tolist(), strict=True))
 
 
 def _definition(message: Any) -> MessageDefinition:

@@ -1,0 +1,70 @@
+"""Loops of a log whose gains change: the part with one set of gains, the longest, with these."""
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns
+from pytest import approx
+
+from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.signals import Signals
+from mavdem.analysis.loops import with_one_set_of_gains
+from mavdem.errors import NotLearnable
+from mavdem.facts.loops import Loops
+
+AUTOTUNE = 15
+STABILIZE = 0
+P = "ATC_RAT_RLL_P"
+
+
+def flown(values, modes=()):
+    """What is left of a hover in which parameters were set, by name, time and value, and the fact about it."""
+    telemetry = Hover().telemetry(parameters={name: value for name, _, value in values})
+    names, times, set_to = zip(*values, strict=True)
+    sent = {"param_id": np.array([name.encode() for name in names])}
+    sent |= {"param_value": np.array(set_to, np.float32)}
+    telemetry = changed(telemetry, "PARAM_VALUE", **columns(np.array(times), **sent))
+    if modes:
+        began, numbers = np.transpose(modes)
+        telemetry = changed(telemetry, "CURRENT_MODE", **columns(began, custom_mode=numbers))
+    signals = Signals(telemetry)
+    flights = [align(signals, segment) for segment in settled_segments(signals)]
+    assert (round(flights[0].time[0]), round(flights[0].time[-1])) == (12, 51)
+    return with_one_set_of_gains(flights, signals)
+
+
+def test_the_longest_part_with_one_set_of_gains_has_these():
+    (part,), caution = flown([(P, 1.0, 0.5), (P, 30.0, 0.25), (P, 32.0, 0.125)])
+    assert (part.time[0], part.time[-1]) == approx((32.0, 51.0), abs=1)
+    assert part.provenance["parameters"][P] == 0.125
+    assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, (P,))
+    assert caution.figures["duration"] == approx(part.duration)
+    (part,), _ = flown([(P, 1.0, 0.5), (P, 35.0, 0.25)])
+    assert part.time[-1] == approx(35.0, abs=0.01)
+    assert part.provenance["parameters"][P] == 0.5
+
+
+def test_parts_with_the_same_gains_count_together():
+    parts, _ = flown([(P, 1.0, 0.5), (P, 24.0, 0.25), (P, 39.0, 0.5)])
+    assert [(round(one.time[0]), round(one.time[-1])) for one in parts] == [(12, 24), (39, 51)]
+
+
+@pytest.mark.parametrize("name", ["ATC_RAT_PIT_P", "MOT_THST_HOVER", "RTL_ALT"])
+def test_what_is_not_of_this_axis_cuts_nothing(name):
+    (part,), caution = flown([(P, 1.0, 0.5), (name, 2.0, 0.5), (name, 30.0, 0.25)])
+    assert caution is None and round(part.duration) == 39
+
+
+def test_a_change_after_the_flight_leaves_the_gains_that_were_flown():
+    (part,), caution = flown([(P, 1.0, 0.5), (P, 70.0, 0.25)])
+    assert caution is None and part.provenance["parameters"][P] == 0.5
+    assert part.provenance["earlier"] == {}
+
+
+def test_autotune_has_gains_that_no_parameter_has():
+    given = [(P, 1.0, 0.5)]
+    parts, caution = flown(given, [(0.0, STABILIZE), (20.0, AUTOTUNE), (30.0, STABILIZE)])
+    assert [(round(one.time[0]), round(one.time[-1])) for one in parts] == [(12, 20), (30, 51)]
+    assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, ())
+    with pytest.raises(NotLearnable) as refused:
+        flown(given, [(0.0, AUTOTUNE)])
+    assert refused.value.fact.code is Loops.GAINS_OF_AUTOTUNE
