@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from concurrent.futures import Future, wait
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,11 +13,14 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+from rich.live import Live as Place
+from rich.text import Text
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import (
+    STDERR,
     asked_to_end,
     check_file,
     ending_at_once,
@@ -31,7 +34,7 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import lacking, require
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
@@ -41,12 +44,13 @@ from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import in_background, run
 from mavdem.live.session import LiveSession
-from mavdem.report.live import spent_on, whole_seconds
+from mavdem.report.live import spent_on, watching, whole_seconds
 from mavdem.report.page import live_page
 from mavdem.report.words import advised, go_on, headline, section
 
-# between two status lines
+# between two status lines, and two of one in its place
 STATUS_SECONDS = 5.0
+PLACE_SECONDS = 1.0
 # from a request to end until the page is given up; what follows takes less than a second
 ENDING_SECONDS = 9.0
 # m/s and degrees, of 90 %
@@ -161,6 +165,11 @@ class Dashboard:
     "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."
 )
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
+@click.option(
+    "--plain",
+    is_flag=True,
+    help="Print the status as lines below each other, as where this is no terminal.",
+)
 def live_command(
     link: str,
     axis: str,
@@ -177,6 +186,7 @@ def live_command(
     request_rate: float | None,
     prior: Path | None,
     duration: float | None,
+    plain: bool,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
 
@@ -215,7 +225,7 @@ def live_command(
         dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
-        shown = dashboard.open, dashboard.report, lambda fact: say_aside(advised(fact))
+        shown = dashboard.open, dashboard.report, _say
         session = LiveSession(
             opened, stream, settings, *shown, executor, recording, request_rate, earlier
         )
@@ -224,9 +234,15 @@ def live_command(
         if dashboard.advice:
             say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
+        place = None
+        if STDERR.is_terminal and not plain:
+            place = Place(console=STDERR, auto_refresh=False, transient=True)
         if files.model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
-        run(session, signals.enter_context(asked_to_end()), duration, STATUS_SECONDS, _say_status)
+        asked = signals.enter_context(asked_to_end())
+        with place or nullcontext():
+            every = STATUS_SECONDS if place is None else PLACE_SECONDS
+            run(session, asked, duration, every, partial(_say_status, place))
         ending = Ending(session, dashboard, files)
         ending.write_model(restored)
         executor.shutdown()
@@ -361,6 +377,7 @@ class Ending:
             "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
             "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
             "obstacle": advised(status.obstacle) if status.obstacle else "",
+            "watched": status.watched,
             "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
             **(status.findings.as_dict() if status.findings else {}),
             **status.judged._asdict(),
@@ -387,17 +404,27 @@ def _written(path: Path | None, text: str, what: str) -> bool:
     return True
 
 
-def _say_status(session: LiveSession, before: str) -> str:
-    """Says the status where it is another one than ``before``; returns it."""
-    line = _status_line(session.status, session.stream.axis)
-    if line not in ("", before):
+def _say(fact: Fact) -> None:
+    """Prints a fact, what is bad in red on a terminal."""
+    style = "bold red" if fact.level is Level.BAD else ""
+    with suppress(OSError):
+        STDERR.print(Text(printable(advised(fact)), style), soft_wrap=True)
+
+
+def _say_status(place: Place | None, session: LiveSession, before: str) -> str:
+    """Shows the status in its ``place``, or prints it where it is another one than ``before``; returns it."""
+    line = _status_line(session.status)
+    if place is not None:
+        place.update(Text(printable(line), no_wrap=True, overflow="ellipsis"), refresh=True)
+    elif line not in ("", before):
         say_aside(line)
     return line
 
 
-def _status_line(status: SessionStatus, axis: str) -> str:
+def _status_line(status: SessionStatus) -> str:
     """Returns the status in a line; empty before there is a vehicle: the session has reported that."""
-    if status.vehicle is None:
+    watched = watching(status)
+    if status.vehicle is None and not watched:
         return ""
-    (said,) = section("live_status", status=status, axis=axis)
+    (said,) = section("live_status", status=status, watched=watched)
     return said.text

@@ -38,6 +38,11 @@ LASTING_SHARE = 0.5
 many times, or that it lasts so much of the flight."""
 # From its frequency, as a share of the median: what wanders more is a sweep, flown to identify
 MAX_DRIFT = 0.3
+BEGUN_WINDOWS = (
+    0.5,
+    1.0,
+    2.0,
+)  # s, of a limit cycle that has begun, of which twice as much must show it
 STEERED = 3.5  # Hz, below which a lasting line that reaches no limit may be steered
 
 
@@ -69,10 +74,34 @@ def oscillation_of(
     return max(found, key=lambda one: one.rate, default=None)
 
 
+def begun_oscillation(
+    motors: Motors, tilts: Mapping[str, Attitude], boot: int, since: float, now: float
+) -> Oscillation | None:
+    """Returns the limit cycle that reaches the motors' limits in the last seconds before ``now``; None without one.
+
+    Nothing before ``since``, s of the ``boot``, counts. ``tilts``: the attitude by axis.
+    """
+    found: list[Oscillation] = []
+    for (axis, tilt), seconds in product(tilts.items(), BEGUN_WINDOWS):
+        part = Segment(boot, max(since, now - 2.2 * seconds), now)
+        found += _limit_cycles(axis, tilt, motors, part, seconds, np.inf, 1.9 * seconds)
+    strong = [one for one in found if one.at_limit >= LIMITED_SHARE and one.rate >= LEAST_RATE]
+    return max(strong, key=lambda one: one.rate, default=None)
+
+
 def _limit_cycles(
-    axis: str, tilt: Attitude, motors: Motors, part: Segment, seconds: float, whole: float
+    axis: str,
+    tilt: Attitude,
+    motors: Motors,
+    part: Segment,
+    seconds: float,
+    whole: float,
+    least: float = 6.0,
 ) -> Iterator[Oscillation]:
-    """Those of 6 s or more in a ``part`` of ``whole`` s, by successive windows with one line, half over each other."""
+    """Those of ``least`` s or more in a ``part`` of ``whole`` s.
+
+    Successive windows of so many ``seconds``, half over each other, show one line.
+    """
     turning = within(tilt, part)
     driven = within(motors, part)
     streams = tilt.time[turning], motors.time[driven]
@@ -104,7 +133,7 @@ def _limit_cycles(
     same = lines[1:] & lines[:-1] & (np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:])
     for run in np.split(np.arange(len(lines)), np.flatnonzero(~same) + 1):
         lasted = float(np.ptp(start[run])) + size / sampled if len(run) and lines[run[0]] else 0.0
-        if lasted < 6 or (len(run) < 3 and share[run].min() < SURE_SHARE):
+        if lasted < least or (len(run) < 3 and share[run].min() < SURE_SHARE):
             continue
         line = np.median(peak[run])
         third = -(-len(run) // 3)

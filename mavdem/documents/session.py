@@ -109,6 +109,10 @@ class Live(MotorHealth):
     """why there are no rows or no model"""
     obstacle_fact: OneFact = fact_in("obstacle")
     """obstacle as a fact; null where there is none"""
+    watched: list[Said]
+    """what is watched without a model since when, or why it is not, one sentence each"""
+    watched_facts: Facts = facts_in("watched")
+    """watched as facts"""
     wind: LiveWind | None
     """latest wind in m/s"""
     headline: Said | None = None

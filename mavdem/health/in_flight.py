@@ -258,6 +258,8 @@ class MotorWatch:
     Attributes:
         alarms: what was found so far.
         weak: the latest alarm on each motor, by place, that has not recovered; none after ``LONGEST_GAP``.
+        latest: s, of the last sample.
+        since: s, since when there is a reference; None without.
         obstacle: why nothing can be found, from settled flight of a few seconds on; None where it can.
     """
 
@@ -278,7 +280,8 @@ class MotorWatch:
         # What loads change
         self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
         self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
-        self._latest = -inf
+        self.latest = -inf
+        self.since: float | None = None
 
     def take(
         self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
@@ -290,7 +293,7 @@ class MotorWatch:
         if not self._is_named:
             return []
         number = floor(time / BLOCK_SECONDS)
-        step = time - self._latest
+        step = time - self.latest
         if -LONGEST_GAP < step <= 0:
             return []  # doubled, or overtaken on its way: a mean of half a second does not need it
         if not 0 < step < LONGEST_GAP:
@@ -302,11 +305,12 @@ class MotorWatch:
             self._heading = heading
             self._noise = np.full(len(self._weights), PRIOR_SD**2)
             self._freedom = PRIOR_FREEDOM
+            self.since = None
             self.weak.clear()
             self._number, self._open = number, list[Any]()  # The block that is not whole yet
             self._rate_from = time
             self._samples = 0
-        self._latest = time
+        self.latest = time
         if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
             # A tenth less, for jitter
             is_slow = self._samples <= 0.9 * MIN_RATE * passed
@@ -346,6 +350,7 @@ class MotorWatch:
             [n for n in WINDOWS if len(self._blocks) >= n + reference / BLOCK_SECONDS], int
         )
         if len(windows):
+            self.since = self.since or time
             self._weigh(windows)
 
     def _weigh(self, windows: Places) -> None:

@@ -47,7 +47,7 @@ from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import Session
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
-from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale
+from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import (
     ACTIVE,
@@ -172,7 +172,10 @@ class InputChoice:
         if collective is not None:
             now = collective.time >= oldest
             collective = Signal(collective.time[now], collective.boot[now], collective.values[now])
-        return Inputs(chosen.message, chosen.layout, chosen.scale, tuple(picks), collective)
+        # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
+        known = output_scale(chosen.outputs, vehicle.parameters, chosen.layout.drivers)
+        scale = replace(chosen.scale, stop=known.stop)
+        return Inputs(chosen.message, chosen.layout, scale, tuple(picks), collective)
 
     def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
         """The outputs of one port as columns."""

@@ -58,7 +58,8 @@ class SessionStatus:
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings, judgement: what the model so far is good for, and what is judged of the flight; None before.
         wind, no_wind: the latest row in m/s, None before one; why there is none although the vehicle flies.
-        alarm: of the motors that are weak, or which recovered last, in this flight; it stays after the landing.
+        alarm: what is bad now: of motors that are weak it stays after the landing.
+        watched: since when each of what needs no model is watched, or why it is not.
     """
 
     vehicle: str | None = None
@@ -81,6 +82,7 @@ class SessionStatus:
     alarm: tuple[Fact, ...] = ()
     wind: WindRow | None = None
     no_wind: Fact | None = None
+    watched: tuple[Fact, ...] = ()
 
     @property
     def judged(self) -> Judgement:

@@ -34,6 +34,18 @@ FIELDS: dict[str, tuple[str, ...]] = {
 """Of the messages that a model or the wind needs; of those in ``CLIMB_FIELDS`` the vertical speed first."""
 
 
+OF_ITSELF = (
+    "HEARTBEAT",
+    "STATUSTEXT",
+    "SYS_STATUS",
+    "BATTERY_STATUS",
+    "POWER_STATUS",
+    "VIBRATION",
+    "GPS_RAW_INT",
+)
+"""What an autopilot says of itself, slowly: the time of the message before them is theirs."""
+
+
 class Frame(NamedTuple):
     """One frame of a stream, as its header announces it."""
 

@@ -34,7 +34,7 @@ from mavdem.ingest.mavlink.clocks import (
 from mavdem.live.messages import Message, Values
 
 # Of each stream: enough to decide rates and steps, also of hostile stamps
-KEPT_SECONDS = 2.5
+KEPT_SECONDS = 4.5
 MAX_SAMPLES = 8192
 DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the sampling are decided
 # Duration of both streams after a gap, after which the grid starts again with the previous step

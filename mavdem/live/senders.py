@@ -144,7 +144,7 @@ class Senders:
         self.obstacle: Fact | None = Fact(VehicleFact.NO_VEHICLE_YET, subject=wanted or "")
         self._wanted = wanted
         self.by_ids: dict[tuple[int, int], Sender] = {}  # those that are kept
-        self._rivals: set[str] = set()
+        self.rivals: set[str] = set()
         self._report = report
 
     def __iter__(self) -> Iterator[Sender]:
@@ -173,8 +173,8 @@ class Senders:
             ]
             if flying == [sender]:
                 self._follow(sender)
-            elif len(flying) > 1 and self._rivals != (rivals := {other.name for other in flying}):
-                self._rivals = rivals
+            elif len(flying) > 1 and self.rivals != (rivals := {other.name for other in flying}):
+                self.rivals = rivals
                 name = flying[0].name
                 self.obstacle = Fact(VehicleFact.CHOOSE_VEHICLE, name=name)
                 self._report(
@@ -197,10 +197,10 @@ class Senders:
         assert self.followed is not None
         if (
             sender is self.followed
-            or sender.name in self._rivals
+            or sender.name in self.rivals
             or not (sender.known and sender.flies)
         ):
             return
-        self._rivals.add(sender.name)
+        self.rivals.add(sender.name)
         subject = sender.identity
         self._report(Fact(VehicleFact.OTHER_VEHICLE, subject=subject, name=self.followed.name))

@@ -567,7 +567,9 @@ class LiveSession:
 
     def _log(self, fact: Fact) -> None:
         now = time.monotonic()
-        kind = fact.code, fact.subject, fact.figures.get("text")
+        because = fact.figures.get("because")
+        about = (because.code, because.subject) if isinstance(because, Fact) else None
+        kind = fact.code, fact.subject, fact.figures.get("text"), about
         self._last_said = {
             before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS
         }

@@ -31,8 +31,16 @@ from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.event import Event
-from mavdem.facts.session import Rows, VehicleFact
-from mavdem.health.in_flight import MotorAlarm, MotorWatch
+from mavdem.facts.events import Reported
+from mavdem.facts.motors import InFlight
+from mavdem.facts.session import Rows, Session, VehicleFact
+from mavdem.facts.watch import Watch, Watched
+from mavdem.health.in_flight import (
+    LONGEST_GAP,
+    REFERENCE_SECONDS,
+    MotorAlarm,
+    MotorWatch,
+)
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
@@ -42,6 +50,7 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.decisions import InputChoice, Inputs, Phase, Setup
 from mavdem.live.history import SessionStatus
 from mavdem.live.messages import (
+    OF_ITSELF,
     Frame,
     FrameReader,
     Message,
@@ -54,6 +63,7 @@ from mavdem.live.messages import (
 )
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
+from mavdem.live.watchdog import Motion, Watchdog, motion_of
 from mavdem.live.wind import LiveWind
 
 # Events, and replies, kept until they are fetched
@@ -64,6 +74,10 @@ CHOICE_SECONDS = 0.5
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
+
+
+OF_ANY_VEHICLE = Session.ALARM, Watch.ALARM_OVER, InFlight.MOTOR_RECOVERED
+"""What is reported of vehicles that are not followed, beside what their autopilots say."""
 
 
 class LiveStream:
@@ -105,6 +119,8 @@ class LiveStream:
         self._grid = Grid()
         self.alarms = MotorAlarms()
         self.air = LiveWind()
+        self._watchdog = Watchdog()
+        self.beside: dict[str, LiveStream] = {}  # of other vehicles, by name: watched, too
         self._attitude: str | None = None
         self._heading = 0.0
         # The time, s, and roll and pitch of the latest setpoint
@@ -139,7 +155,28 @@ class LiveStream:
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
         self._received = stamp
-        return [row for frame in self._frames.feed(data) for row in self._take(frame)]
+        rows = list[AlignedRow]()
+        for frame in self._frames.feed(data):
+            rows += self._take(frame)
+            sender = self._senders.of(frame)
+            if sender is not self.followed and sender.name in self._senders.rivals:
+                self._watch_too(sender.name, frame)
+        return rows
+
+    def _watch_too(self, name: str, frame: Frame) -> None:
+        """Gives a frame to the stream of another vehicle, whose alarms are reported under its ``name``."""
+        if name not in self.beside:
+            self.beside[name] = LiveStream(self.axis, name, asked=True)
+        other = self.beside[name]
+        other._received = self._received
+        deque(other._take(frame), maxlen=0)
+        for event in other.events():
+            fact = event.fact
+            warns = isinstance(fact.code, Reported) and fact.level is not Level.GOOD
+            if warns or fact.code in OF_ANY_VEHICLE:
+                self._report(
+                    Fact(Watch.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)
+                )
 
     def leave_out(self) -> None:
         """What was received until now is not fed: the next gap is neither a silence nor lost messages."""
@@ -174,9 +211,19 @@ class LiveStream:
             late=sum(stream.late for stream in self._streams.values()),
             unread=self._frames.unread,
             alarms=tuple(self.alarms.latest),
-            alarm=self.alarms.standing,
+            alarm=(*self._watchdog.alarms, *self.alarms.standing),
+            watched=self.watched,
             wind=self.air.row,
             no_wind=self.air.obstacle,
+        )
+
+    @property
+    def watched(self) -> tuple[Fact, ...]:
+        """Since when each is watched, or why it is not, of all vehicles."""
+        others = ((name, each.watched) for name, each in self.beside.items())
+        return (
+            *self._watchdog.watched.values(),
+            *(fact.but(vehicle=name) for name, facts in others for fact in facts),
         )
 
     def _rates(self, now: float) -> dict[str, float]:
@@ -192,6 +239,8 @@ class LiveStream:
             return
         if message is not None:
             sender.take_message(message)
+            if message.name in OF_ITSELF:
+                message = message._replace(stamp=0.0)  # some have another clock's
         self._senders.decide(sender)
         if sender is not self._senders.followed or message is None:
             return
@@ -235,6 +284,8 @@ class LiveStream:
             self._phase.take(
                 "landed_state" if name == "EXTENDED_SYS_STATE" else name, time, message.values[0]
             )
+        if name in OF_ITSELF:
+            self._watchdog.take(name, time, message.values)
         now = self._clock.now
         if now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS:
             self._review(sender, now)
@@ -341,6 +392,12 @@ class LiveStream:
         if self._inputs is None and now - self._connected_from >= AVERAGING_SECONDS / 2:
             self._phase.idle = any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
         self._phase.review(now)
+        if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
+            for fact in self._watchdog.review(
+                now, self._telemetry(sender), self._phase.flying, self._motion()
+            ):
+                self._report(fact)
+            self._watchdog.watches(Watched.MOTORS, self.alarms.obstacle(now), now)
         if self._phase.settled(now) and not self._phase.evident(now) and not self._said_evidence:
             self._said_evidence = now - self._connected_from >= DECISION_SECONDS
             if self._said_evidence:
@@ -356,9 +413,7 @@ class LiveStream:
         self._phase.parameters = parameters = self.parameters
         self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
         staying = before.message if running and before else None
-        vehicle = Telemetry(
-            sender.system, sender.component, sender.kind, sender.autopilot, {}, parameters
-        )
+        vehicle = self._telemetry(sender)
         rates = self._rates(self._clock.now)
         inputs = self._choice.choose(
             self._streams, vehicle, self.axis, self._wanted, staying, rates
@@ -374,6 +429,20 @@ class LiveStream:
         elif running and self.setup is not None and inputs.layout != self.setup.layout:
             self.setup = replace(self.setup, layout=inputs.layout)
             self._report(Fact(Rows.MOTOR_ORDER_KNOWN, Level.GOOD, basis=inputs.layout.basis))
+
+    def _telemetry(self, sender: Sender) -> Telemetry:
+        """What is known of the vehicle beside its messages."""
+        ids = sender.system, sender.component
+        return Telemetry(*ids, sender.kind, sender.autopilot, {}, self._phase.parameters)
+
+    def _motion(self) -> Motion | None:
+        """The last seconds of attitude and motors; None without."""
+        inputs = self._inputs
+        streams = self._row_streams()
+        if inputs is None or inputs.message == DEMAND_MESSAGE or not all(s.time for s in streams):
+            return None
+        ports = dict(zip(inputs.ports, streams[1:], strict=True))
+        return motion_of(self._attitude or "", streams[0], inputs, ports, self.boot)
 
     def _judge(self, sender: Sender, now: float) -> None:
         """Reports when messages are missing or too slow, and when they no longer are."""
@@ -438,6 +507,7 @@ class LiveStream:
         self._phase = Phase()
         self.alarms.standing = ()
         self.alarms.weak_since = nan
+        self._watchdog = Watchdog(boot)
         self._grid.restart()
         self._reviewed = -inf
         self._connected_from = inf
@@ -463,7 +533,20 @@ class MotorAlarms:
         self.weak_since = nan
         self._watch: MotorWatch | None = None
         self._watched: object = None
+        self._obstacle: Fact | None = None
         self._reported = set[Code]()  # Reasons why none would be seen
+
+    def obstacle(self, now: float) -> Fact | None:
+        """Why no motor that weakens would be found at ``now``, s; None where one would."""
+        if self._obstacle is not None:
+            return self._obstacle
+        if self.landed:
+            return Fact(Watch.ON_GROUND_NOW)
+        if self._watch is None or now - self._watch.latest > LONGEST_GAP:
+            return Fact(Session.NOT_SETTLED)
+        if self._watch.since is None:
+            return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
+        return None
 
     def take(
         self, time: float, boot: int, inputs: Inputs, commands: list[float], heading: float
@@ -490,6 +573,7 @@ class MotorAlarms:
                     weak = [*self._watch.weak.values()] or [change]
                     self.standing = tuple(alarm.announced for alarm in weak)
                 yield change.announced
+        self._obstacle = obstacle
         if obstacle is not None and obstacle.code not in self._reported:
             self._reported.add(obstacle.code)
             yield obstacle

@@ -21,6 +21,11 @@ def spent_on(kind: Spent) -> Fact:
     return Fact(Session.SECONDS_SPENT, kind=kind)
 
 
+def watching(status: SessionStatus) -> str:
+    """Returns what is watched without a model since when, and why the rest is not, in one line."""
+    return "".join(said.text for said in section("live_watched", watched=status.watched))
+
+
 def whole_seconds(account: Mapping[Spent, float]) -> dict[Spent, int]:
     """Returns an account in whole seconds, whose sum is that of the account."""
     ends = np.rint(np.cumsum(list(account.values()))).astype(int)

@@ -23,6 +23,7 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
 from mavdem.live.wind import WindRow
 from mavdem.report.blocks import markdown
+from mavdem.report.live import watching
 from mavdem.report.numbers import TORQUE, named, per, place, readable
 from mavdem.report.palette import (
     BAD,
@@ -337,6 +338,7 @@ def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[s
     cards = section(
         "live_cards",
         status=status,
+        watched=watching(status),
         row=row,
         channels=row.channels,
         until=until,

@@ -64,12 +64,10 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     assert [alarm[:4]] == [one[:4] for one in logged]
     np.testing.assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
-    assert status.alarm and _status_line(status, "roll").endswith(str(status.alarm[0]))
+    assert status.alarm and _status_line(status).endswith(str(status.alarm[0]))
     blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
-    assert not SessionStatus().alarm and "motor 3" not in _status_line(
-        SessionStatus(vehicle="1:1"), "roll"
-    )
+    assert not SessionStatus().alarm and "motor 3" not in _status_line(SessionStatus(vehicle="1:1"))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,280 @@
+"""Watchdog: what is wrong with a vehicle by its own messages, without a model, within seconds of take-off.
+
+It is the judgement of a log, in small steps: what the autopilot reports, and the lights of vibration and power, are
+those of ``assessment`` on the messages so far; a limit cycle is that of ``condition.oscillation`` on the last seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, radians
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.alignment.align import mean_rate
+from mavdem.alignment.drive import TILT_AXES, Motors, Signal
+from mavdem.alignment.learnability import Learnability
+from mavdem.alignment.quality import QualityFigures, at_limits
+from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Attitude, Signals
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.power import power_light
+from mavdem.assessment.reported import reported_events
+from mavdem.assessment.vibration import vibration_light
+from mavdem.condition.condition import Condition
+from mavdem.condition.oscillation import begun_oscillation
+from mavdem.facts import Fact, Level
+from mavdem.facts.events import Reported
+from mavdem.facts.lights import Unjudged
+from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import MotorsLight
+from mavdem.facts.session import Rows, Session
+from mavdem.facts.watch import Watch, Watched
+from mavdem.ingest.telemetry import Columns, Telemetry, log_of_vehicles
+from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
+from mavdem.live.decisions import Inputs
+from mavdem.live.messages import FIELDS, Values
+from mavdem.live.rows import Samples
+
+MAX_ROWS = 2048  # Of each; then every second of the older half is dropped
+# s, of what vibration and warnings are judged by; a battery is judged by the whole flight
+RECENT_SECONDS = 60.0
+LIMIT_SECONDS = 2.0
+LIMITED_SHARE = 0.7
+"""So much of the last seconds a motor is at its upper limit: sound vehicles that yaw or climb do half of it."""
+CALM_SECONDS = 10.0  # Without what an alarm was about, after which it is over
+
+
+class Motion(NamedTuple):
+    """The last seconds of the ``motors``, and of roll and pitch by axis."""
+
+    motors: Motors
+    tilts: Mapping[str, Attitude]
+
+    @property
+    def rate(self) -> float:
+        """Hz of the slower of both."""
+        times = [self.motors.time, *(tilt.time for tilt in self.tilts.values())]
+        return min(mean_rate(time) if len(time) > 1 else 0.0 for time in times)
+
+
+def motion_of(
+    name: str, attitude: Samples, inputs: Inputs, ports: Mapping[int, Samples], boot: int
+) -> Motion:
+    """Returns the motion that the samples of an ``attitude`` message and of the motors' ``ports`` show."""
+    time = np.array(ports[inputs.ports[0]].time)
+    outputs = [
+        np.interp(time, ports[port].time, [values[channel] for values in ports[port].values])
+        for port, channel in inputs.picks
+    ]
+    boots = np.full(len(time), boot)
+    sent = len(time), 0
+    known = inputs.layout, inputs.scale
+    motors = Motors(inputs.message, time, boots, np.column_stack(outputs), *known, *sent)
+    at = np.array(attitude.time)
+    roll, pitch, p, q = np.array(attitude.values).T
+    tilts = {
+        axis: Attitude(name, at, np.full(len(at), boot), angle, rate, rate, len(at), 0, 0)
+        for axis, angle, rate in zip(TILT_AXES, (roll, pitch), (p, q), strict=True)
+    }
+    return Motion(motors, tilts)
+
+
+@dataclass(frozen=True, eq=False)
+class SlowSignals(Signals):
+    """Signals of a live flight without its attitude and motors, off the ground as the live path decided."""
+
+    motors: Motors | None = None
+    landed_state: Signal | None = None
+
+
+class Watchdog:
+    """Watches one boot of one vehicle.
+
+    Attributes:
+        standing: what is wrong as of the last review, by what shows it.
+        watched: since when each is watched, or why it is not.
+        messages: time, s, and values of what the autopilot said of itself, by name.
+    """
+
+    def __init__(self, boot: int = 0) -> None:
+        self.standing: dict[Watched, Fact] = {}
+        self.watched: dict[Watched, Fact] = {}
+        self._boot = boot
+        self.messages: dict[str, list[tuple[float, Values]]] = {}
+        self._phases: list[tuple[float, int]] = []
+        self._said = set[tuple[object, ...]]()
+        self._seen: dict[Watched, float] = {}
+        self._reviewed = -inf
+
+    @property
+    def alarms(self) -> tuple[Fact, ...]:
+        """What is bad as of the last review."""
+        return tuple(fact for fact in self.standing.values() if fact.level is Level.BAD)
+
+    def take(self, name: str, time: float, values: Values) -> None:
+        """Takes a message that the autopilot says something in of itself, at ``time``, s."""
+        rows = self.messages.setdefault(name, [])
+        rows.append((time, values))
+        if len(rows) > MAX_ROWS:
+            del rows[: MAX_ROWS // 2 : 2]
+
+    def review(
+        self, now: float, vehicle: Telemetry, is_flying: bool, motion: Motion | None
+    ) -> Iterator[Fact]:
+        """Yields what is new at ``now``, s, of a ``vehicle`` without messages, and of its last ``motion``."""
+        state = IN_AIR if is_flying else ON_GROUND
+        before = self._phases[-1][1] if self._phases else state
+        if not self._phases or before != state:
+            self._phases += [(self._reviewed, before), (now, state)]
+        recent = self._signals(vehicle, now, now - RECENT_SECONDS)
+        yield from self._reported(recent, now)
+        since = self._phases[-1][0]
+        found = dict[Watched, Fact]()
+        if is_flying:
+            whole = self._signals(vehicle, now, -inf)
+            found[Watched.BATTERY] = power_light(_evidence(whole, now - since))
+            found[Watched.VIBRATION] = vibration_light(_evidence(recent, now - since))
+            found |= dict(self._of_motion(motion, since, now))
+        self._note(found, motion, is_flying, now)
+        yield from self._changes(found, now)
+        self._reviewed = now
+
+    def _signals(self, vehicle: Telemetry, now: float, since: float) -> Signals:
+        columns = {
+            name: _columns(name, kept, self._boot)
+            for name, rows in self.messages.items()
+            if (kept := [row for row in rows if row[0] >= since])
+        }
+        time, states = zip(*self._phases, (now, self._phases[-1][1]), strict=True)
+        boots = np.full(len(time), self._boot)
+        landed = Signal(np.array(time), boots, np.array(states))
+        return SlowSignals(replace(vehicle, messages=columns), landed_state=landed)
+
+    def _reported(self, signals: Signals, now: float) -> Iterator[Fact]:
+        """What the autopilot has reported since the last review."""
+        before = self._said
+        facts = reported_events(signals)
+        self._said = {_kind(fact) for fact in facts}
+        for fact in facts:
+            is_new = _kind(fact) not in before and (fact.time or 0.0) > self._reviewed - 1.0
+            if is_new and fact.code is not Reported.RESTARTED:  # which the clock has shown
+                yield fact.but(height=None)
+
+    def _of_motion(
+        self, motion: Motion | None, since: float, now: float
+    ) -> Iterator[tuple[Watched, Fact]]:
+        """A limit cycle, and the motor most at its upper limit."""
+        if motion is None:
+            return
+        motors = motion.motors
+        cycle = begun_oscillation(motors, motion.tilts, self._boot, since, now)
+        if cycle is not None:
+            yield (
+                Watched.OSCILLATION,
+                Fact(
+                    MarginsLight.OSCILLATES,
+                    Level.BAD,
+                    subject=cycle.axis,
+                    frequency=cycle.frequency,
+                    turn_rate=radians(cycle.rate),
+                ),
+            )
+        latest = motors.time >= now - LIMIT_SECONDS
+        if now - since < LIMIT_SECONDS or not latest.any():
+            return
+        shares = motors.scale.fraction(motors.outputs[latest])
+        limited = at_limits(shares, motors.scale)[0].mean(axis=0)
+        motor = int(limited.argmax())
+        if limited[motor] >= LIMITED_SHARE:
+            name = motors.layout.names[motor]
+            share = limited[motor]
+            yield (
+                Watched.MOTOR_LIMITS,
+                Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject=name, share=share),
+            )
+
+    def _changes(self, found: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
+        """What became wrong, or worse, and what no longer is."""
+        for what, fact in found.items():
+            if fact.level not in (Level.WATCH, Level.BAD):
+                continue
+            before = self.standing.get(what)
+            self._seen[what] = now
+            if before is None or (before.level, before.code) != (fact.level, fact.code):
+                self.standing[what] = fact
+                yield alarm_of(fact, now)
+        for what in [*self.standing]:
+            if now - self._seen[what] >= CALM_SECONDS:
+                over = self.standing.pop(what)
+                yield Fact(Watch.ALARM_OVER, Level.GOOD, time=self._seen[what], because=over)
+
+    def _note(
+        self, found: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
+    ) -> None:
+        """Keeps since when each is watched, and why it is not."""
+        sent = {name for name, rows in self.messages.items() if rows[-1][0] >= now - RECENT_SECONDS}
+        missing = dict[Watched, Fact]()
+        if motion is None:
+            missing = dict.fromkeys(
+                (Watched.OSCILLATION, Watched.MOTOR_LIMITS), Fact(Rows.NO_LIVE_MOTORS)
+            )
+        elif motion.rate < MINIMUM_RATE / 2:
+            slow = Fact(Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate)
+            missing[Watched.OSCILLATION] = slow
+        for what, names in {
+            Watched.VIBRATION: ["VIBRATION"],
+            Watched.BATTERY: BATTERY_MESSAGES,
+            Watched.WARNINGS: ["HEARTBEAT"],
+        }.items():
+            if not sent.intersection(names):
+                missing[what] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
+        for what in [*Watched][1:]:
+            waits = None if is_flying or what is Watched.WARNINGS else Fact(Watch.ON_GROUND_NOW)
+            self.watches(what, missing.get(what) or waits, now)
+
+    def watches(self, what: Watched, obstacle: Fact | None, now: float) -> None:
+        """Notes that it is watched, or not because of an ``obstacle``, as of ``now``, s."""
+        before = self.watched.get(what)
+        code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED
+        if before is not None and (before.code, before.figures.get("because")) == (code, obstacle):
+            return
+        level = Level.UNKNOWN if obstacle else Level.GOOD
+        self.watched[what] = Fact(code, level, time=now, subject=what, because=obstacle)
+
+
+def alarm_of(fact: Fact, time: float) -> Fact:
+    """Returns a ``fact`` that was found at ``time``, s, as an event: an alarm where it is bad."""
+    if fact.level is Level.BAD:
+        return Fact(Session.ALARM, Level.BAD, time=time, subject=fact.subject, because=fact)
+    return Fact(fact.code, fact.level, time=time, subject=fact.subject, **fact.figures)
+
+
+def _kind(fact: Fact) -> tuple[object, ...]:
+    return fact.code, fact.subject, fact.figures.get("text"), fact.time
+
+
+def _columns(name: str, rows: Sequence[tuple[float, Values]], boot: int) -> Columns:
+    """The messages of this ``name`` as those of a log are."""
+    time, values = zip(*rows, strict=True)
+    fields = zip(FIELDS[name], zip(*values, strict=True), strict=True)
+    table = {field: np.array(column) for field, column in fields}
+    return {"time": np.array(time), "boot": np.full(len(time), boot), **table}
+
+
+def _evidence(signals: Signals, airborne: float) -> Evidence:
+    """What lights of one vehicle are judged by that need no model, after so many s in the air."""
+    unknown = Fact(Unjudged.NOT_JUDGED, because=None)
+    figures = QualityFigures(armed=airborne, airborne=airborne)
+    return Evidence(
+        log_of_vehicles((signals.telemetry,), 0, 0),
+        signals,
+        Learnability(signals.axis, True, unknown, figures=figures),
+        Condition(duration=airborne),
+        (),
+        (None, None, unknown),
+        (),
+        None,
+        {},
+    )

@@ -1,0 +1,201 @@
+"""The watchdog: what is wrong is said within seconds of take-off, without a model, and sound flights are let alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hover import Hover
+from live_hover import Flight, replay
+from mavlink_streams import message
+from recorded_flights import shared
+
+from mavdem.cli.live import _status_line
+from mavdem.facts import Fact, Level
+from mavdem.facts.events import Reported
+from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import InFlight, MotorsLight
+from mavdem.facts.power import PowerLight
+from mavdem.facts.session import Session
+from mavdem.facts.vibration import VibrationLight
+from mavdem.facts.watch import Watch, Watched
+from mavdem.ingest.formats import read_stream
+from mavdem.live import LiveStream
+from mavdem.live.history import SessionStatus
+from mavdem.live.watchdog import CALM_SECONDS, LIMIT_SECONDS, LIMITED_SHARE, MAX_ROWS, Watchdog
+from mavdem.report.live import watching
+
+
+@dataclass(frozen=True)
+class Hot(Hover):
+    """Rolls at ``frequency``, by ``size`` µs of the motors, until 20 s; motor 1 is at its limit from 22 s on."""
+
+    frequency: float = 23.0
+    size: float = 450.0
+
+    def roll_rate(self, t):
+        return super().roll_rate(t) + (np.asarray(t) < 20.0) * 0.8 * self._line(t)
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        running = (outputs > 1200)[:, :1] * (t < 20.0)[:, np.newaxis]
+        outputs += running * self.size * np.outer(self._line(t), [-1, 1, 1, -1])
+        outputs[:, 0] = np.where((t > 22.0) & (t < 26.0), 2000.0, outputs[:, 0])
+        return np.clip(outputs, 1000.0, 2000.0)
+
+    def _line(self, t):
+        return np.sin(2 * np.pi * self.frequency * np.asarray(t))
+
+
+def said(made, code):
+    """Facts of a code, or about one."""
+    return [
+        fact
+        for fact in made.facts
+        if code in (fact.code, getattr(fact.figures.get("because"), "code", None))
+    ]
+
+
+@pytest.fixture(scope="module")
+def hot():
+    return replay(Flight(Hot(hovering=30.0)).frames(end=38.0))
+
+
+def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_over(hot):
+    off = next(fact.time for fact in hot.facts if fact.code is Reported.OFF_GROUND)
+    alarm, over, *_ = said(hot, MarginsLight.OSCILLATES)
+    assert alarm.code is Session.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
+    cycle = alarm.figures["because"]
+    assert cycle.subject == "roll" and cycle.figures["frequency"] == pytest.approx(23.0, abs=1.1)
+    assert over.code is Watch.ALARM_OVER and 19.0 < over.time < 22.6
+    [shown] = [each for each in hot.events if each.fact is over]
+    assert shown.seconds - 1.7e9 == pytest.approx(over.time + CALM_SECONDS, abs=0.6)
+
+
+def test_a_motor_at_its_limit_is_named(hot):
+    [alarm, _] = said(hot, MotorsLight.MOTOR_LIMITED)
+    assert alarm.subject == "motor 1 (front right)" and alarm.code is Session.ALARM
+    begun = 22.0 + LIMITED_SHARE * LIMIT_SECONDS
+    assert begun <= alarm.time <= begun + 0.6
+
+
+@pytest.mark.parametrize("sound", [{"size": 0.0}, {"frequency": 1.0, "size": 450.0}])
+def test_what_is_sound_or_steered_is_no_limit_cycle(sound):
+    made = replay(Flight(Hot(hovering=10.0, **sound)).frames(end=16.0))
+    assert not said(made, MarginsLight.OSCILLATES)
+
+
+def told(*messages, until=20.0):
+    """A hover with more messages, each its time, name and fields."""
+    sent = [(time, message(name, **fields)) for time, name, fields in messages]
+    frames = Flight(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(end=until)
+    return replay(sorted(frames + sent, key=lambda each: each[0]))
+
+
+def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
+    seconds = np.arange(4.0, 20.0, 0.5).tolist()
+    volts = {at: 12.4 if at < 8.0 else 8.0 for at in seconds}
+    shaken = {at: 5.0 if at < 12.0 else 120.0 for at in seconds}
+    made = told(
+        *((at, "SYS_STATUS", {"voltage_battery": round(1000 * volts[at])}) for at in seconds),
+        *((at, "VIBRATION", {"vibration_x": shaken[at]}) for at in seconds),
+        (10.0, "STATUSTEXT", {"severity": 4, "text": b"GPS Glitch"}),
+        (11.0, "STATUSTEXT", {"severity": 4, "text": b"GPS Glitch"}),
+    )
+    [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
+    assert low.code is Session.ALARM and low.time < 20.0
+    watched, shaking, *_ = said(made, VibrationLight.VIBRATION_MEASURED)
+    assert watched.level is Level.WATCH and shaking.code is Session.ALARM and shaking.time > 12.0
+    [jumped] = said(made, Reported.GPS_JUMPED)
+    assert jumped.time == pytest.approx(10.0, abs=0.1)
+    assert {fact.subject for fact in made.stream.status().watched} == {*Watched}
+
+
+def test_what_is_watched_is_always_shown():
+    frames = Flight(Hover(hovering=20.0)).frames(0.0, 25.0)
+    ground, *_ = replay([each for each in frames if each[0] < 5.0]).stream.status().watched
+    assert ground.code is Watch.NOT_WATCHED
+    early = replay([each for each in frames if each[0] < 14.0]).stream.status().watched
+    reasons = {one.subject: one.figures["because"] for one in early}
+    assert reasons[Watched.MOTORS].code is Watch.REFERENCE_SHORT
+    status = replay(frames).stream.status()
+    found = {fact.subject: fact for fact in status.watched}
+    assert {Watched.MOTORS, Watched.OSCILLATION, Watched.WARNINGS} == {
+        what for what, fact in found.items() if fact.code is Watch.WATCHED
+    } - {Watched.MOTOR_LIMITS}
+    assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
+    assert "motors (" in _status_line(status) and "battery" in watching(status)
+    assert not watching(SessionStatus())
+
+
+def test_slow_messages_show_no_limit_cycle_and_that_is_said():
+    made = replay(Flight(Hot(hovering=10.0), attitude=10.0, motors=10.0).frames(end=14.0))
+    found = {fact.subject: fact for fact in made.stream.status().watched}
+    because = found[Watched.OSCILLATION].figures["because"]
+    assert because.code is Watch.MESSAGE_MISSING and because.figures["rate"] < 20
+
+
+def test_every_vehicle_on_a_link_is_watched():
+    frames = [
+        each
+        for system in (1, 2)
+        for each in Flight(Hot(hovering=12.0), system=system).frames(end=18.0)
+    ]
+    made = replay(sorted(frames, key=lambda each: each[0]))
+    found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
+    assert {fact.subject for fact in found} == {"1:1", "2:1"}
+    assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
+    assert "vehicle 2:1 watched: " in _status_line(made.stream.status())
+    # One that was chosen is reported as itself.
+    made = replay(sorted(frames, key=lambda each: each[0]), vehicle="1:1")
+    found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
+    assert {fact.subject for fact in found} == {"2:1"} and said(made, MarginsLight.OSCILLATES)
+
+
+def test_what_it_keeps_is_bounded():
+    watchdog = Watchdog()
+    for second in range(3 * MAX_ROWS):
+        watchdog.take("SYS_STATUS", float(second), (12000, 100, 50, 0, 0, 0))
+    assert len(watchdog.messages["SYS_STATUS"]) <= MAX_ROWS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_recorded_limit_cycle_is_said_at_once(damaged):
+    """A fifth of the messages lost, a twentieth overtaken."""
+    path = shared("sitl_loops/ap_t_hot.tlog.xz")
+    draw = np.random.default_rng(3)
+    frames = [frame for _, frame in read_stream(path).stamped_frames()][:12000]
+    if damaged:
+        frames = [frame for frame in frames if draw.random() > 0.2]
+        for row in np.flatnonzero(draw.random(len(frames) - 1) < 0.05):
+            frames[row : row + 2] = frames[row : row + 2][::-1]
+    stream = LiveStream()
+    found: list[Fact] = []
+    for frame in frames:
+        stream.feed(1.7e9, frame)
+        found += [event.fact for event in stream.events()]
+        if any(fact.code is Session.ALARM for fact in found):
+            break
+    # Off the ground at 45.9 s.
+    assert stream.now < (51.0 if damaged else 47.9)
+
+
+@pytest.mark.slow
+def test_a_bad_link_hides_no_weak_motor():
+    """A fifth lost, a twentieth doubled, one overtaken, and 2.5 s of silence every 25 s."""
+    draw = np.random.default_rng(2)
+    stamped = list(read_stream(shared("sitl_loops/ap_motor.tlog.xz")).stamped_frames())
+    first = stamped[0][0]
+    kept = [
+        frame
+        for stamp, frame in stamped
+        if (stamp - first) / 1e6 % 27.5 < 25.0 and draw.random() > 0.2
+        for _ in range(1 + (draw.random() < 0.05))
+    ]
+    for row in np.flatnonzero(draw.random(len(kept) - 1) < 0.05):
+        kept[row : row + 2] = kept[row : row + 2][::-1]
+    stream = LiveStream()
+    stream.feed(1.7e9, b"".join(kept))
+    found = [(one.motor, one.weak) for one in stream.status().alarms if one.motor]
+    assert found[:6] == [(1, True), (1, False), (3, True), (3, False), (2, True), (2, False)]
+    assert InFlight.MOTOR_LOST_THRUST in {one.fact.code for one in stream.status().alarms}
