@@ -128,12 +128,3 @@ def test_a_still_vehicle_is_no_error():
     found, half = predicted(still)
     np.testing.assert_array_equal(found, 0.0)
     assert np.isnan(half[0]).all()
-
-
-def test_a_form_counts_by_the_likelihood_of_its_latest_errors():
-    """As of 16 independent Laplace errors: one that errs a tenth less counts for 5.4 times as much."""
-    ahead = OnlineJoint(0.01, 10, (1,), 1, None)
-    ahead._average(np.tile([1.0, 1.0, 1.0, 0.9, 1.0], (10, 1))[:, None, :, None])
-    best, other = ahead._weights[:, 0, 0]
-    assert best / other == pytest.approx(0.9**-16)
-    assert best + other == pytest.approx(1.0)

@@ -1,9 +1,7 @@
 """The joint model of a stream: each sample from those before it, and the next ones with their inputs unknown.
 
-Sums over the samples are forgotten exponentially, and every half second the joint model is fitted to them again, in
-two forms: with the past and prior that F̄ chooses, of which each time one other is tried; and with the longest past.
-Predictions are their average, at each horizon with weights by their latest errors there. Before the first fit the last
-sample is held.
+Sums over the samples are forgotten exponentially, and every half second the joint model is fitted to them again, with
+the past and prior that F̄ chooses, of which each time one other is tried. Before the first fit the last sample is held.
 """
 
 from __future__ import annotations
@@ -24,13 +22,8 @@ MEMORY_SECONDS = 30.0  # time constant of forgetting
 # of samples before the first fit, and from one fit to the next
 FIRST_SECONDS = 1.0
 REFIT_SECONDS = 0.5
-LONG = Choice(LAGS[-1], 1e-4, False)  # of the second form
-FORMS = 2
-ERROR_SECONDS = np.array([10.0] * 3 + [3.0] * FORMS)
-"""Time constants of the squared errors of what was shown, the last sample and the mean, which are compared; and of the
-sizes of each form's errors, since what is best changes from hover to manoeuvre."""
-# of a form, for its weight: their Laplace likelihood, its mean absolute error ** -16
-INDEPENDENT_ERRORS = 16
+ERROR_SECONDS = 10.0
+"""Time constant of the squared errors of what was shown, the last sample and the mean, which are compared."""
 
 
 class OnlineJoint:
@@ -51,13 +44,12 @@ class OnlineJoint:
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
         self._rows = np.arange(len(horizons))
         self.combinations: Array | None = None
-        # Of the latest samples, outputs and inputs, the latest first, and constants: (2 H + 1, m, …) of each form's
-        # predictions and, last, of the latest sample by the first form, with its own inputs.
+        # Of the latest samples, outputs and inputs, the latest first, and constants: (H + 1, m, …) of the predictions
+        # and, last, of the latest sample, with its own inputs.
         self._maps: Array | None = None
-        self._constants = np.zeros((FORMS * len(horizons) + 1, outputs))
-        self._weights = np.full((FORMS, len(horizons), outputs), 1 / FORMS)
+        self._constants = np.zeros((len(horizons) + 1, outputs))
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
-        self._ring = np.full((horizons[-1] + 1, len(ERROR_SECONDS), len(horizons), outputs), np.nan)
+        self._ring = np.full((horizons[-1] + 1, 3, len(horizons), outputs), np.nan)
         self._place = 0
         self._errors: list[Array] = []
         self._unknown = np.full(outputs, np.nan)
@@ -75,7 +67,7 @@ class OnlineJoint:
         self._uncounted = 0
         self._fitting: Iterator[None] | None = None  # what of it is done, a piece at a time
         self._errors.clear()
-        self._sizes = np.full((len(self._horizons), len(ERROR_SECONDS), self._outputs), np.nan)
+        self._sizes = np.full((len(self._horizons), 3, self._outputs), np.nan)
         seen = np.concatenate(
             [np.empty((0, self._outputs)), *(block.outputs for block in self._waiting)]
         )
@@ -85,9 +77,7 @@ class OnlineJoint:
         """Learns from the block that was just closed, whose samples were predicted from."""
         self._waiting.append(block)
         if self._errors:
-            errors = np.abs(self._errors)
-            errors[:, :, :3] **= 2
-            self._average(errors)
+            self._average(np.square(self._errors))
             self._errors.clear()
 
     def end_segment(self) -> None:
@@ -103,28 +93,20 @@ class OnlineJoint:
         self._number += 1
         self._mean += (latest - self._mean) / self._number
         expected = self._unknown
-        every = latest
+        ahead = np.tile(latest, (len(self._horizons), 1))
         if self._maps is not None:
-            past = initial_lags(np.concatenate([outputs, inputs], axis=1), LAGS[-1] + 1)[
-                ::-1
-            ].ravel()
+            channels = np.concatenate([outputs, inputs], axis=1)
+            past = initial_lags(channels, LAGS[-1] + 1)[::-1].ravel()
             with np.errstate(over="ignore", invalid="ignore"):
                 found = self._maps.dot(past) + self._constants
-            every = found[:-1].reshape(self._weights.shape)
-            every = (
-                every if np.isfinite(every).all() else np.where(np.isfinite(every), every, latest)
-            )
-            expected = found[-1] if len(outputs) > 1 else expected
-        ahead = np.add.reduce(self._weights * every)
-        # soon after a gap the lags are not known
-        short = self._maps is not None and len(outputs) < LAGS[-1]
-        if short:
-            ahead[:] = latest
+            if len(outputs) > 1:
+                expected = found[-1]
+            if len(outputs) >= LAGS[-1]:  # soon after a gap the lags are not known
+                ahead = np.where(np.isfinite(found[:-1]), found[:-1], latest)
         row = self._ring[self._place]
         row[0] = ahead
         row[1] = latest
         row[2] = self._mean
-        row[3:] = np.nan if short else every
         self._place = (self._place + 1) % len(self._ring)
         return expected, ahead
 
@@ -167,36 +149,29 @@ class OnlineJoint:
         return np.hstack([outputs, inputs @ self.combinations])
 
     def _fit(self, statistics: LagStatistics, units: ChannelUnits) -> Iterator[None]:
-        """Fits two of the forms, in pieces of some milliseconds."""
-        assert self.combinations is not None
-        if self._maps is None:  # a form without a fit holds the last sample
-            samples = (LAGS[-1] + 1) * (self._outputs + len(self.combinations))
-            self._maps = np.zeros((*self._constants.shape, samples))
-            self._maps[..., : self._outputs] = np.eye(self._outputs)
-            self._constants[-1] = np.nan
-        for place, choices in enumerate(((self._choice, next(self._others)), (LONG,))):
-            try:
-                fits = []
-                for one in choices:
-                    yield
-                    gram = statistics.shortened(LAGS[-1], one.lags)
-                    fits.append(regress(gram, statistics.rows, one.prior))
-            except np.linalg.LinAlgError:  # of these fits; the next have other samples
-                continue
+        """Fits the last choice and another, in pieces of some milliseconds."""
+        fits = []
+        for choice in (self._choice, next(self._others)):
             yield
-            choice, found = max(zip(choices, fits, strict=True), key=lambda one: one[1].free_energy)
-            process = Var.of(found, units)
-            if process.spectral_radius > 1 + 1 / self._horizons[-1]:
-                # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
-                self._uncounted = round(REFIT_SECONDS / self._dt)
-                continue
-            rows = slice(place * len(self._horizons), (place + 1) * len(self._horizons))
-            ahead = process.ahead(tuple(self._horizons.tolist()), self._outputs)
-            self._maps[rows], self._constants[rows] = self._physical(units, *ahead)
-            if place == 0:
-                self._choice = choice
-                latest = process.latest(self._outputs)
-                self._maps[-1], self._constants[-1] = self._physical(units, *latest)
+            gram = statistics.shortened(LAGS[-1], choice.lags)
+            try:
+                fits.append((choice, regress(gram, statistics.rows, choice.prior)))
+            except np.linalg.LinAlgError:  # of these samples; the next are others
+                return
+        yield
+        choice, found = max(fits, key=lambda fit: fit[1].free_energy)
+        process = Var.of(found, units)
+        if process.spectral_radius > 1 + 1 / self._horizons[-1]:
+            # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
+            self._uncounted = round(REFIT_SECONDS / self._dt)
+            return
+        self._choice = choice
+        ahead = process.ahead(tuple(self._horizons.tolist()), self._outputs)
+        latest = process.latest(self._outputs)
+        parts = [self._physical(units, *each) for each in (ahead, latest)]
+        maps, constants = zip(*parts, strict=True)
+        self._maps = np.vstack([maps[0], maps[1][None]])
+        self._constants = np.vstack(constants)
 
     def _physical(
         self, units: ChannelUnits, weights: Array, constants: Array
@@ -217,7 +192,7 @@ class OnlineJoint:
     @property
     def error_ratio(self) -> Array:
         """(H, m): recent squared error over that of the better of the last sample held and the mean; NaN at first."""
-        ours, held, mean = np.moveaxis(self._sizes[:, :3], 1, 0)
+        ours, held, mean = np.moveaxis(self._sizes, 1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(ours / np.minimum(held, mean))
 
@@ -226,10 +201,5 @@ class OnlineJoint:
         number = known.sum(axis=0)
         mean = np.where(known, errors, 0.0).sum(axis=0) / np.maximum(number, 1)
         before = np.where(np.isfinite(self._sizes), self._sizes, mean)
-        gain = 1 - np.exp(-len(errors) * self._dt / ERROR_SECONDS)[:, None]
+        gain = 1 - np.exp(-len(errors) * self._dt / ERROR_SECONDS)
         self._sizes = np.where(number > 0, before + gain * (mean - before), self._sizes)
-        forms = np.maximum(np.moveaxis(self._sizes[:, 3:], 1, 0), np.finfo(float).tiny)
-        likelihood = (
-            np.where(np.isfinite(forms), forms.min(axis=0) / forms, 1.0) ** INDEPENDENT_ERRORS
-        )
-        self._weights = likelihood / likelihood.sum(axis=0)
