@@ -240,7 +240,6 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "joint": {
             "lags": joint.choice.lags,
             "prior_precision": joint.choice.ridge,
-            "smooth": joint.choice.smooth,
             "combinations": joint.combinations.T.tolist(),
             "spectral_radius": joint.process.spectral_radius,
             "free_energy": joint.terms,

@@ -214,8 +214,6 @@ class Joint(Document):
     """number of samples from which the next one is predicted"""
     prior_precision: float
     """precision of the prior of its coefficients"""
-    smooth: bool
-    """whether the prior is smooth over the lags"""
     combinations: list[list[float]]
     """combinations of motors that are its inputs"""
     spectral_radius: float

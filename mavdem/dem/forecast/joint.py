@@ -7,17 +7,15 @@ of one generative model of vehicle, wind and autopilot, z = [outputs, turning co
 
 Its hidden states — lagging torque, wind, what the controller remembers — are what the past of z shows of them. The
 model is linear in W and Gaussian, so that DEM's steps have closed forms. F̄ is the logarithm of the evidence; it chooses
-L, the prior's precision and form, and, where the mixer is not known, the combination of the motors: docs/method.md.
+L, the prior's precision and, where the mixer is not known, the combination of the motors: docs/method.md.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
@@ -47,26 +45,14 @@ class Choice(NamedTuple):
 
     lags: int
     ridge: float
-    smooth: bool
 
     @property
     def prior(self) -> Array:
         """(lags, lags) precision of a channel's coefficients by lag."""
-        decay = np.sqrt(var.lag_prior(self.lags, self.ridge).diagonal())
-        orders = np.arange(1.0, self.lags + 1) ** (2.0 if self.smooth else 0.0)
-        basis = _generalized(self.lags)
-        return np.asarray(decay[:, None] * ((basis * orders) @ basis.T) * decay)
+        return var.lag_prior(self.lags, self.ridge)
 
 
-CHOICES = tuple(
-    Choice(lags, ridge, smooth) for lags in LAGS for ridge in RIDGES for smooth in (False, True)
-)
-
-
-@cache
-def _generalized(lags: int) -> Array:
-    """(lags, lags) orthonormal polynomials by lag: value, slope, curvature … of the past, one a column."""
-    return np.linalg.qr(legvander(np.linspace(-1, 1, lags), lags - 1))[0]
+CHOICES = tuple(Choice(lags, ridge) for lags in LAGS for ridge in RIDGES)
 
 
 def known_combinations(inputs: int, effect_directions: Array | None) -> Array | None:
@@ -134,7 +120,7 @@ def _statistics(
 def choose(statistics: var.LagStatistics, lags: int) -> tuple[Choice, var.Regression]:
     """Returns the choice of the highest F̄, and its posterior, for ``statistics`` of so many ``lags`` or fewer."""
     choices = [one for one in CHOICES if one.lags <= lags] or [
-        Choice(lags, ridge, False) for ridge in RIDGES
+        Choice(lags, ridge) for ridge in RIDGES
     ]
     grams = {
         fewer: statistics.shortened(lags, fewer) for fewer in {choice.lags for choice in choices}
@@ -201,16 +187,8 @@ class JointModel:
         return self.process.infer_every(self.past, steps, combined, outputs, smooth)
 
     def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> var.Forecast:
-        """Returns (H, m) forecasts likewise, each without the inputs after its beginning.
-
-        Where the variance to expect is larger than that of the training data, as of a model that grows, the mean is
-        drawn towards theirs, in proportion.
-        """
-        combined = inputs @ self.combinations
-        found = self.process.predict_every(self.past, steps, combined, outputs)
-        center, scale = (values[: outputs.shape[1]] for values in self.process.units)
-        kept = np.minimum(scale**2 / found.variance, 1.0)
-        return found._replace(mean=center + kept * (found.mean - center))
+        """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
+        return self.process.predict_every(self.past, steps, inputs @ self.combinations, outputs)
 
     def predict_every(self, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (H, m) the mean of :meth:`unknown_every`."""

@@ -53,7 +53,7 @@ class OnlineJoint:
         self._place = 0
         self._errors: list[Array] = []
         self._unknown = np.full(outputs, np.nan)
-        self._choice = Choice(LAGS[2], 1e-3, True)
+        self._choice = Choice(LAGS[2], 1e-3)
         self._others = cycle(CHOICES)
         self.begin_with((), combinations)
 
