@@ -1,0 +1,205 @@
+"""The library: what is acknowledged stays, whatever ends a server, and several may share a folder."""
+
+import time
+from pathlib import Path
+
+import pytest
+from serving import LIMITS, AtOnce, log, read_made_up, serving
+from standin_logs import fleet_of
+
+from mavdem.cli.commands import main
+from mavdem.errors import Refusal, Unreadable
+from mavdem.facts.serve import Request, Stage, Start
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.store import read_rows
+from mavdem.fleet.workers import Job, Limits, outcome_of
+from mavdem.results import PAGE, REPORT
+from mavdem.serve.library import Library, file_name
+from mavdem.serve.reading import read_for_library
+from mavdem.serve.run import Options, serve
+from mavdem.serve.search import condition_of
+from mavdem.serve.work import Work
+
+LOG = Path(__file__).parents[2] / "logs" / "ardupilot_default_rates.tlog"
+ALL = condition_of("")
+
+
+def received(library, said="One.", name="a.ulg", **columns):
+    part = library.new_part()
+    part.write_bytes(log(said))
+    return library.receive(part, said.encode().hex(), name, **columns)[0]
+
+
+def killed(library):
+    """Leaves a library as a process does that was killed: its lock is gone, and nothing else."""
+    library._lock.close()
+
+
+def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(tmp_path):
+    library = Library(tmp_path)
+    waiting, working = received(library), received(library, "Two.")
+    library.change(waiting.id, stage=Stage.READING, claimed=library.name)
+    library.new_part().write_bytes(b"half of a log")
+    (tmp_path / "logs" / "unacknowledged").mkdir()
+    (tmp_path / "logs" / "unacknowledged" / "a.ulg").write_bytes(log())
+    (tmp_path / "results" / f".{working.digest}").mkdir()
+    (tmp_path / "results" / "deleted").mkdir()
+    killed(library)
+
+    again = Library(tmp_path)
+    entries, total = again.find(*ALL, 10)
+    assert total == 2 and {entry.stage for entry in entries} == {Stage.WAITING}
+    assert all(again.path_of(entry).is_file() for entry in entries)
+    left = {
+        part: len(list((tmp_path / part).iterdir()))
+        for part in ("incoming", "logs", "results", "servers")
+    }
+    assert left == {"incoming": 0, "logs": 2, "results": 0, "servers": 1}
+    AtOnce(again).run()
+    assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
+
+
+@pytest.mark.parametrize("moment", ["os.replace", "_sync", "_insert"])
+def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
+    tmp_path, monkeypatch, moment
+):
+    library = Library(tmp_path)
+    part = library.new_part()
+    part.write_bytes(log())
+
+    def end(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(f"mavdem.serve.library.{moment}", end)
+        with pytest.raises(KeyboardInterrupt):
+            library.receive(part, "digest", "a.ulg")
+    killed(library)
+    again = Library(tmp_path)
+    assert again.find(*ALL, 1) == ([], 0) and again.used == 0
+    assert not any((tmp_path / "logs").iterdir())
+
+
+def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
+    one, other = Library(tmp_path), Library(tmp_path)
+    entries = [received(one, f"{number}.") for number in range(4)]
+    claims = [library.claim() for library in (one, other, one, other, one)]
+    assert [claim and claim.id for claim in claims] == [*(entry.id for entry in entries), None]
+    part = one.new_part()
+    part.write_bytes(b"half of a log")
+    other.recover()
+    assert part.is_file() and other.claim() is None
+    killed(one)
+    other.recover()
+    assert not part.is_file()
+    assert [other.claim().id for _ in range(2)] == [entries[0].id, entries[2].id]
+
+
+def test_a_log_that_is_deleted_while_it_is_read_leaves_nothing(tmp_path):
+    library = Library(tmp_path)
+    entry = received(library)
+    claimed = library.claim()
+    outcome = outcome_of(Job(str(library.path_of(claimed))), read_made_up)
+    library.delete(entry.id)
+    library.finish(claimed, outcome, LIMITS)
+    assert not library.results_of(entry).exists() and read_rows(tmp_path) == []
+    with pytest.raises(Refusal) as refused:
+        library.entry(entry.id)
+    assert refused.value.fact.code is Request.NO_SUCH_FLIGHT
+
+
+def test_a_fleet_is_shown_as_it_is(tmp_path):
+    rows = [FlightRow(file=f"/logs/{name}.bin", vehicle=name, axis="roll") for name in "abc"]
+    fleet_of(tmp_path, rows)
+    library = Library(tmp_path)
+    library.adopt()
+    library.adopt()
+    entries, total = library.find(*ALL, 100)
+    assert total == 3 and {entry.name for entry in entries} == {"a.bin", "b.bin", "c.bin"}
+    (one,), _ = library.find(*condition_of("vehicle:b"), 100)
+    assert [row.vehicle for row in library.rows_of([one])] == ["b"]
+    with serving(tmp_path) as server:
+        assert server.ask("GET", f"/f/{entries[0].id}").status == 200
+
+
+def test_ten_thousand_flights_are_searched_by_their_index(tmp_path):
+    """In time, tools/bench/serve.py has it; here is what takes it: no row is read that is not shown."""
+    library = Library(tmp_path)
+    received(library)
+    plan = library._db.execute(
+        "explain query plan select * from entries order by date desc, received desc limit 100"
+    )
+    assert "by_date" in plan.fetchone()["detail"]
+
+
+def test_names_of_logs_lead_nowhere():
+    for name in (
+        "../../x",
+        "..",
+        "",
+        "/",
+        "a/b.ulg",
+        "\0",
+        "x" * 5000,
+        "ü\udcff" * 200,
+        "CON",
+        ".hidden",
+    ):
+        plain = file_name(name)
+        assert plain not in ("", ".", "..") and not set(plain) & set("/\\\0")
+        assert len(plain.encode()) < 200
+    assert file_name("Flug über (2).ulg") == "Flug_über_(2).ulg"
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(Unreadable) as refused:
+        Library(tmp_path / "file")
+    assert refused.value.fact.code is Start.FOLDER_NOT_WRITABLE
+
+
+def test_an_address_that_is_taken_is_refused(tmp_path):
+    with serving(tmp_path / "one") as server, pytest.raises(Unreadable) as refused:
+        given = Options(
+            tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
+        )
+        serve(given, None, print, is_shown=False)
+    assert refused.value.fact.code is Start.ADDRESS_NOT_FREE
+    assert not (tmp_path / "two").exists()
+
+
+def test_the_command_refuses_what_is_not_safe(tmp_path, capsys):
+    assert main(["serve", str(tmp_path / "data"), "--host", "0.0.0.0", "--no-browser"]) == 2
+    assert "--token" in capsys.readouterr().err and not (tmp_path / "data").exists()
+
+
+def test_a_log_is_read_with_its_page_rows_and_index(tmp_path):
+    """A real one, in this process."""
+    library = Library(tmp_path)
+    entry = library.copied(LOG)
+    outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
+    library.finish(library.claim(), outcome, LIMITS)
+    entry = library.entry(entry.id)
+    assert entry.stage == Stage.DONE and entry.file_names == [PAGE, REPORT]
+    assert entry.headline and entry.lights["log"] == "watch" and entry.next_step
+    rows = library.rows_of([entry])
+    assert [row.axis for row in rows] == ["roll", "pitch"]
+    assert rows[0].headline == entry.headline and rows[0].page.endswith(f"{entry.digest}/{PAGE}")
+    page = (library.results_of(entry) / PAGE).read_text()
+    assert f"<h1>{LOG.name}</h1>" in page and library.told(entry) == {}
+
+
+@pytest.mark.slow
+def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(tmp_path):
+    library = Library(tmp_path)
+    names = ("crash.ulg", "sound.ulg")
+    for name in names:
+        received(library, name, name, keep=1)
+    work = Work(library, 1, Limits(1, 600), read="standin_logs:rows_of_log")
+    work.start()
+    work.notify()
+    while library.find(*condition_of("stage:failed"), 10)[1] < len(names):
+        time.sleep(0.05)
+    work.stop()
+    entries, _ = library.find(*ALL, 10)
+    assert all(entry.problem for entry in entries if entry.name != "sound.ulg")
