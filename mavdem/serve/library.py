@@ -32,7 +32,6 @@ from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.fleet.row import OK, FlightRow
 from mavdem.fleet.sources import Source, source_of
 from mavdem.fleet.store import BUSY_SECONDS, Store, is_fleet, opened, read_rows
-from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import Limits, Outcome
 from mavdem.results import PAGE
 
@@ -115,6 +114,9 @@ COLUMNS = tuple(column.name for column in fields(Entry))
 class Library:
     """The library in a ``folder``, of at most ``quota`` bytes.
 
+    Attributes:
+        is_unpublished: set where the fleet's rows have changed, and its table has not.
+
     Raises:
         Unreadable: the folder cannot be written to.
     """
@@ -125,6 +127,7 @@ class Library:
         self.name = secrets.token_hex(8)
         self._local = threading.local()
         self._store_lock = threading.Lock()
+        self.is_unpublished = threading.Event()
         try:
             for part in (LOGS, RESULTS, INCOMING, SERVERS):
                 (self.folder / part).mkdir(parents=True, exist_ok=True)
@@ -242,11 +245,11 @@ class Library:
         return self.receive(part, digest, path.name)[0]
 
     def set_baseline(self, ids: Iterable[str]) -> None:
-        """Makes these flights those that all others of their vehicles are compared with, and judges all anew."""
+        """Makes these flights those that all others of their vehicles are compared with."""
         rows = self.rows_of([self.entry(id) for id in ids])
         with self.store() as store:
             store.healthy = [row for row in rows if row.status == OK]
-            store.publish(assess_rows)
+        self.is_unpublished.set()
 
     def entry(self, id: str) -> Entry:
         """Returns the entry of a link; raises ``Refusal`` if there is none."""
@@ -318,6 +321,7 @@ class Library:
             with self.store() as store:
                 store.add(source, outcome, limits)
                 store.track([source])
+            self.is_unpublished.set()
             if has_page:
                 (results / PROGRESS).unlink(missing_ok=True)
                 names = sorted(path.name for path in results.iterdir())
@@ -345,6 +349,7 @@ class Library:
         path = self.path_of(entry)
         with self.store() as store:
             store.remove(source_of(str(path)))
+        self.is_unpublished.set()
         if entry.digest:
             shutil.rmtree(path.parent, ignore_errors=True)
 

@@ -31,6 +31,8 @@ from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
 from mavdem.fleet.row import OK, FlightRow
 from mavdem.fleet.rows_of_log import rows_of_assessment
+from mavdem.fleet.store import opened
+from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
 from mavdem.ingest import Log, Telemetry, read_log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
@@ -38,6 +40,7 @@ from mavdem.results import PAGE, result_files, write_result_files
 from mavdem.serve.library import PROGRESS, RESULTS, columns_of
 
 READ = "mavdem.serve.reading:read_for_library"
+PUBLISH = "mavdem.serve.reading:publish"
 
 
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
@@ -115,3 +118,10 @@ def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
         "modes": ",".join(modes),
         "gains": json.dumps(gains),
     }
+
+
+def publish(path: Path, key: str, page: object) -> LogRows:
+    """Judges the vehicles of the fleet whose store is at ``path`` anew, and writes its table; there are no rows."""
+    with opened(path.parent) as store:
+        store.publish(assess_rows)
+    return [], {}

@@ -9,10 +9,10 @@ from multiprocessing.connection import wait
 
 from mavdem.errors import Refusal
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.tracking import assess_rows
-from mavdem.fleet.workers import Job, Limits, LogReader, Outcome
+from mavdem.fleet.store import STORE
+from mavdem.fleet.workers import Job, Limits, LogReader, Outcome, outcome_of
 from mavdem.serve.library import Entry, Library
-from mavdem.serve.reading import READ
+from mavdem.serve.reading import PUBLISH, READ, publish
 
 PAUSE_SECONDS = 1.0  # between looks for logs that other servers have received, and at the clock
 
@@ -34,7 +34,6 @@ class Work:
         self._read = read
         self._is_ending = threading.Event()
         self._has_come = threading.Condition()
-        self._unpublished = threading.Event()
         runs = [self._on_cluster] if cluster else [self._in_process] * processes
         self._threads = [threading.Thread(target=run, daemon=True) for run in runs]
 
@@ -56,8 +55,8 @@ class Work:
         for thread in self._threads:
             thread.join()
 
-    def _claimed(self) -> Iterator[Entry]:
-        """Logs as they come, until the end."""
+    def _claimed(self) -> Iterator[Entry | None]:
+        """Logs as they come, until the end; None where there is none, and the fleet's table is to be made anew."""
         while not self._is_ending.is_set():
             entry = None
             with suppress(Refusal):  # the disk is full: it may be better in a while
@@ -65,34 +64,30 @@ class Work:
             if entry is not None:
                 yield entry
                 continue
-            self._publish()
+            if self._library.is_unpublished.is_set():
+                self._library.is_unpublished.clear()
+                yield None
             with self._has_come:
                 self._has_come.wait(PAUSE_SECONDS)
-
-    def _publish(self) -> None:
-        """Judges vehicles anew, and writes the fleet's table, when nothing waits."""
-        if self._unpublished.is_set():
-            self._unpublished.clear()
-            with suppress(Refusal), self._library.store() as store:
-                store.publish(assess_rows)
 
     def _finish(self, entry: Entry, outcome: Outcome) -> None:
         with suppress(Refusal):
             self._library.finish(entry, outcome, self._limits)
-        self._unpublished.set()
 
     def _in_process(self) -> None:
         reader = LogReader()
         try:
             for entry in self._claimed():
-                reader.send(self._job(entry), self._limits, self._read)
+                read = self._read if entry else PUBLISH
+                job = self._job(entry)
+                reader.send(job, self._limits, read)
                 outcome = None
                 while outcome is None and not self._is_ending.is_set():
                     seconds = min(reader.seconds_left, PAUSE_SECONDS)
                     answered = bool(wait([reader.connection], seconds))
                     if answered or not reader.seconds_left:
                         outcome = reader.outcome(answered)
-                if outcome is not None:
+                if outcome is not None and entry is not None:
                     self._finish(entry, outcome)
         finally:
             reader.stop()
@@ -108,11 +103,16 @@ class Work:
                 yield job
 
         for first in self._claimed():
+            if first is None:
+                outcome_of(self._job(None), publish)
+                continue
             entries[self._job(first).path] = first
             ahead = (job for part in ([self._job(first)], jobs()) for job in part)
             with closing(self._cluster.outcomes(ahead)) as outcomes:
                 for outcome in outcomes:
                     self._finish(entries.pop(outcome.path), outcome)
 
-    def _job(self, entry: Entry) -> Job:
-        return Job(str(self._library.path_of(entry)))
+    def _job(self, entry: Entry | None) -> Job:
+        """The job of a log, or of the fleet's table."""
+        path = self._library.path_of(entry) if entry else self._library.folder / STORE
+        return Job(str(path))
