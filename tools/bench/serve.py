@@ -122,9 +122,7 @@ def list_command() -> None:
         columns = ", ".join(vars(Entry("", "")))
         rows = []
         for number in range(10_000):
-            levels = {
-                name: chance.choice(("good", "watch", "bad")) for name in ("motors", "margins")
-            }
+            motors, margins = chance.choices(("good", "watch", "bad"), k=2)
             entry = Entry(
                 f"{number:022}",
                 f"flight_{number}.bin",
