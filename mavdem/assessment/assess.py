@@ -27,6 +27,7 @@ from mavdem.assessment.log import simulated_of
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motors import while_controlled
 from mavdem.assessment.reported import reported_events
+from mavdem.assessment.responses import LoopResponse, responses_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import air_of
@@ -103,6 +104,11 @@ class Assessment(AssessmentDownstream):
         return {
             axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in known.items()
         }
+
+    @cached_property
+    def responses(self) -> Mapping[str, Mapping[str, LoopResponse]]:
+        """The measured responses of "rate" and "attitude" of each axis, beside the predicted ones."""
+        return {} if self.evidence is None else responses_of(self.evidence)
 
     @property
     def model(self) -> Learned | None:

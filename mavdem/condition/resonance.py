@@ -133,7 +133,40 @@ def spectra(
 
     None where either signal comes slower than ``least_rate``, Hz, or there are fewer than ``FEWEST_WINDOWS``.
     """
-    signals = driver, follower
+    known = evenly_sampled((driver, follower), parts, seconds, least_rate)
+    if known is None:
+        return None
+    sampled, pieces = known
+    size = round(seconds * sampled)
+    windows = list[tuple[Complex, Complex]]()
+    for piece in pieces:
+        if piece.shape[1] >= size:
+            r, p = (spectra_of(one, size) for one in piece)
+            windows += zip(r, p, strict=True)
+    if len(windows) < FEWEST_WINDOWS:
+        return None
+    r, p = (np.array(one) for one in zip(*windows, strict=True))
+    return Spectra(
+        frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
+        windows=len(windows),
+        driver=np.square(np.abs(r)).sum(axis=0),
+        rate=np.square(np.abs(p)).sum(axis=0),
+        across=(r.conj() * p).sum(axis=0),
+        usual=np.median(np.square(np.abs(p)), axis=0),
+    )
+
+
+def evenly_sampled(
+    signals: Sequence[Signal],
+    parts: Sequence[Segment],
+    seconds: float,
+    least_rate: float,
+    most_rate: float = np.inf,
+) -> tuple[float, list[Array]] | None:
+    """Returns a rate, Hz, and the k ``signals`` at it, (k, N) for each stretch of so many ``seconds`` without gaps.
+
+    That of the slowest, or ``most_rate``. None where one comes slower than ``least_rate``, Hz, or there is no stretch.
+    """
     if min(map(usual_rate, signals)) < least_rate:
         return None
     pieces = list[list[tuple[Array, Array]]]()
@@ -152,26 +185,13 @@ def spectra(
                 pieces.append([(time[rows], values[rows]) for (time, values), rows in pairs])
     if not pieces:
         return None
-    sampled = min(mean_rate(time) for piece in pieces for time, _ in piece)
-    size = round(seconds * sampled)
-    windows = list[tuple[Complex, Complex]]()
+    sampled = min(most_rate, *(mean_rate(time) for piece in pieces for time, _ in piece))
+    resampled = list[Array]()
     for piece in pieces:
         first = max(time[0] for time, _ in piece)
         grid = np.arange(first, min(time[-1] for time, _ in piece), 1 / sampled)
-        if len(grid) >= size:
-            r, p = (spectra_of(np.interp(grid, *one), size) for one in piece)
-            windows += zip(r, p, strict=True)
-    if len(windows) < FEWEST_WINDOWS:
-        return None
-    r, p = (np.array(one) for one in zip(*windows, strict=True))
-    return Spectra(
-        frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
-        windows=len(windows),
-        driver=np.square(np.abs(r)).sum(axis=0),
-        rate=np.square(np.abs(p)).sum(axis=0),
-        across=(r.conj() * p).sum(axis=0),
-        usual=np.median(np.square(np.abs(p)), axis=0),
-    )
+        resampled.append(np.array([np.interp(grid, *one) for one in piece]))
+    return sampled, resampled
 
 
 def windows_of(values: Array, size: int) -> Array:

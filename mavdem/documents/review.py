@@ -7,21 +7,62 @@ from typing import Any
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop
 from mavdem.assessment.margins import margins_of
+from mavdem.assessment.responses import LoopResponse
 from mavdem.documents.document import Document, OneFact, Sentence
 from mavdem.documents.flight import Report, report_of
 from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
 from mavdem.documents.wind import WindVelocity
+from mavdem.facts import Fact
 from mavdem.units import Hertz, Number, Seconds
 
 
-class StepResponse(Document):
-    """Response of the rate to a step of its setpoint, as measured in flight."""
+class Response(Document):
+    """Response of the rate, or the angle, to its setpoint, as measured in flight."""
 
     time: list[Seconds]
-    """after the step"""
+    """after a step of the setpoint of 1"""
     step: list[Number]
-    """rate over setpoint"""
+    """rate over setpoint, or angle over setpoint"""
+    step_half: list[Number]
+    """half widths of its 90 % band"""
+    predicted_step: list[Number] | None
+    """as the identified loop predicts it; null where there is none"""
+    frequency: list[Hertz]
+    """of the gains"""
+    gain: list[Number]
+    """from setpoint to rate, or angle"""
+    gain_half: list[Number]
+    """half widths of their 90 % band"""
+    predicted_gain: list[Number] | None
+    """as the identified loop predicts them; null where there is none"""
+    highest: Hertz
+    """frequency up to which the flight shows it"""
+    windows: int
+    """windows that it was estimated from"""
+    overshoot: list[Number]
+    """largest step less 1, and the ends of its 90 % interval; likewise of what follows"""
+    rise_time: list[Seconds]
+    """from 10 to 90 %"""
+    settling: list[Seconds]
+    """until the step stays within 5 %"""
+    delay: list[Seconds]
+    """until the step is at one half"""
+    peak: list[Number]
+    """largest gain"""
+    peak_frequency: list[Hertz]
+    """of the largest gain"""
+    coherence: Number
+    """of setpoint and response at that frequency"""
+
+
+class Responses(Document):
+    """A loop's measured response, and what is said of it."""
+
+    measured: Response | None
+    """null where it is not known"""
+    facts: list[Sentence]
+    """figures and whether the prediction agrees, or why the response is not known"""
 
 
 class Resonance(Document):
@@ -42,8 +83,10 @@ class Axis(Document):
     """its control loops; null where they are not known"""
     refusal: OneFact
     """why they are not known"""
-    step_response: StepResponse | None
-    """measured response of the rate to its setpoint"""
+    rate: Responses
+    """response of the rate to its setpoint"""
+    attitude: Responses
+    """response of the angle to its setpoint"""
     resonance: Resonance | None
     """the strongest resonance of the rate"""
 
@@ -102,11 +145,23 @@ def axes_of(assessment: Assessment) -> dict[str, Any]:
     margins = () if assessment.evidence is None else margins_of(assessment.evidence)
     resonances = {one.axis: one.response or one.peak for one in margins}
     axes = {}
+    nothing = LoopResponse(assessment.headline)
     for axis, loop in assessment.loops.items():
-        known: dict[str, Any] = {"loop": None, "refusal": None, "step_response": None}
-        if isinstance(loop, NoLoop):
-            known["refusal"] = loop.refusal
-        else:
-            known |= {"loop": loop, "step_response": loop.measured}
-        axes[axis] = known | {"resonance": resonances.get(axis)}
+        refusal = loop.refusal if isinstance(loop, NoLoop) else None
+        responses = assessment.responses.get(axis, {"rate": nothing, "attitude": nothing})
+        axes[axis] = {
+            "loop": None if refusal else loop,
+            "refusal": refusal,
+            "resonance": resonances.get(axis),
+            **{name: _response(one) for name, one in responses.items()},
+        }
     return axes
+
+
+def _response(found: LoopResponse) -> dict[str, Any]:
+    measured = found.measured
+    if isinstance(measured, Fact):
+        return {"measured": None, "facts": found.facts}
+    drawn = {name: getattr(measured, name) for name in ("gain", *vars(measured))}
+    predicted = {"predicted_step": found.predicted_step, "predicted_gain": found.predicted_gain}
+    return {"measured": drawn | predicted, "facts": found.facts}

@@ -70,3 +70,15 @@ class Twins(Code):
     LAG_NOTE = auto()
     DRAG_NOTE = auto()
     EFFECT_NOTE = auto()
+
+
+class StepResponses(Code):
+    """Of the closed loops as measured, and beside the predicted ones."""
+
+    STEP_MEASURED = auto()
+    PREDICTION_AGREES = auto()
+    PREDICTION_DOUBTED = auto()
+    MEASUREMENT_DOUBTED = auto()
+    NO_SETPOINT = auto()
+    TOO_SLOW = auto()
+    TOO_LITTLE_ASKED = auto()

@@ -11,15 +11,14 @@ from matplotlib.patches import Circle
 
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.condition.loop.margins import OpenLoop
-from mavdem.dem.engine.linalg import Array
+from mavdem.condition.step_response import step_of
 from mavdem.report.figures.style import HAIRLINE, Room, legend_above, note, picture
 from mavdem.report.figures.systems import draw
 from mavdem.report.palette import BAD, HELD_OUT_OPACITY, MEASURED, PHYSICAL, PREDICTED
 
 LOWEST = 0.2  # Hz shown
-# of a step response; and the step of the frequencies that it is summed from
-SECONDS = 0.8
-STEP_HERTZ = 0.05
+SECONDS = 0.8  # of a step response
+TIME = np.linspace(0, SECONDS, 121)
 # draws of a Nyquist plot, and every how many points of each
 CLOUD = 40
 SPARSE = 4
@@ -59,7 +58,8 @@ def loops(loop: Loop, after: Loop | None = None) -> Figure:
                 cloud = one.response[1 : CLOUD + 1, ::SPARSE]
                 plane.plot(cloud.real.T, cloud.imag.T, color=colour, alpha=0.08, linewidth=0.8)
                 plane.plot(one.response[0].real, one.response[0].imag, color=colour)
-                draw(step, *step_response(one), name, colour)
+                steps = np.array([step_of(one.frequency, row, TIME) for row in one.closed])
+                draw(step, TIME, steps, name, colour)
             if which == "rate" and loop.measured is not None and loop.agrees is not None:
                 step.plot(loop.measured.time, loop.measured.step, color=MEASURED)
             _limits(gain, phase, left, one.frequency[-1])
@@ -90,16 +90,6 @@ def _limits(gain: Axes, phase: Axes, left: Axes, highest: float) -> None:
         axes.xaxis.set_major_formatter("{x:g}")
         axes.axhline(line, **HAIRLINE)
     left.axhline(MS, color=BAD, linewidth=0.8)
-
-
-def step_response(one: OpenLoop) -> tuple[Array, Array]:
-    """Returns time (T,) s and the closed loop's output (N, T) after a step of 1: 2/π ∫ Re(T) sin(ωt)/ω dω."""
-    time = np.linspace(0, SECONDS, 121)
-    frequency = np.arange(STEP_HERTZ / 2, one.frequency[-1], STEP_HERTZ)
-    real = np.array([np.interp(frequency, one.frequency, row) for row in one.closed.real])
-    return time, real @ (
-        np.sin(2 * np.pi * np.outer(frequency, time)) / frequency[:, None]
-    ) * STEP_HERTZ * 2 / np.pi
 
 
 def _curves(loop: Loop, after: Loop | None, which: str) -> Iterator[tuple[OpenLoop, str, str]]:

@@ -1,0 +1,79 @@
+"""Responses: the measured closed loops of each axis, beside those that the identified loops predict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.alignment.drive import AXES
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flown import INJECTED, settled
+from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.margins import Complex, OpenLoop
+from mavdem.condition.step_response import (
+    StepResponse,
+    attitude_response,
+    rate_response,
+    step_of,
+)
+from mavdem.dem.engine.linalg import Array
+from mavdem.facts import Fact
+
+FEEDFORWARD = "ATC_RATE_FF_ENAB"
+"""ArduPilot's parameter by which the rate of the attitude's setpoint is asked for too."""
+
+
+class LoopResponse(NamedTuple):
+    """One loop of one axis: as ``measured``, or why it is not, and at the same times and frequencies as predicted."""
+
+    measured: StepResponse | Fact
+    predicted_step: Array | None = None
+    predicted_gain: Array | None = None
+    compared: Fact | None = None
+    """Whether the two agree, or which is doubted; None without one of them."""
+
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """What is said of it."""
+        if isinstance(self.measured, Fact):
+            return (self.measured,)
+        return tuple(filter(None, (self.measured.fact, self.compared)))
+
+
+def responses_of(evidence: Evidence) -> Mapping[str, Mapping[str, LoopResponse]]:
+    """Returns the responses of "rate" and "attitude" of roll, pitch and yaw, but for injected tests."""
+    parts = settled(evidence, INJECTED)
+    found = dict[str, Mapping[str, LoopResponse]]()
+    for axis in AXES:
+        signals = evidence.signals.about(axis)
+        loop = evidence.loops.get(axis)
+        rate = rate_response(signals, parts)
+        attitude = attitude_response(signals, parts)
+        if isinstance(loop, Loop):
+            ahead = bool(signals.telemetry.parameters.get(FEEDFORWARD))
+            found[axis] = {
+                "rate": _beside(rate, loop.rate, loop.rate.closed[0]),
+                "attitude": _beside(attitude, loop.attitude, _followed(loop, ahead)),
+            }
+        else:
+            found[axis] = {"rate": LoopResponse(rate), "attitude": LoopResponse(attitude)}
+    return found
+
+
+def _followed(loop: Loop, ahead: bool) -> Complex:
+    """(F,) the attitude's response, ``ahead`` with the rate of its setpoint asked for too."""
+    turns = 2j * np.pi * loop.attitude.frequency / loop.controller.angle
+    return np.asarray(loop.attitude.closed[0] * (1 + ahead * turns))
+
+
+def _beside(measured: StepResponse | Fact, loop: OpenLoop, closed: Complex) -> LoopResponse:
+    if isinstance(measured, Fact) or not loop.stable[0]:
+        return LoopResponse(measured)
+    return LoopResponse(
+        measured,
+        step_of(loop.frequency, closed, measured.time),
+        np.interp(measured.frequency, loop.frequency, np.abs(closed)),
+        measured.compared(loop.frequency, closed),
+    )

@@ -1,0 +1,438 @@
+"""Step response: the closed loops of rate and attitude as a flight shows them, at any rate of its messages.
+
+The response T of what is seen, p, to what is asked, r, is an impulse response of ``TAPS`` values, fitted by generalised
+least squares: residuals are whitened by an autoregression, and windows with more of the wind count less, which is what
+weights by coherence do. A smooth, decaying Gaussian process is its prior, whose size and decay maximise the evidence;
+that tells resonances from noise without smoothing them.
+
+Wind moves r as well, by the controller of the attitude: r = x − K φ. So r is replaced among the regressors by what of
+it the pilot or the autopilot's navigation asks, x / (1 + K T / s), x = r + K φ: an instrument, with the last T.
+
+The band is that of the scatter of the windows' scores, as of a jackknife, and of what the prior left out. A controller
+with an integrator settles at 1, within ``STEADY``.
+
+References: G. Pillonetto and G. De Nicolao, A new kernel-based approach for linear system identification, Automatica
+46(1), 2010; L. Ljung, System Identification, 2nd ed., secs. 7.6 and 13.5, of instruments and of feedback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+
+from mavdem.alignment.align import Segment
+from mavdem.alignment.drive import Signal
+from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
+from mavdem.condition.loop.controllers import controller_of
+from mavdem.condition.loop.margins import Complex
+from mavdem.condition.resonance import (
+    FEWEST_WINDOWS,
+    HIGHEST,
+    USUAL_ANGLE_GAIN,
+    evenly_sampled,
+    spectra,
+)
+from mavdem.confidence import quantile
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.loops import StepResponses
+
+SECONDS = {"rate": 0.5, "attitude": 2.0}
+"""Of a step's response, until it has settled; a window is two of them, and the one before."""
+TAPS = 100  # of it at most: of rates up to 200 Hz, for resonances of up to half of that
+MOST_WINDOWS = 300
+PASSES = 4
+ORDER = 12  # of the autoregression of the residuals
+SMOOTH = 0.04
+SLOW = 0.2, 2.0
+SLOW_SHARE = 0.003
+"""Of the prior, in shares of the step: lengths over which it is alike, and of the slow tail that an integrator leaves
+that length, its decay, and its share of the variance."""
+DECAYS = np.geomspace(0.06, 2.0, 6)
+SIZES = np.geomspace(0.1, 1e5, 13)
+STEADY = 0.03
+LEAST_KNOWN = 0.25  # standard deviation of |T| beyond which it is not known
+SETTLED = 0.05  # of the step: the band of the settling time
+DRAWS = 300
+STEP_HERTZ = 0.05  # of the sum over a predicted response
+DISAGREES = 0.3
+"""Of the frequencies, at which prediction and band lie apart, where a tenth does by chance alone."""
+
+
+class Estimate(NamedTuple):
+    """A figure with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class StepResponse:
+    """The closed loop of one axis as measured: after a step of 1 of its setpoint, and by frequency.
+
+    Attributes:
+        axis, loop: "roll", "pitch" or "yaw"; "rate" or "attitude".
+        time: (K,) s after the step.
+        step, step_half: (K,) response, and half widths of its 90 % band.
+        frequency: (F,) Hz up to ``highest``.
+        response, gain_half: (F,) T, and half widths of the 90 % band of |T|.
+        highest: Hz, up to which the flight shows it.
+        windows: how many there were.
+        overshoot: the largest step less 1.
+        rise_time, settling, delay: s from 10 to 90 %, until it stays within 5 %, until one half.
+        peak, peak_frequency: the largest |T|, and where it is, Hz.
+        coherence: of setpoint and response there.
+    """
+
+    axis: str
+    loop: str
+    time: Array
+    step: Array
+    step_half: Array
+    frequency: Array
+    response: Complex
+    gain_half: Array
+    highest: float
+    windows: int
+    overshoot: Estimate
+    rise_time: Estimate
+    settling: Estimate
+    delay: Estimate
+    peak: Estimate
+    peak_frequency: Estimate
+    coherence: float
+
+    @property
+    def gain(self) -> Array:
+        """(F,) |T|."""
+        return np.asarray(np.abs(self.response))
+
+    @property
+    def fact(self) -> Fact:
+        """What it shows, with its highest frequency."""
+        names = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
+        figures = {name: getattr(self, name).value for name in names}
+        return Fact(
+            StepResponses.STEP_MEASURED,
+            subject=f"{self.axis} {self.loop}",
+            overshoot_interval=self.overshoot[1:],
+            peak_interval=self.peak[1:],
+            coherence=self.coherence,
+            highest=self.highest,
+            **figures,
+        )
+
+    def compared(self, frequency: Array, closed: Complex) -> Fact:
+        """Returns whether the ``closed`` loop (F′,) at Hz (F′,) that was predicted is the measured one.
+
+        Where it is not, the prediction is doubted, unless it peaks beyond what the flight shows.
+        """
+        known = frequency <= self.highest
+        predicted = np.interp(self.frequency, frequency, np.abs(closed))
+        off = np.abs(predicted - self.gain) > np.maximum(self.gain_half, STEADY)
+        share = float(off.mean())
+        subject = f"{self.axis} {self.loop}"
+        peak = float(frequency[np.argmax(np.abs(closed))])
+        if share <= DISAGREES:
+            return Fact(StepResponses.PREDICTION_AGREES, subject=subject, highest=self.highest)
+        code = StepResponses.PREDICTION_DOUBTED
+        if np.abs(closed).max() > np.abs(closed[known]).max(initial=0.0):
+            code = StepResponses.MEASUREMENT_DOUBTED
+        return Fact(code, subject=subject, share=share, frequency=peak, highest=self.highest)
+
+
+def rate_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | Fact:
+    """Returns the response of the body rate to its setpoint in ``parts`` of a flight, or why it is not known.
+
+    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, which is added then.
+    """
+    if signals.rates is None:
+        return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} rate")
+    rate, asked = signals.rates
+    attitude = signals.attitude
+    used = [asked, rate]
+    if attitude is not None and rate.time is attitude.time:
+        used.append(attitude.angles)
+        if signals.asked is not None:
+            used.append(signals.asked)
+    found = _known(signals, "rate", used, parts, MINIMUM_RATE)
+    if isinstance(found, Fact):
+        return found
+    sampled, pieces = found
+    gain = _angle_gain(signals)
+    if len(used) < 3:
+        with_angle = [[*piece, np.cumsum(piece[1]) / sampled] for piece in pieces]
+    elif len(used) > 3 and not _is_corrected(sampled, pieces, gain):
+        with_angle = [[r + gain * (asked - angle), p, angle] for r, p, angle, asked in pieces]
+    else:
+        with_angle = [list(piece) for piece in pieces]
+    fit = _fitted(sampled, with_angle, gain, SECONDS["rate"])
+    return _described(signals.axis, "rate", fit, _coherence(used[:2], parts, MINIMUM_RATE))
+
+
+def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
+    """Whether the rate's setpoint has the correction of the attitude's error in it, by ``gain``, 1/s."""
+    asked, _, angle, wanted = np.concatenate(pieces, axis=1)
+    terms = np.column_stack([sampled * np.gradient(wanted), gain * (wanted - angle)])
+    share = np.linalg.lstsq(terms, asked)[0][1]
+    return bool(share > 0.5)
+
+
+def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | Fact:
+    """Returns the response of the angle to its setpoint in ``parts`` of a flight, or why it is not known."""
+    if signals.asked is None or signals.attitude is None:
+        return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
+    used = [signals.asked, signals.attitude.angles]
+    found = _known(signals, "attitude", used, parts, SLOW_MOTION_RATE)
+    if isinstance(found, Fact):
+        return found
+    sampled, pieces = found
+    fit = _fitted(sampled, [list(piece) for piece in pieces], 0.0, SECONDS["attitude"])
+    return _described(signals.axis, "attitude", fit, _coherence(used, parts, SLOW_MOTION_RATE))
+
+
+def _known(
+    signals: Signals, loop: str, used: Sequence[Signal], parts: Sequence[Segment], least: float
+) -> tuple[float, list[Array]] | Fact:
+    """Stretches of at least one window in which something was asked, or why there are too few."""
+    seconds = SECONDS[loop]
+    found = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
+    if found is None:
+        return Fact(StepResponses.TOO_SLOW, subject=f"{signals.axis} {loop}", least_rate=least)
+    sampled, pieces = found
+    moved = [piece for piece in pieces if np.ptp(piece[0])]
+    if sum(piece.shape[1] for piece in moved) < 2 * FEWEST_WINDOWS * seconds * sampled:
+        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{signals.axis} {loop}")
+    return sampled, moved
+
+
+def _angle_gain(signals: Signals) -> float:
+    """Rate that is asked for per error of the angle, 1/s."""
+    try:
+        return controller_of(signals.telemetry.parameters, signals.axis, (1.0,)).angle
+    except NotLearnable:
+        return USUAL_ANGLE_GAIN
+
+
+def _coherence(
+    used: Sequence[Signal], parts: Sequence[Segment], least: float
+) -> tuple[Array, Array]:
+    """Frequencies, Hz, and the coherence of both signals there."""
+    found = spectra(used[0], used[1], parts, least_rate=least)
+    return (np.zeros(1), np.zeros(1)) if found is None else (found.frequency, found.coherence)
+
+
+class _Fit(NamedTuple):
+    """Impulse response, its covariance, and the mean square of what it leaves, whitened, of one sample."""
+
+    sampled: float
+    weights: Array  # (K,) of the last K setpoints, the last first; their sum is T at 0 Hz
+    covariance: Array  # (K, K)
+    noise: float
+    windows: int
+
+
+def _fitted(
+    sampled: float, pieces: Sequence[Sequence[Array]], angle_gain: float, seconds: float
+) -> _Fit:
+    """By ``pieces`` of a setpoint, what follows it and, with an ``angle_gain``, the angle, (N,) each."""
+    taps = round(seconds * sampled)
+    size = 3 * taps
+    lags = np.arange(1, taps + 1) / taps
+    weights = np.exp(-5 * lags) / np.exp(-5 * lags).sum()
+    asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
+    whitening = np.array([1.0, -1.0])
+    emphasis = np.ones(len(seen))
+    with one_thread():
+        for _ in range(PASSES):
+            driver = asked
+            if angle_gain:
+                clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
+                driver = _windows(clean, taps, size)
+            step = _step(asked, seen, driver, whitening, emphasis)
+            weights = step.weights
+            left = seen[:, taps:] - _regressors(asked, taps) @ weights
+            whitening = _autoregression(left)
+            variance = _filtered(left, whitening).var(axis=1)
+            emphasis = np.median(variance) / np.maximum(variance, np.finfo(np.float64).tiny)
+    return _Fit(sampled, weights, step.covariance, step.noise, len(seen))
+
+
+def _without_feedback(
+    piece: Sequence[Array], angle_gain: float, weights: Array, sampled: float
+) -> Array:
+    """(N,) the rate's setpoint that remains where the angle moves by it alone: x / (1 + K T / s)."""
+    outer = piece[0] + angle_gain * piece[2]
+    mirrored = np.fft.rfft(np.append(outer, outer[::-1]))
+    frequency = np.fft.rfftfreq(2 * len(outer), 1 / sampled)
+    s = 2j * np.pi * np.maximum(frequency, frequency[1] / 100)
+    closed = np.exp(-np.outer(s, np.arange(1, len(weights) + 1) / sampled)) @ weights
+    return np.fft.irfft(mirrored / (1 + angle_gain * closed / s), 2 * len(outer))[: len(outer)]
+
+
+def _windows(series: Sequence[Array], taps: int, size: int) -> Array:
+    """(W, size) windows of all pieces but their first ``2 taps``, each with ``taps`` of the one before."""
+    views = [
+        np.lib.stride_tricks.sliding_window_view(one[2 * taps :], size)[:: size - taps]
+        for one in series
+        if len(one) >= 2 * taps + size
+    ]
+    windows = np.concatenate([*views, np.zeros((0, size))])
+    return windows[:: -(-len(windows) // MOST_WINDOWS) or 1]
+
+
+def _regressors(windows: Array, taps: int) -> Array:
+    """(W, B, K) the ``taps`` values before each sample of windows, but for their first K, the last first."""
+    return np.lib.stride_tricks.sliding_window_view(windows, taps, axis=1)[:, :-1, ::-1]
+
+
+def _filtered(windows: Array, polynomial: Array) -> Array:
+    """(W, T − P) windows (W, T) through a filter of P + 1 taps."""
+    views = np.lib.stride_tricks.sliding_window_view(windows, len(polynomial), axis=1)
+    return np.asarray(views @ polynomial[::-1])
+
+
+def _autoregression(left: Array) -> Array:
+    """The filter (P,) that whitens residuals (W, B), and takes their mean away."""
+    steps = np.diff(left, axis=1)
+    size = steps.shape[1]
+    covariance = [np.mean(steps[:, : size - lag] * steps[:, lag:]) for lag in range(ORDER + 1)]
+    covariance[0] *= 1 + 1e-6
+    own = solve_toeplitz(covariance[:-1], covariance[1:])
+    return np.convolve(np.append(1.0, -own), [1.0, -1.0])
+
+
+class _Step(NamedTuple):
+    weights: Array
+    covariance: Array
+    noise: float
+
+
+def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: Array) -> _Step:
+    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``."""
+    taps = seen.shape[1] // 3
+    root = np.sqrt(emphasis)[:, None]
+    r, p, z = (root * _filtered(one, whitening) for one in (asked, seen, driver))
+    measured, instruments = (_regressors(one, taps) for one in (r, z))
+    target = p[:, taps:]
+    normal, own = (
+        np.tensordot(instruments, one, axes=((0, 1), (0, 1))) for one in (instruments, measured)
+    )
+    moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
+    ridge = 1e-3 * np.trace(normal) / taps * np.eye(taps)
+    first = target - measured @ np.linalg.solve(normal + ridge, moment)
+    variance = float(np.mean(first**2))
+    steady = np.full(taps, 1 / STEADY)
+    known = np.outer(steady, steady)
+    prior = _prior(normal / variance + known, moment / variance + steady / STEADY)
+    inverse = np.linalg.solve(np.eye(taps) + prior @ (own / variance + known), prior)
+    weights = inverse @ (moment / variance + steady / STEADY)
+    left = target - measured @ weights
+    scores = np.einsum("wbk,wb->wk", instruments, left) / variance @ inverse.T
+    used = float(np.trace(inverse @ own)) / variance
+    windows = len(seen)
+    # As a jackknife has it: each window draws the estimate towards itself.
+    scatter = scores.T @ scores * windows / max(windows - used, windows / 4)
+    missed = np.eye(taps) - inverse @ (own / variance + known)
+    by_steady = inverse @ steady
+    covariance = scatter + missed @ prior @ missed.T + np.outer(by_steady, by_steady)
+    return _Step(weights, covariance, float(np.mean(left**2) / np.mean(root**2)))
+
+
+def _prior(precision: Array, moment: Array) -> Array:
+    """(K, K) the covariance of the weights before the flight, of the size and decay with the largest evidence."""
+    taps = len(moment)
+    after = np.linspace(0.0, 1.0, taps + 1)
+    best = -np.inf, np.zeros((taps, taps))
+    for decay in DECAYS:
+        shape = _matern(after, SMOOTH, decay) + SLOW_SHARE * _matern(after, *SLOW)
+        # The response begins at 0.
+        shape = (shape - np.outer(shape[0], shape[0]) / shape[0, 0])[1:, 1:] / taps**2
+        root = np.linalg.cholesky(shape + 1e-8 * np.trace(shape) / taps * np.eye(taps))
+        values, vectors = np.linalg.eigh(root.T @ precision @ root)
+        gained = SIZES[:, None] * np.maximum(values, 0.0)
+        along = vectors.T @ (root.T @ moment)
+        fits = (SIZES[:, None] * along**2 / (1 + gained)).sum(axis=1)
+        evidence = fits - np.log1p(gained).sum(axis=1)
+        if (highest := float(evidence.max())) > best[0]:
+            best = highest, float(SIZES[np.argmax(evidence)]) * shape
+    return best[1]
+
+
+def _matern(after: Array, length: float, decay: float) -> Array:
+    """(K, K) Matérn's covariance of 5/2, decaying, at shares of the step's duration (K,)."""
+    apart = np.abs(np.subtract.outer(after, after)) * 5**0.5 / length
+    alike = (1 + apart + apart**2 / 3) * np.exp(-apart)
+    return np.asarray(alike * np.exp(-np.add.outer(after, after) / decay))
+
+
+def _described(
+    axis: str, loop: str, fit: _Fit, coherence: tuple[Array, Array]
+) -> StepResponse | Fact:
+    """Figures of a fit, with intervals of draws; or that too little is known at any frequency."""
+    taps = len(fit.weights)
+    time = np.arange(1, taps + 1) / fit.sampled
+    hertz = np.linspace(0.5, HIGHEST * fit.sampled / 2, 2 * taps)
+    drawn = np.random.default_rng(31).multivariate_normal(
+        fit.weights, fit.covariance, DRAWS, method="eigh"
+    )
+    every = np.vstack([fit.weights, drawn])
+    steps = np.cumsum(every, axis=1) - every / 2
+    responses = every @ np.exp(-2j * np.pi * np.outer(time, hertz))
+    gains = np.abs(responses)
+    unknown = np.append(np.flatnonzero(gains[1:].std(axis=0) > LEAST_KNOWN), len(hertz))[0]
+    if unknown < 2:
+        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
+    shown = gains[:, :unknown]
+    largest = shown.argmax(axis=1)
+    at = float(hertz[largest[0]])
+    beyond = (steps[:, None] > np.array([0.1, 0.5, 0.9])[:, None]).argmax(axis=2)
+    tenth, half, most = (
+        np.where(steps.max(axis=1) > level, time[index], time[-1])
+        for index, level in zip(beyond.T, (0.1, 0.5, 0.9), strict=True)
+    )
+    off = np.abs(steps - 1) > SETTLED
+    last = np.where(off.any(axis=1), taps - 1 - off[:, ::-1].argmax(axis=1), 0)
+    return StepResponse(
+        axis=axis,
+        loop=loop,
+        time=time,
+        step=steps[0],
+        step_half=quantile() * steps[1:].std(axis=0),
+        frequency=hertz[:unknown],
+        response=responses[0, :unknown],
+        gain_half=quantile() * shown[1:].std(axis=0),
+        highest=float(hertz[unknown - 1]),
+        windows=fit.windows,
+        overshoot=_estimate(np.maximum(steps.max(axis=1) - 1, 0.0)),
+        rise_time=_estimate(most - tenth),
+        settling=_estimate(time[last]),
+        delay=_estimate(half),
+        peak=_estimate(shown.max(axis=1)),
+        peak_frequency=_estimate(hertz[largest]),
+        coherence=float(np.interp(at, *coherence)),
+    )
+
+
+def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
+    """Returns (T,) what follows a step of 1 of the setpoint of a ``closed`` loop (F,), by its frequencies, Hz.
+
+    It is 2/π ∫ Re(T) sin(ωt)/ω dω.
+    """
+    even = np.arange(STEP_HERTZ / 2, frequency[-1], STEP_HERTZ)
+    real = np.interp(even, frequency, closed.real)
+    waves = np.sin(2 * np.pi * np.outer(time, even)) / even
+    return np.asarray(waves @ real * STEP_HERTZ * 2 / np.pi)
+
+
+def _estimate(values: Array) -> Estimate:
+    """The first of values (N,), and the interval of the others, widened to hold it."""
+    low, high = np.quantile(values[1:], [0.05, 0.95]).tolist()
+    value = float(values[0])
+    return Estimate(value, min(low, value), max(high, value))

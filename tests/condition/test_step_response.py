@@ -1,0 +1,134 @@
+"""Step responses: of loops that are known, and why there are none."""
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns, only
+from pytest import approx
+from recorded_flights import recorded
+from scipy.signal import lfilter
+
+from mavdem.alignment.signals import Signals
+from mavdem.condition.condition import settled_parts
+from mavdem.condition.step_response import (
+    StepResponse,
+    attitude_response,
+    rate_response,
+    step_of,
+)
+from mavdem.facts.loops import StepResponses
+
+HOVER = Hover(hovering=60.0)
+TIME = HOVER.stamps(200.0)
+FREQUENCY = np.linspace(0.02, 95.0, 4000)
+
+
+def loop(hertz=12.0, damping=0.25):
+    """Coefficients at 200 Hz of ω² / (s² + 2 ζ ω s + ω²) of this frequency, and its response at ``FREQUENCY``."""
+    omega = 2 * np.pi * hertz
+    pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * omega / 200)
+    denominator = np.array([1.0, -2 * pole.real, abs(pole) ** 2])
+    z = np.exp(-2j * np.pi * FREQUENCY / 200)
+    closed = denominator.sum() * z / np.polyval(denominator[::-1], z)
+    return [0.0, denominator.sum()], denominator, closed
+
+
+def steered(seed=1, slow=0.9):
+    """What a pilot asks for: noise below a few Hz."""
+    values = np.random.default_rng(seed).standard_normal(len(TIME))
+    return lfilter([1 - slow], [1.0, -slow], values)
+
+
+def flight(rate, setpoint, angle=None, wanted=None):
+    """A hover at 200 Hz with a roll rate and its setpoint, (N,) rad/s, and an angle and its setpoint, rad."""
+    none = 0 * TIME
+    half = none if wanted is None else wanted / 2
+    telemetry = HOVER.telemetry(200.0, 200.0)
+    telemetry = changed(
+        telemetry, "ATTITUDE", rollspeed=rate, roll=none if angle is None else angle
+    )
+    fields = {
+        "type_mask": np.full(len(TIME), 128 if wanted is None else 0),
+        "q": np.column_stack([np.cos(half), np.sin(half), none, none]),
+        "body_roll_rate": setpoint,
+        "body_pitch_rate": none,
+        "body_yaw_rate": none,
+    }
+    return changed(telemetry, "ATTITUDE_TARGET", **columns(TIME, **fields))
+
+
+def measured(telemetry, response=rate_response):
+    signals = Signals(telemetry)
+    return response(signals, settled_parts(signals))
+
+
+def test_a_resonance_is_measured_with_a_band_that_holds_it():
+    numerator, denominator, closed = loop()
+    asked = steered()
+    gusts = 0.05 * lfilter([1.0], [1.0, -0.95], steered(2, slow=0.0))
+    found = measured(flight(lfilter(numerator, denominator, asked) + gusts, asked))
+    true = step_of(FREQUENCY, closed, found.time)
+    assert np.mean(np.abs(found.step - true) <= found.step_half) > 0.8
+    assert found.overshoot.value == approx(true.max() - 1, abs=0.03)
+    assert found.overshoot.low <= found.overshoot.value <= found.overshoot.high
+    peak = np.argmax(np.abs(closed))
+    assert found.peak.value == approx(np.abs(closed[peak]), rel=0.1)
+    assert found.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
+    assert found.coherence > 0.8 and found.highest > 30 and found.delay.value < found.settling.value
+    assert found.fact.code is StepResponses.STEP_MEASURED
+    assert found.compared(FREQUENCY, closed).code is StepResponses.PREDICTION_AGREES
+    slower = found.compared(FREQUENCY, loop(5.0)[2])
+    assert slower.code is StepResponses.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
+    faster = found.compared(FREQUENCY, loop(90.0, damping=0.1)[2])
+    assert faster.code is StepResponses.MEASUREMENT_DOUBTED
+
+
+@pytest.mark.parametrize("is_corrected", [True, False])
+def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
+    """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
+    numerator, denominator, closed = loop()
+    wanted = 0.6 * lfilter(
+        [0.01], [1.0, -0.99], np.random.default_rng(3).standard_normal(len(TIME))
+    )
+    ahead = 200 * np.gradient(wanted)
+    wind = 0.5 * lfilter([0.05], [1.0, -0.95], steered(4, slow=0.0))
+    angle, rate, asked = np.zeros((3, len(TIME)))
+    for now in range(2, len(TIME)):
+        angle[now] = angle[now - 1] + rate[now - 1] / 200
+        asked[now] = ahead[now] + 4.5 * (wanted[now] - angle[now])
+        history = rate[now - 2 : now][::-1] - wind[now - 2 : now][::-1]
+        follows = numerator[1] * asked[now - 1] - denominator[1:] @ history
+        rate[now] = follows + wind[now]
+    telemetry = flight(rate, asked if is_corrected else ahead, angle, wanted)
+    found = measured(telemetry)
+    true = step_of(FREQUENCY, closed, found.time)
+    assert np.mean(np.abs(found.step - true) <= found.step_half) > 0.7
+    assert found.peak_frequency.value == approx(12.0, rel=0.1)
+    outer = measured(telemetry, attitude_response)
+    assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
+
+
+def test_why_there_is_no_step_response():
+    rate = steered()
+    without = measured(HOVER.telemetry(200.0, 200.0))
+    still = measured(flight(rate, 0 * rate))
+    every_tenth = np.isin(np.arange(len(TIME)) % 10, 0)
+    telemetry = flight(rate, rate)
+    stamps = TIME[every_tenth]
+    slow = measured(only(telemetry, lambda time: np.isin(time, stamps), "ATTITUDE_TARGET"))
+    codes = [one.code for one in (without, slow, still)]
+    assert codes == [
+        StepResponses.NO_SETPOINT,
+        StepResponses.TOO_SLOW,
+        StepResponses.TOO_LITTLE_ASKED,
+    ]
+    assert measured(HOVER.telemetry(), attitude_response).code is StepResponses.NO_SETPOINT
+
+
+def test_the_ringing_of_arducopters_default_gains_is_seen():
+    """Its true closed loop, by a chirp at the mixer, peaks by 2.70 at 22 Hz."""
+    signals = Signals(recorded("sitl_raw/ap_raw_off.BIN.xz"))
+    found = rate_response(signals, settled_parts(signals))
+    assert isinstance(found, StepResponse)
+    assert found.peak.value == approx(2.7, rel=0.1)
+    assert found.peak_frequency.value == approx(22.0, rel=0.03)
+    assert found.overshoot.value == approx(0.135, abs=0.03) and np.ptp(found.step[10:20]) > 0.3
