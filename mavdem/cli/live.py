@@ -133,7 +133,7 @@ class Dashboard:
 @click.argument("link")
 @motion_options()
 @model_options
-@file_option("--rrd", "Rerun recording to write.")
+@file_option("--rrd", "Rerun recording to write; then no window opens.")
 @click.option(
     "--serve",
     is_flag=True,

@@ -58,6 +58,7 @@ class Rows(Code):
 
     RATES_BEING_MEASURED = auto()
     NO_LIVE_ATTITUDE = auto()
+    ATTITUDE_ASKED = auto()
     NO_LIVE_MOTORS = auto()
     LIVE_RATES_TOO_LOW = auto()
     LIVE_RATES_ENOUGH = auto()
@@ -110,6 +111,7 @@ class Session(Code):
     NOT_SETTLED = auto()
     BEING_LEARNED = auto()
     SAMPLE_SKIPPED = auto()
+    MOTION_UNEXPECTED = auto()
     PRIOR_NOT_USED = auto()
     FORMER_MODEL_KEPT = auto()
     NO_LIVE_FLIGHT = auto()

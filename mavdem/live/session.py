@@ -21,7 +21,7 @@ from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, Refusal
-from mavdem.facts import Code, Fact, Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
@@ -39,6 +39,7 @@ from mavdem.live.rate_request import (
     greeting,
 )
 from mavdem.live.rows import AlignedRow
+from mavdem.live.shown import Shown, failure
 from mavdem.live.stream import LiveStream
 
 # From one status to the next, and from one judgement to the next
@@ -102,7 +103,7 @@ class LiveSession:
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
         self._setup: Setup | None = None
-        self._display: Any = None
+        self._view = Shown(lambda setup: self.show(setup), self.history, self._log)
         self.request: RateRequest | None = None  # for rates, once sent
         self._arrivals = Arrivals()
         self._boot = 0
@@ -154,6 +155,8 @@ class LiveSession:
             if Task.STATUS not in self._shed:
                 self.report(status)
             self._settled &= status.flying
+            if status.flying:
+                self._view.preview(self.stream, self._setup)
             if status.obstacle != self._obstacle:
                 self._obstacle = status.obstacle
                 self._log(status.obstacle or Fact(Session.BEING_LEARNED, Level.GOOD))
@@ -194,8 +197,8 @@ class LiveSession:
         now = time.monotonic()
         behind = now - self.now
         self._shed = {what for what, limit in SHED.items() if behind >= limit}
-        if self._display is not None:
-            self._display.hold(Task.PLOTS in self._shed)
+        if self._view.display is not None:
+            self._view.display.hold(Task.PLOTS in self._shed)
         self.most_behind = max(self.most_behind, behind)
         if self.learner is not None:
             self.learner.fits_physical = Task.PHYSICAL_FITS not in self._shed
@@ -314,7 +317,7 @@ class LiveSession:
                 self.recording.close()
             except OSError as error:
                 self.recording = None
-                self._log(_failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=True))
+                self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=True))
 
     @property
     def status(self) -> SessionStatus:
@@ -378,7 +381,7 @@ class LiveSession:
                     self.recording.take(stamp, data)
         except OSError as error:
             self.recording = None
-            self._log(_failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=False))
+            self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=False))
         now = time.monotonic()
         wall = time.time()
         first = self._emptied
@@ -406,7 +409,7 @@ class LiveSession:
                     row.time, row.outputs, row.inputs, self.stream.alarms.weak_since
                 )
             except ValueError as error:
-                self._log(_failure(Session.SAMPLE_SKIPPED, error))
+                self._log(failure(Session.SAMPLE_SKIPPED, error))
             if learner.learned is not None and learner.learned is not self._newest:
                 self._newest = learner.learned
                 self._landed = False
@@ -415,17 +418,20 @@ class LiveSession:
         self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
         self._latest = max(self._latest, latency)
         self._learned += estimate is not None
-        self._estimate = self._estimate if estimate is None else estimate
+        if estimate is not None:
+            if estimate.unusual and not (self._estimate and self._estimate.unusual):
+                self._log(Fact(Session.MOTION_UNEXPECTED, Level.WATCH, clock=estimate.seen))
+            self._estimate = estimate
         self._shown += estimate is None
         self.history.advance(row.time, setup.boot)
         wind = self.stream.air.row
         speed, low, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
         beside = speed, (high - low) / 2, *setup.scale.fraction(row.inputs)
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
-        if self._display is not None:
+        if self._view.display is not None:
             shift = self.history.shift
             known = estimate, learner.learned, self.stream.air.row
-            self._display.put(row.time, shift, row.segment, row.outputs, row.inputs, *known)
+            self._view.display.put(row.time, shift, row.segment, row.outputs, row.inputs, *known)
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
@@ -456,16 +462,7 @@ class LiveSession:
         if self.learner is not self._learners[key]:
             self.learner = self._learners[key]
             self._estimate = None
-        before = self._display
-        try:
-            self._display = self.show(setup)
-        except Exception as error:
-            self._display = None
-            self.show = lambda setup: None
-            self._log(_failure(Session.DISPLAY_FAILED, error))
-        if before is None and self._display is not None:
-            for event in self.history.events:
-                self._display.log(event)
+        self._view.open(setup)
 
     def _take_back(self, learner: OnlineLearner, since: float) -> None:
         """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""
@@ -579,14 +576,8 @@ class LiveSession:
         self.say(fact)
         since = np.nan if fact.time is None else fact.time + self.history.shift
         self.history.events.append(Event(self.history.now, fact, since))
-        if self._display is not None:
-            self._display.log(self.history.events[-1])
-
-
-def _failure(code: Code, error: Exception, finishing: bool = False) -> Fact:
-    text = error.strerror if isinstance(error, OSError) else None
-    text = (text or str(error)).rstrip(".")
-    return Fact(code, Level.WATCH, error=text, finishing=finishing)
+        if self._view.display is not None:
+            self._view.display.log(self.history.events[-1])
 
 
 def _fact_of(error: Exception) -> Fact:

@@ -35,12 +35,6 @@ from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch, Watched
-from mavdem.health.in_flight import (
-    LONGEST_GAP,
-    REFERENCE_SECONDS,
-    MotorAlarm,
-    MotorWatch,
-)
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
@@ -61,6 +55,7 @@ from mavdem.live.messages import (
     outputs,
     parameters_of,
 )
+from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 from mavdem.live.watchdog import Motion, Watchdog, motion_of
@@ -203,7 +198,7 @@ class LiveStream:
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle
-            or (self._fact(Rows.NO_LIVE_ATTITUDE) if isnan(now) else self._obstacle),
+            or (self._no_attitude if isnan(now) else self._obstacle),
             rates=self._rates(now),
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
@@ -444,6 +439,21 @@ class LiveStream:
         ports = dict(zip(inputs.ports, streams[1:], strict=True))
         return motion_of(self._attitude or "", streams[0], inputs, ports, self.boot)
 
+    def latest(self) -> tuple[Setup, AlignedRow] | None:
+        """The latest sample of attitude and motors as a row of its own setup, while there are no rows; else None."""
+        motion = self._motion()
+        if motion is None or self._grid.running or not motion.rate:
+            return None
+        motors = motion.motors
+        tilt = motion.tilts[self.axis]
+        names = tilt.message, motors.message
+        time = float(tilt.time[-1])
+        rates = (motion.rate,) * 2
+        setup = Setup(self.boot, 1 / motion.rate, *names, motors.layout, motors.scale, rates, time)
+        outputs = np.array([tilt.angle[-1], tilt.rate[-1]])
+        ids = self._grid.segment, self._received, False
+        return setup, AlignedRow(time, motors.outputs[-1], outputs, *ids)
+
     def _judge(self, sender: Sender, now: float) -> None:
         """Reports when messages are missing or too slow, and when they no longer are."""
         heard = self._rates(now)
@@ -457,7 +467,7 @@ class LiveStream:
         if sender.kind not in (*MULTIROTORS, UNNAMED):
             obstacle = Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=sender.kind, axis=self.axis)
         elif self._attitude is None:
-            obstacle = Fact(Rows.NO_LIVE_ATTITUDE, can_ask=False)
+            obstacle = self._no_attitude
         elif drives is None:
             obstacle = Fact(Rows.NO_LIVE_MOTORS)
         else:
@@ -512,68 +522,14 @@ class LiveStream:
         self._reviewed = -inf
         self._connected_from = inf
 
+    @property
+    def _no_attitude(self) -> Fact:
+        asks = Rows.NO_LIVE_ATTITUDE if self._can_ask else Rows.ATTITUDE_ASKED
+        return self._fact(asks)
+
     def _fact(self, code: Code) -> Fact:
         """A fact that says, unless rates are asked for already, that they can be."""
         return Fact(code, can_ask=self._can_ask)
 
     def _report(self, fact: Fact) -> None:
         self._events.append(Event(self._received, fact))
-
-
-class MotorAlarms:
-    """Changes of the motors' balance: the ``latest``, those ``standing`` as ``alarm`` of a ``SessionStatus``.
-
-    ``landed``: on the ground since; ``weak_since``: s, since when a motor is weak.
-    """
-
-    def __init__(self) -> None:
-        self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.standing: tuple[Fact, ...] = ()
-        self.landed = False
-        self.weak_since = nan
-        self._watch: MotorWatch | None = None
-        self._watched: object = None
-        self._obstacle: Fact | None = None
-        self._reported = set[Code]()  # Reasons why none would be seen
-
-    def obstacle(self, now: float) -> Fact | None:
-        """Why no motor that weakens would be found at ``now``, s; None where one would."""
-        if self._obstacle is not None:
-            return self._obstacle
-        if self.landed:
-            return Fact(Watch.ON_GROUND_NOW)
-        if self._watch is None or now - self._watch.latest > LONGEST_GAP:
-            return Fact(Session.NOT_SETTLED)
-        if self._watch.since is None:
-            return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
-        return None
-
-    def take(
-        self, time: float, boot: int, inputs: Inputs, commands: list[float], heading: float
-    ) -> Iterator[Fact]:
-        """What to report of a sample in settled flight; ``commands`` as shares, ``heading`` as of ``MotorWatch``."""
-        if self.landed:
-            self.standing = ()
-            self.landed = False
-        obstacle: Fact | None = Fact(Rows.ONLY_DEMAND)
-        layout = inputs.layout
-        self.weak_since = nan
-        if inputs.message != DEMAND_MESSAGE:
-            # balances on two ranges differ
-            watched = boot, layout, inputs.scale.low, inputs.scale.high
-            if self._watch is None or watched != self._watched:
-                self._watch = MotorWatch(layout, boot)
-                self._watched = watched
-            changes = self._watch.take(time, commands, heading)
-            obstacle = self._watch.obstacle
-            self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
-            for change in changes:
-                self.latest.append(change)
-                if change.motor is not None:
-                    weak = [*self._watch.weak.values()] or [change]
-                    self.standing = tuple(alarm.announced for alarm in weak)
-                yield change.announced
-        self._obstacle = obstacle
-        if obstacle is not None and obstacle.code not in self._reported:
-            self._reported.add(obstacle.code)
-            yield obstacle

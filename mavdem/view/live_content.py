@@ -97,7 +97,6 @@ class LiveWriter:
         # by plot, the least and most that were measured
         self._seen: dict[str, tuple[float, float]] = {}
         self._changes: list[float] = []  # times at which a motor changed, s
-        self._unusual = False
         self._aired = -np.inf
         self._model: LinearModel | None = None
         self._styled: set[Lines] = set()
@@ -202,7 +201,8 @@ class LiveWriter:
             band = Lines(
                 "wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True
             )
-            self._draw(band, time, self._in_sight("wind", scale * torque, scale * edges))
+            self._in_sight("wind", scale * edges, edges)
+            self._draw(band, time, scale * edges)
             self._draw(
                 Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), time, scale * torque[:, None]
             )
@@ -222,7 +222,8 @@ class LiveWriter:
                 ("wind", "90 % from", "to"),
                 (DISTURBANCE, *2 * (faint(DISTURBANCE, 0.5),)),
             )
-            self._draw(lines, np.array([*new]), self._in_sight("air", speeds[:, 0], speeds))
+            self._in_sight("air", speeds, speeds)
+            self._draw(lines, np.array([*new]), speeds)
 
     def _log_gusts(self) -> None:
         """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
@@ -264,9 +265,6 @@ class LiveWriter:
         self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), time, energy[:, None])
         self._draw(samples, time, np.stack([np.ones(len(time)), surprise], axis=-1))
         self._draw(above, time[marked], surprise[marked, None])
-        for i in np.flatnonzero(marked & ~np.append(self._unusual, marked[:-1])):
-            log(self._recording, float(time[i]), f"unusual motion: surprise {surprise[i]:.2g}")
-        self._unusual = bool(marked[-1])
 
     def _models(self, rows: list[ViewRow]) -> None:
         """Draws F̄ and λ: a point for each new model."""

@@ -199,7 +199,7 @@ class WebServer(Viewer):
 def sinks_for(
     rrd: str | os.PathLike[str] | None = None, serve: bool = False, connect: str | None = None
 ) -> list[Sink]:
-    """Returns the sinks that a user asked for; with a screen and neither ``serve`` nor ``connect``, also a window.
+    """Returns the sinks that a user asked for; with a screen and none of these, a window.
 
     ``rrd`` is a file to record in, ``serve`` a wish for browsers of this machine, ``connect`` the URL of a viewer or
     server, which may start later. The view that they are given to closes them. ``OSError`` if a port is taken,
@@ -210,7 +210,7 @@ def sinks_for(
         sinks.append(Viewer(connect))
     if serve:
         sinks.append(WebServer())
-    if connect is None and not serve and has_screen():
+    if not sinks and has_screen():
         # A window, which stays open after the process ends.
         with socket.create_server((LOOPBACK, 0)) as probe:
             port = int(probe.getsockname()[1])

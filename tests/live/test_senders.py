@@ -75,6 +75,8 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
     assert made.stream.status().obstacle == Fact(Rows.NO_LIVE_ATTITUDE, can_ask=True)
+    asked = replay(only_heartbeats(), asked=True).stream.status().obstacle
+    assert asked.code is Rows.ATTITUDE_ASKED
 
 
 def test_a_plane_that_is_named_is_reported_to_be_none():

@@ -11,6 +11,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from live_faults import error_ratios, run_session, undisturbed
+from mavlink_streams import message
 from pymavlink.dialects.v20 import all as dialect
 
 import mavdem
@@ -426,3 +427,31 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     offline = error_ratios(mavdem.learn(train), test)
     # Of the samples that are kept, a fifth are of the first flight, whose motors were sound.
     assert np.all(ratios < 2 * offline) and ratios[0] < 0.1, (ratios, offline)
+
+
+def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
+    """From take-off on, although the model's rows begin after the climb."""
+    first = next(i for i, (stamp, _) in enumerate(FRAMES) if stamp >= FIRST)
+    one, screen, said = session_of([])
+    ground = {"landed_state": dialect.MAV_LANDED_STATE_TAKEOFF}
+    takes_off = message("EXTENDED_SYS_STATE", **ground)
+    for stamp, frame in FRAMES[first : first + 1500]:
+        one.link.script.append([(stamp, frame + takes_off)])
+        now[0] += 0.01
+        one.step(0.0)
+    assert one._setup is None and screen.setups and len(screen.rows) >= 2
+    one.end()
+
+
+def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
+    real = mavdem.dem.OnlineLearner.update
+
+    def update(self, time, *sample):
+        found = real(self, time, *sample)
+        return found and found._replace(unusual=88 < time < 90, seen=time)
+
+    monkeypatch.setattr("mavdem.dem.OnlineLearner.update", update)
+    one, _, said = session_of(batches(16.0))
+    run(one)
+    begins = [row for row in said if row.code is Session.MOTION_UNEXPECTED]
+    assert len(begins) == 1 and begins[0].level is Level.WATCH

@@ -199,3 +199,19 @@ def test_a_bad_link_hides_no_weak_motor():
     found = [(one.motor, one.weak) for one in stream.status().alarms if one.motor]
     assert found[:6] == [(1, True), (1, False), (3, True), (3, False), (2, True), (2, False)]
     assert InFlight.MOTOR_LOST_THRUST in {one.fact.code for one in stream.status().alarms}
+
+
+@dataclass(frozen=True)
+class Topped(Hover):
+    """Motors stay at one output in the climb, and reach none so high later."""
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        outputs[(outputs[:, 0] > 1200) & (t < 9.0)] = 1800.0
+        return outputs
+
+
+def test_a_climb_at_one_throttle_is_no_stop_of_the_motors():
+    made = replay(Flight(Topped(hovering=12.0)).frames(end=16.0))
+    assert {setup.scale.stop for setup in made.setups.values()} == {1.0}
+    assert not said(made, MotorsLight.MOTOR_LIMITED)

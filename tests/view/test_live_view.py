@@ -240,7 +240,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
         assert np.nanmin(values) < np.nanmax(values)
     levels = dict(zip(texts(path), texts(path, "TextLog:level"), strict=True))
     assert levels.pop("Alarm: motor 1 lost some thrust.") == "ERROR"
-    assert set(levels.values()) == {"INFO"}
+    assert set(levels.values()) <= {"INFO"}
 
 
 @pytest.mark.slow
@@ -262,12 +262,12 @@ def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_
                 until(lambda: not view._threads[0]._rows)
                 view.log(Occurrence(now.time, prose("Alarm").but(Level.BAD), 50.0 + DT * 3200))
                 until(lambda: not view._threads[0]._lines)
-    *gusts, unusual = [text for text in texts(path) if text != "Alarm."]
+    gusts = [text for text in texts(path) if text != "Alarm."]
     if changed:
         assert gusts == []
         return
     (gust,) = gusts
-    assert gust.endswith(" °/s² for 0.5 s") and unusual == "unusual motion: surprise 7"
+    assert gust.endswith(" °/s² for 0.5 s")
     # beside the torque so far
     assert float(gust.split()[1]) == pytest.approx(np.degrees(20.0), rel=0.01)
     stamps = [
@@ -275,7 +275,7 @@ def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_
         for name, _, batch in chunks(path)
         if name == "log"
     ]
-    assert sorted(np.concatenate(stamps) / 1e9) == pytest.approx([81.75, 85.0 - LATE], abs=0.02)
+    assert sorted(np.concatenate(stamps) / 1e9) == pytest.approx([81.75], abs=0.02)
 
 
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
@@ -461,6 +461,9 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
     monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda: False)
     assert sinks_for() == []
+    assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
+    # With a screen too: a server keeps what the file has.
+    monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda: True)
     assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
     assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
     for url in ("http://127.0.0.1:9876/proxy", "rerun+http://:1/proxy", "rerun://x:99999/proxy"):

@@ -1,0 +1,75 @@
+"""MotorAlarms: the motor watch of the vehicle that is followed, over all of its flights."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from math import nan
+
+from mavdem.alignment.drive import DEMAND_MESSAGE
+from mavdem.facts import Code, Fact
+from mavdem.facts.session import Rows, Session
+from mavdem.facts.watch import Watch
+from mavdem.health.in_flight import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
+from mavdem.live.decisions import Inputs
+
+MAX_ALARMS = 256  # that are kept
+
+
+class MotorAlarms:
+    """Changes of the motors' balance: the ``latest``, those ``standing`` as ``alarm`` of a ``SessionStatus``.
+
+    ``landed``: on the ground since; ``weak_since``: s, since when a motor is weak.
+    """
+
+    def __init__(self) -> None:
+        self.latest: deque[MotorAlarm] = deque(maxlen=MAX_ALARMS)
+        self.standing: tuple[Fact, ...] = ()
+        self.landed = False
+        self.weak_since = nan
+        self._watch: MotorWatch | None = None
+        self._watched: object = None
+        self._obstacle: Fact | None = None
+        self._reported = set[Code]()  # Reasons why none would be seen
+
+    def obstacle(self, now: float) -> Fact | None:
+        """Why no motor that weakens would be found at ``now``, s; None where one would."""
+        if self._obstacle is not None:
+            return self._obstacle
+        if self.landed:
+            return Fact(Watch.ON_GROUND_NOW)
+        if self._watch is None or now - self._watch.latest > LONGEST_GAP:
+            return Fact(Session.NOT_SETTLED)
+        if self._watch.since is None:
+            return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
+        return None
+
+    def take(
+        self, time: float, boot: int, inputs: Inputs, commands: list[float], heading: float
+    ) -> Iterator[Fact]:
+        """What to report of a sample in settled flight; ``commands`` as shares, ``heading`` as of ``MotorWatch``."""
+        if self.landed:
+            self.standing = ()
+            self.landed = False
+        obstacle: Fact | None = Fact(Rows.ONLY_DEMAND)
+        layout = inputs.layout
+        self.weak_since = nan
+        if inputs.message != DEMAND_MESSAGE:
+            # balances on two ranges differ
+            watched = boot, layout, inputs.scale.low, inputs.scale.high
+            if self._watch is None or watched != self._watched:
+                self._watch = MotorWatch(layout, boot)
+                self._watched = watched
+            changes = self._watch.take(time, commands, heading)
+            obstacle = self._watch.obstacle
+            self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
+            for change in changes:
+                self.latest.append(change)
+                if change.motor is not None:
+                    weak = [*self._watch.weak.values()] or [change]
+                    self.standing = tuple(alarm.announced for alarm in weak)
+                yield change.announced
+        self._obstacle = obstacle
+        if obstacle is not None and obstacle.code not in self._reported:
+            self._reported.add(obstacle.code)
+            yield obstacle
