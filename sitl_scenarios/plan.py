@@ -131,7 +131,8 @@ class Plan:
             case Doublets(axis=axis, amplitude=amplitude, width=width, period=period):
                 phase = time % period
                 sign = 1.0 if phase < width else -1.0 if phase < 2 * width else 0.0
-                return hover._replace(demand=_about(axis, radians(amplitude) * sign))
+                turn = AXES[int(time // period) % len(AXES)] if axis == "all" else axis
+                return hover._replace(demand=_about(turn, radians(amplitude) * sign))
             case Chirp(
                 axis=axis, amplitude=amplitude, lowest=lowest, highest=highest, period=period
             ):

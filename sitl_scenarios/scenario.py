@@ -285,9 +285,8 @@ class Doublets(Section):
     """A demand to one side, then to the other, again and again."""
 
     kind: Literal["doublets"]
-    axis: Axis = Field(
-        "roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw"
-    )
+    axis: Literal["roll", "pitch", "yaw", "all"] = "roll"
+    """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, one after another."""
     amplitude: Angle = Field(
         8.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s"
     )

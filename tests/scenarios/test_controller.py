@@ -79,6 +79,13 @@ def test_an_excitation_is_about_its_axis(kind, axis):
     assert demands[:, about].std() > radians(1)
 
 
+def test_doublets_of_all_axes_take_turns():
+    wanted = Doublets(kind="doublets", axis="all", period=1.0)
+    demands = np.array([at.demand for at in excited(wanted, duration=30.0)])
+    assert (demands != 0).sum(axis=1).max() == 1
+    assert (demands != 0).any(axis=0).all()
+
+
 def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     wanted = Multisine(kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0)
     demands = np.degrees([at.demand for at in excited(wanted)])[

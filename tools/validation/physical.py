@@ -1,14 +1,14 @@
 #!/usr/bin/env python
-"""Physical parameters, and margins of loops, compared with the truth of simulated flights, and of a Crazyflie.
+"""Physical parameters, and advised gains, compared with the truth of simulated flights, and of a Crazyflie.
 
 "Inside" is the share of 90 % intervals that hold the truth. Progress and what is refused go to standard error.
 
 The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery.
 
-Gains and the delay of the sensors vary from flight to flight where loops are compared.
+Gains and the delay of the sensors vary from flight to flight where gains are advised.
 
-Usage: tools/validation/physical.py simulated|loops|advice|crazyflie [--seed N] [--every K]
+Usage: tools/validation/physical.py simulated|advice|crazyflie [--seed N] [--every K]
 """
 
 from __future__ import annotations
@@ -88,16 +88,21 @@ def cases(seed: int, every: int = 1) -> list[Case]:
 
 
 def _varied(rng: np.random.Generator) -> dict[str, float]:
-    """Of three flights in ten thrust curve, lag, inertia and battery, which are not the published ones."""
+    """Of three flights in ten what differs from the published vehicles."""
+    drawn = varied(rng)
+    return drawn if rng.random() < 0.3 else {}
+
+
+def varied(rng: np.random.Generator) -> dict[str, float]:
+    """Thrust curve, lag, inertia and battery that are not the published ones."""
     up = float(rng.uniform(0.015, 0.06))
-    drawn = {
+    return {
         "quadratic_thrust": float(rng.uniform(0.3, 1.0)),
         "lag_up": up,
         "lag_down": up * float(rng.uniform(1.0, 2.0)),
         "inertia_scale": float(rng.uniform(0.7, 1.6)),
         "battery_sag": float(rng.uniform(0.0, 0.15)),
     }
-    return drawn if rng.random() < 0.3 else {}
 
 
 def scenario(case: Case) -> Scenario:
@@ -271,10 +276,6 @@ def simulated(seed: int, every: int) -> None:
     table("**Wind torque**, where it is resolved", heads, rows)
 
 
-LIMITS = {"crossover": 0.1, "phase_margin": 6.0, "gain_margin": 1.5, "ms": 0.1}
-"""Of the error of margins, in the order of the truth's: degrees and dB as they are, others as a share of the truth."""
-
-
 def loop_flights(seed: int, every: int) -> Iterator[tuple[Scenario, Loop, dict[str, Any]]]:
     """Flights with other gains and delays, their loops, and their truth."""
     rng = np.random.default_rng(seed)
@@ -323,39 +324,6 @@ def advice(seed: int, every: int) -> None:
         heads,
         [[label, str(len(met)), str(sum(met))] for label, met in counts.items()],
     )
-
-
-def loops(seed: int, every: int) -> None:
-    """How far margins are from the linearised loop's, and how often intervals hold them, by the effect's status."""
-    found = list[tuple[str, NDArray[Any]]]()
-    for _, loop, known in loop_flights(seed, every):
-        for name in ("rate", "attitude"):
-            true = known[f"roll_{name}_margins"]
-            one = getattr(loop, name)
-            estimates, ends = (
-                [getattr(one, figure + end) for figure in LIMITS] for end in ("", "_interval")
-            )
-            low, high = np.transpose(ends)
-            errors = (np.array(estimates) - true) / np.where(
-                np.isin(list(LIMITS), ("crossover", "ms")), true, 1.0
-            )
-            found.append(
-                (
-                    f"{name} loop, effect {loop.plant.status['effect']}",
-                    np.array([errors, (low <= true) & (true <= high)]),
-                )
-            )
-    for label in sorted({label for label, _ in found}):
-        errors, inside = np.transpose([one for which, one in found if which == label], (1, 2, 0))
-        rows = [
-            [figure, f"{np.median(error):+.2g}", share(np.abs(error) < LIMITS[figure]), share(held)]
-            for figure, error, held in zip(LIMITS, errors, inside, strict=True)
-        ]
-        table(
-            f"**{label}**, {errors.shape[1]} flights",
-            ["", "median error", "within the limit", "inside"],
-            rows,
-        )
 
 
 def row_of(label: Sequence[str], flight: Flight) -> list[str]:
@@ -424,7 +392,7 @@ def crazyflie() -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("which", type=click.Choice(["simulated", "loops", "advice", "crazyflie"]))
+@click.argument("which", type=click.Choice(["simulated", "advice", "crazyflie"]))
 @click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
 @click.option(
     "--every", default=1, show_default=True, help="One of so many of these, drawn by seed."
@@ -433,7 +401,7 @@ def main(which: str, seed: int, every: int) -> None:
     if which == "crazyflie":
         crazyflie()
     else:
-        {"simulated": simulated, "loops": loops, "advice": advice}[which](seed, every)
+        {"simulated": simulated, "advice": advice}[which](seed, every)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,290 @@
+#!/usr/bin/env python
+"""Margins of identified loops compared with the truth, of simulated flights thinned to lower rates, and of logs.
+
+Of each message all but one in so many are left out; stamps stay as they are. Without LOGS the flights are simulated
+ones, of the half to choose a method on or of the half to report; they are flown once and kept in --cache, with a
+table of all figures. "rms", "median", "size" (median without sign) and "close" (within 1.5 dB, %) are of errors where
+loops are given, relative but for margins in dB and degrees; "inside": of 90 % intervals that hold the truth, %.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from physical import Case, scenario, varied
+
+from mavdem.analysis import Options
+from mavdem.assessment.assess import NoLoop, assess
+from mavdem.condition.loop.controllers import LOOP_RATES, Controller, controller_of
+from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.margins import OpenLoop, loops_of
+from mavdem.confidence import LEVEL
+from mavdem.errors import Refusal
+from mavdem.facts import Fact
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected
+from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.paper.runner import write_log
+from sitl_scenarios.dynamics import IDLE_COMMAND, MAX_PULSE, frame, pulse
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.gains import cycle_of, parameters_of
+from sitl_scenarios.scenario import AXES, Axis, Scenario
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import axis as linear_axis
+from sitl_scenarios.truth import truth
+from sitl_scenarios.vehicles import airframe
+
+GIVEN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}  # seeds
+RATE = 400.0  # Hz of the simulated autopilots' loops, and of their messages
+AT_LIMIT = 0.15  # share of the time in the air with a motor at a limit, at most
+LEAST_PHASE = 15.0  # ° of the loops that are flown
+KINDS = ("type_mask", "axis", "port")  # fields by which messages of one name are of several kinds
+MARGINS = ("crossover", "phase_margin", "gain_margin", "ms")
+PLANT = ("effect", "damping", "lag", "delay")
+LOOPS = ("rate", "attitude")
+COLUMNS = r"^(log|rate|axis|effect|rate_(crossover|phase_margin|gain_margin|ms).*|reason)$"
+CLOSE = 1.5  # dB
+LARGEST = 30.0  # dB, that the error of a gain margin counts at most, as of one that there is not
+ENDS = (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
+Array = NDArray[np.float64]
+Truth = dict[str, dict[str, float]]
+"""Figures by axis and name."""
+
+
+def drawn(seed: int, rng: np.random.Generator) -> Scenario:
+    """Draws a scenario whose gains have the proportions of the autopilot's defaults, and margins that are drawn."""
+
+    def one(name: str) -> float:
+        return float(rng.uniform(*GIVEN["ranges"][name]))
+
+    autopilot = ("ardupilot", "px4")[seed % 2]
+    vehicle = rng.choice(GIVEN["vehicles"])
+    wind = str(rng.choice(GIVEN["winds"]))
+    like = Case("iris", wind, "none", RATE, autopilot, varied(rng), seed)
+    wanted = scenario(like).model_dump(mode="json")
+    parameters = {LOOP_RATES[autopilot]: RATE, **GIVEN["filters"][autopilot]}
+    wanted["vehicle"] |= {**vehicle, "parameters": parameters}
+    wanted["excitation"] = GIVEN["steering"][seed // 2 % len(GIVEN["steering"])]
+    wanted["sensors"] |= {name: one(name) for name in ("delay", "rate_sd")}
+    wanted["stream"]["rates"] = {"ATTITUDE_TARGET": RATE}
+    of = scenario_of(wanted)
+    body = airframe(of.vehicle)
+    hover = [body.command_for(body.hover_speed) / body.full] * 4
+    least = 180.0
+    for axis in AXES:
+        controller = flown_by(of, axis)
+        plant = plant_of(of, axis, linear_axis(of.vehicle, axis, lag=False).B[-1], hover)
+        names = [controller.names[name] for name in "pid"]
+        default = controller.changed(dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True)))
+        excess = truth_of(default, plant)["rate_gain_margin"] - one("gain_margin")
+        gains = {name: 10 ** (excess / 20) * default.parameters[name] for name in names}
+        gains[controller.names["angle"]] = one("angle")
+        known = truth_of(default.changed(gains), plant)
+        least = min(least, known["rate_phase_margin"], known["attitude_phase_margin"])
+        parameters |= gains
+    return scenario_of(wanted) if least > LEAST_PHASE else drawn(seed, rng)
+
+
+def flown_by(of: Scenario, axis: Axis) -> Controller:
+    """The controller of one axis that a scenario flies."""
+    weights = frame(of.vehicle.frame, airframe(of.vehicle).arm)[2 + AXES.index(axis)]
+    return controller_of(parameters_of(of, cycle_of(of)), axis, weights)
+
+
+def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
+    """As ``PLANT``: of a demand where outputs, each of ``effect`` (4,) rad/s² per µs, are at ``shares`` of a ms."""
+    damping = -linear_axis(of.vehicle, axis, lag=False).A[-1, -1]
+    gain = 1000 * effect @ flown_by(of, axis).per_demand(shares)
+    lag = sum(airframe(of.vehicle).lag) / 2
+    return [float(gain), float(damping), lag, of.sensors.delay + cycle_of(of) / 2]
+
+
+def figures_of(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]:
+    """(N,) each figure of the plant and its rate and attitude loop by name: the estimate, and draws."""
+    known = dict(zip(PLANT, (gains, *draws.T), strict=True))
+    for name, loop in zip(LOOPS, loops, strict=True):
+        known |= {f"{name}_{margin}": loop.figures[margin] for margin in MARGINS}
+    return known
+
+
+def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]:
+    """Likewise, of a known plant."""
+    known = np.array(plant[:1]), np.array([plant[1:]])
+    found = figures_of(*known, *loops_of(controller, *known))
+    return {name: float(one[0]) for name, one in found.items()}
+
+
+def flown(seed: int, cache: Path) -> Path:
+    """The folder of a flight, with its log and truth.json: made unless it is there."""
+    folder = cache / str(seed)
+    if (folder / "truth.json").exists():
+        return folder
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    limited = np.ones(1)
+    while limited.mean() > AT_LIMIT:
+        of = drawn(seed, rng)
+        with suppress(ValueError):  # it tumbles
+            motion = fly(of)
+            outputs = motion.outputs[motion.landed_state == IN_AIR]
+            limited = ((outputs >= MAX_PULSE) | (outputs <= pulse(IDLE_COMMAND))).any(axis=1)
+    shares = (outputs.mean(axis=0) / 1000 - 1).tolist()
+    effects = truth(of, motion)
+    known = {
+        axis: truth_of(flown_by(of, axis), plant_of(of, axis, effects[f"{axis}_effect"], shares))
+        for axis in AXES
+    }
+    write_log(folder / "flight.tlog", of, motion)
+    (folder / "truth.json").write_text(json.dumps(known, indent=1), "utf-8")
+    return folder
+
+
+def simulated(seed: int, cache: Path) -> tuple[Log, Truth]:
+    """The log of a flight, with exact stamps as in autopilots' own logs and not of whole ms; and the truth."""
+    folder = flown(seed, cache)
+    log = read_log(folder / "flight.tlog")
+    exact = {
+        name: {**columns, "time": np.round(columns["time"] * RATE) / RATE}
+        for name, columns in log.vehicles[0].messages.items()
+    }
+    own = replace(log.vehicles[0], messages=exact, translated_from="autopilot")
+    known = json.loads((folder / "truth.json").read_text("utf-8"))
+    return replace(log, vehicles=(own,)), known
+
+
+def loops_in(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
+    """What ``mavdem tune`` finds by axis, where messages faster than ``rate``, Hz, but one in so many are left out."""
+    slower = replace(log, vehicles=tuple(thinned(one, rate) for one in log.vehicles))
+    return assess(slower, options=Options(whole=False)).loops
+
+
+def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
+    """The vehicle's messages, fewer of those that come faster than ``rate``, Hz."""
+    kept = {}
+    for name, columns in vehicle.messages.items():
+        kinds = next((columns[key] for key in KINDS if key in columns), columns["boot"])
+        rows = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
+        rates = (rate_without_gaps(np.diff(columns["time"][one])) for one in rows)
+        parts = [one[:: max(1, round(own / rate))] for one, own in zip(rows, rates, strict=True)]
+        kept[name] = selected(columns, np.sort(np.concatenate(parts)))
+    return replace(vehicle, messages=kept)
+
+
+def estimates_of(loop: Loop) -> dict[str, Array]:
+    """(3,) of each figure by name: the estimate and the ends of its 90 % interval."""
+    found = figures_of(loop.gains, loop.draws, loop.rate, loop.attitude)
+    return {
+        name: np.append(one[0], np.quantile(one[1:], ENDS, method="nearest"))
+        for name, one in found.items()
+    }
+
+
+def cause(fact: Fact) -> str:
+    """The code of what a reason follows from."""
+    because = fact.figures.get("because")
+    return cause(because) if isinstance(because, Fact) else fact.code.name
+
+
+def known_of(log: Log, name: str) -> Truth:
+    """What is true of the axes of a recorded log, where that is known."""
+    return {
+        axis: truth_of(controller_of(log.vehicles[0].parameters, axis, (1.0,)), one["plant"])
+        for one in GIVEN["recorded"]
+        if name.startswith(tuple(one["files"]))
+        for axis in one["axes"]
+    }
+
+
+def rows_of(source: Path | int, rates: Sequence[float], cache: Path) -> list[dict[str, Any]]:
+    """An axis at a rate of a log, or of the flight of a seed, in each row: figures, and the truth; or the reason."""
+    try:
+        if isinstance(source, int):
+            log, known = simulated(source, cache)
+        else:
+            log = read_log(source)
+            known = known_of(log, source.name)
+    except Refusal as error:
+        return [{"log": source, "reason": str(error)}]
+    rows = []
+    for rate in rates:
+        began = process_time()
+        loops = loops_in(log, rate)
+        seconds = process_time() - began
+        for axis, loop in loops.items():
+            row = {"log": source, "rate": rate, "axis": axis, "seconds": seconds, "reason": ""}
+            row |= {f"{name} true": one for name, one in known.get(axis, {}).items()}
+            if isinstance(loop, NoLoop):
+                row |= {"reason": loop.refusal.sentence, "cause": cause(loop.refusal)}
+            else:
+                for name, estimate in estimates_of(loop).items():
+                    row |= dict(zip((name, f"{name} low", f"{name} high"), estimate, strict=True))
+            rows.append(row)
+    return rows
+
+
+STATISTICS: dict[str, Callable[[Any], float]] = {
+    "rms": lambda errors: np.sqrt((errors**2).mean()),
+    "median": lambda errors: errors.median(),
+    "size": lambda errors: errors.abs().median(),
+    "close": lambda errors: 100 * (errors.abs() <= CLOSE).mean(),
+}
+
+
+def line_of(rows: pd.DataFrame, columns: Mapping[str, Sequence[str]]) -> pd.Series:
+    """How many loops are given, statistics of their errors, and the share of intervals that hold the truth, %."""
+    given = rows[rows["reason"] == ""]
+    line: dict[str, Any] = {"given": f"{len(given)}/{len(rows)}"}
+    for name, statistics in columns.items():
+        true = given[f"{name} true"]
+        errors = given[name] - true
+        if name.endswith("gain_margin"):
+            errors = errors.fillna(0.0).clip(-LARGEST, LARGEST)
+        elif "margin" not in name:
+            errors = errors / true
+        line |= {f"{name} {one}": STATISTICS[one](errors) for one in statistics}
+        held = (given[f"{name} low"] <= true) & (true <= given[f"{name} high"])
+        line[f"{name} inside"] = 100 * held.mean()
+    return pd.Series(line)
+
+
+def show(title: str, table: pd.DataFrame | pd.Series) -> None:
+    click.echo(f"{title}\n{table.to_string(float_format='%.3g', na_rep='')}\n")
+
+
+@click.command(help=__doc__)
+@click.argument("logs", nargs=-1, type=Path)
+@click.option("--half", type=click.Choice(list(HALVES)), default="choose")
+@click.option("--rates", default="400 200 100 50 25 10", help="Hz; inf: as recorded.")
+@click.option("--jobs", default=2, help="Processes.")
+@click.option("--cache", default="/tmp/loops", type=Path, help="Folder of the simulated flights.")
+def main(logs: tuple[Path, ...], half: str, rates: str, jobs: int, cache: Path) -> None:
+    read = partial(rows_of, rates=[float(rate) for rate in rates.split()], cache=cache)
+    with ProcessPoolExecutor(jobs) as pool:
+        frame = pd.DataFrame([row for part in pool.map(read, logs or HALVES[half]) for row in part])
+    if logs:
+        show("Logs", frame.filter(regex=COLUMNS))
+        return
+    frame.to_csv(cache / f"{half}.csv")
+    both = pd.concat([frame, frame.assign(axis="all")])
+    for title, columns in GIVEN["tables"].items():
+        show(title, both.groupby(["rate", "axis"]).apply(line_of, columns=columns))
+    show("Refused, axes", frame.groupby(["rate", "cause"]).size())
+    show("Processor, s", frame.groupby("rate")["seconds"].median())
+
+
+if __name__ == "__main__":
+    main()
