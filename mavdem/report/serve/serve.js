@@ -39,6 +39,7 @@
   choose();
   let latest = 0;
   const search = async () => {
+    if (!rows()) return;
     const mine = ++latest, query = find.elements.q?.value ?? "", here = new URL(location);
     if (query) here.searchParams.set("q", query); else here.searchParams.delete("q");
     if (query !== shownQuery) here.searchParams.delete("offset");
@@ -46,7 +47,7 @@
     if (!answer.ok || mine !== latest) return;
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
     const list = page.getElementById("flights");
-    if (!rows() || !list) return location.reload();
+    if (!list) return;
     const kept = new Set(chosen());
     rows().replaceChildren(...list.tBodies[0].rows);
     for (const box of document.querySelectorAll('#flights input[name="id"]')) box.checked = kept.has(box.value);
@@ -107,6 +108,7 @@
           item.said.textContent = said?.error ? `${said.error.reason} ${said.error.remedy}` : "The server does not answer.";
           return;
         }
+        if (item.alone) { location = `/f/${said.flights[0].id}`; return; }
         for (const flight of said.flights) lines.set(flight.id, item), tell(flight);
         soon(300);
         watch();
@@ -115,7 +117,11 @@
     }
   };
   const take = files => {
-    for (const file of files) queue.push([file, line(file.name)]);
+    for (const file of files) {
+      const item = line(file.name);
+      item.alone = files.length === 1;
+      queue.push([file, item]);
+    }
     send();
   };
   const shares = { waiting: 0.3, reading: 0.4, judging: 0.5, learning: 0.6, drawing: 0.8, done: 1, failed: 1 };

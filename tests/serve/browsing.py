@@ -1,0 +1,118 @@
+"""Chromium without a screen, driven over its DevTools protocol: what a person does, a page's policy notwithstanding."""
+
+import asyncio
+import itertools
+import json
+import subprocess
+import time
+from contextlib import contextmanager
+
+import aiohttp
+import pytest
+from browser import CHROMIUM
+
+PATIENCE_SECONDS = 60.0  # however busy the machine is
+
+
+class Page:
+    """A tab: ``said`` has what its console complains of."""
+
+    def __init__(self, loop, line):
+        self._loop = loop
+        self._line = line
+        self._numbers = itertools.count(1)
+        self.said = []
+        for part in ("Page", "Runtime", "Log"):
+            self.command(f"{part}.enable")
+
+    def command(self, method, **given):
+        return self._loop.run_until_complete(self._command(method, given))
+
+    async def _command(self, method, given):
+        number = next(self._numbers)
+        await self._line.send_json({"id": number, "method": method, "params": given})
+        while True:
+            answer = json.loads((await self._line.receive(PATIENCE_SECONDS)).data)
+            if answer.get("method") == "Page.javascriptDialogOpening":
+                accepted = {"id": next(self._numbers), "method": "Page.handleJavaScriptDialog"}
+                await self._line.send_json(accepted | {"params": {"accept": True}})
+            if answer.get("method") in ("Log.entryAdded", "Runtime.exceptionThrown"):
+                entry = answer["params"].get("entry", answer["params"])
+                if entry.get("source") not in (
+                    "network",
+                    "recommendation",
+                ):  # a refusal is no fault
+                    self.said.append(entry)
+            if answer.get("id") == number:
+                assert "error" not in answer, answer
+                return answer["result"]
+
+    def run(self, script):
+        """What an expression is, once it is that."""
+        given = {"expression": script, "awaitPromise": True, "returnByValue": True}
+        result = self.command("Runtime.evaluate", userGesture=True, **given)
+        assert "exceptionDetails" not in result, result
+        return result["result"].get("value")
+
+    def until(self, script):
+        """Waits until an expression holds, also on a page that comes meanwhile."""
+        ends = time.monotonic() + PATIENCE_SECONDS
+        while time.monotonic() < ends:
+            try:
+                if self.run(f"!!({script})"):
+                    return
+            except AssertionError:  # the page went away
+                pass
+            time.sleep(0.02)
+        raise AssertionError(script, self.run("document.body.innerText"))
+
+    def open(self, address):
+        self.command("Page.navigate", url=address)
+        self.until(f"location.href === {json.dumps(address)} && document.readyState === 'complete'")
+
+    def size(self, width, dark=False):
+        size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        self.command("Emulation.setDeviceMetricsOverride", **size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.command("Emulation.setEmulatedMedia", features=[scheme])
+
+    def press(self, key, code=0):
+        for kind in ("keyDown", "keyUp"):
+            text = {"text": "\r"} if key == "Enter" and kind == "keyDown" else {}
+            self.command(
+                "Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **text
+            )
+
+
+@contextmanager
+def browsing(folder):
+    """A tab of a new profile in a ``folder``."""
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium")
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
+    words = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    loop = asyncio.new_event_loop()
+    try:
+        place = folder / "DevToolsActivePort"
+        ends = time.monotonic() + PATIENCE_SECONDS
+        while not (place.is_file() and place.read_text().count("\n")) and time.monotonic() < ends:
+            time.sleep(0.02)
+        port = place.read_text().splitlines()[0]
+        session, line = loop.run_until_complete(_attached(port))
+        try:
+            yield Page(loop, line)
+        finally:
+            loop.run_until_complete(session.close())
+    finally:
+        process.kill()
+        process.wait()
+        loop.close()
+
+
+async def _attached(port):
+    session = aiohttp.ClientSession()
+    async with session.get(f"http://127.0.0.1:{port}/json/list") as answer:
+        tabs = await answer.json()
+    address = next(tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page")
+    return session, await session.ws_connect(address, max_msg_size=0)

@@ -1,0 +1,151 @@
+"""The server's pages in Chromium: drop, progress, search, compare, share, delete, by keyboard, on a telephone, dark."""
+
+import pytest
+from browser import FITS, HOSTILE
+from browsing import browsing
+from serving import TOKEN, log, serving
+
+from mavdem.facts.serve import Sharing
+
+DROP = """(() => {
+  const data = new DataTransfer();
+  for (const [name, content] of %s)
+    data.items.add(new File([Uint8Array.from(atob(content), one => one.charCodeAt(0))], name));
+  document.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true }));
+})()"""
+ROWS = "document.querySelectorAll('#flights tbody tr').length"
+SHOWN = "document.body.innerText"
+FITTING = FITS.removeprefix("return ")
+
+
+def drop(page, *files):
+    import base64
+    import json
+
+    page.run(DROP % json.dumps([[name, base64.b64encode(data).decode()] for name, data in files]))
+
+
+@pytest.mark.slow
+def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path):
+    with serving(tmp_path / "served", is_eager=False) as server, browsing(tmp_path / "a") as page:
+        page.open(f"{server.address}/")
+        assert "Drop a flight log here" in page.run(SHOWN)
+        many = [
+            (f"{number}.ulg", log(f"{'Odd' if number % 2 else 'Even'} {number}."))
+            for number in range(20)
+        ]
+        drop(page, *many, ("letter.txt", b"text"), (f"{HOSTILE}.ulg", log(HOSTILE)))
+        page.until("document.querySelectorAll('#uploads li').length === 22")
+        page.until("document.querySelectorAll('#uploads a').length === 21")
+        page.until("document.querySelectorAll('#uploads .bad').length === 1")
+        server.work.run()
+        page.until("!document.querySelector('#uploads progress')")
+        assert page.run("document.title") == "Flights"
+
+        page.open(f"{server.address}/")
+        assert page.run(ROWS) == 21
+        # One alone leads to its page.
+        drop(page, ("alone.ulg", log("Alone.")))
+        page.until("location.pathname.startsWith('/f/')")
+        server.work.run()
+        page.until("document.querySelector('#bar')")
+        page.open(f"{server.address}/")
+        assert page.run(ROWS) == 22
+        # As one types, and back again by the browser's button.
+        page.run("document.querySelector('[name=q]').focus()")
+        page.command("Input.insertText", text="odd")
+        page.until(f"{ROWS} === 10")
+        page.run("document.querySelector('#flights a.name').click()")
+        page.until("location.pathname.startsWith('/f/')")
+        page.until("document.querySelector('#bar')")
+        page.run("history.back()")
+        page.until(f"{ROWS} === 10 && document.querySelector('[name=q]').value === 'odd'")
+
+        for box in (0, 1):
+            page.run(f"document.querySelectorAll('#flights input')[{box}].click()")
+        page.run("document.getElementById('compare').click()")
+        page.until("document.querySelector('h1')?.textContent === 'What changed'")
+        page.run("history.back()")
+        page.until(f"{ROWS} === 10")
+        page.run("document.querySelectorAll('#flights input:checked').forEach(one => one.click())")
+        page.run("document.querySelector('#flights input').click()")
+        page.run("document.getElementById('remove').click()")
+        page.until(f"{ROWS} === 9")
+        assert server.library.find("1", (), 1)[1] == 21
+        assert page.said == []
+
+
+@pytest.mark.slow
+def test_a_link_is_shared_and_opened_in_another_profile(tmp_path):
+    with (
+        serving(tmp_path / "served", TOKEN, is_eager=False) as server,
+        browsing(tmp_path / "a") as mine,
+        browsing(tmp_path / "b") as other,
+    ):
+        id = server.add("a.ulg", "One.", token=TOKEN)
+        address = f"{server.address}/f/{id}"
+        mine.open(f"{server.address}/enter")
+        mine.run("document.getElementById('token').focus()")
+        mine.command("Input.insertText", text=TOKEN)
+        mine.press("Enter", 13)
+        mine.until(f"{ROWS} === 1")
+        other.open(address)
+        assert "There is no such flight" in other.run(SHOWN)
+
+        # The page comes by itself when the log has been read.
+        mine.open(address)
+        mine.until("document.querySelector('#steps li.is')")
+        server.work.run()
+        mine.until("document.querySelector('#bar')")
+        mine.run("document.querySelector('#bar summary').click()")
+        mine.run("document.getElementById('sharing').value = 'link'")
+        mine.run("document.getElementById('note').value = 'Gusty'")
+        mine.run("document.querySelector('#edit button:not([type])').click()")
+        mine.until("document.getElementById('saved').textContent === 'Saved.'")
+        assert server.library.entry(id).sharing == Sharing.LINK
+        other.open(address)
+        assert "One." in other.run(SHOWN) and "Gusty" in other.run(SHOWN)
+        assert not other.run("document.getElementById('edit') || document.getElementById('delete')")
+        other.open(f"{server.address}/")
+        assert other.run(ROWS) == 0
+
+        mine.run("document.getElementById('delete').click()")
+        mine.until("location.pathname === '/'")
+        other.open(address)
+        assert "There is no such flight" in other.run(SHOWN)
+        assert mine.said == []
+
+
+@pytest.mark.slow
+def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path):
+    with serving(tmp_path / "served") as server, browsing(tmp_path / "a") as page:
+        id = server.add("a_log_with_a_very_long_name_that_does_not_break_" * 3 + ".ulg", "One.")
+        failed = server.add("b.ulg", "damaged")
+        for width, dark in ((500, True), (500, False), (1280, True), (360, True)):
+            page.size(width, dark)
+            for path in (
+                "/",
+                f"/f/{id}",
+                f"/f/{failed}",
+                "/vehicle?name=quad 7",
+                f"/compare?a={id}&b={id}",
+                "/f/none",
+            ):
+                page.open(f"{server.address}{path.replace(' ', '%20')}")
+                assert page.run(FITTING), (width, path)
+            dark_page = (
+                page.run("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+            )
+            assert dark_page == dark
+        # The first things a keyboard reaches, and a flight opened with it.
+        page.open(f"{server.address}/")
+        reached = []
+        for _ in range(20):
+            page.press("Tab", 9)
+            reached.append(
+                page.run("document.activeElement.id || document.activeElement.className")
+            )
+        assert {"brand", "filearg", "name"} <= set(reached)
+        page.run("document.querySelector('#flights a.name').focus()")
+        page.press("Enter", 13)
+        page.until("location.pathname.startsWith('/f/')")
