@@ -93,6 +93,7 @@ def twin_of(
     weight = mass or MASS
     arm, is_measured = _arm(roll.controller.parameters, weight)
     own, cycle = _parameters(roll.controller.parameters, "px4" if px4 else "ardupilot")
+    lag, late = (roll.draws[0, 1:] - [0.0, cycle / 2]).tolist()  # the hold is flown
     body = Twin(
         autopilot="px4" if px4 else "ardupilot",
         mass=weight,
@@ -102,8 +103,8 @@ def twin_of(
         expo=min(max(roll.controller.expo, 0.0), 1.0),
         moment=MOMENT * arm[1],
         damping=(),
-        lag=float(roll.draws[0, 1]),
-        delay=max(float(roll.draws[0, 2]) - cycle / 2, 0.0),
+        lag=max(lag + min(late, 0.0), 0.0),
+        delay=max(late, 0.0),
         noise=roll.plant.noise,
         drag=drag,
         wind_speed=None if wind is None else wind.speed,
