@@ -357,6 +357,20 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert refused.value.fact == Fact(Twins.NO_HOVER, share=0.05)
 
 
+@pytest.mark.parametrize("delay", [0.004, 0.0])
+def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
+    loop = made_up()
+    loop = replace(loop, draws=loop.draws * [1, 0, 0] + [0, 0.02, delay])
+    loop = loop.changed({"IMU_GYRO_CUTOFF": 40.0})
+    twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, mass=None)
+    assert twin.lag + twin.delay == approx(0.02 + delay - 0.5 / 250)
+    if delay:
+        scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")) | {"duration": 15.0})
+        found = truth(scenario, fly(scenario))["roll_rate_margins"]
+        known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
+        assert found == approx(known, rel=0.02)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     air = SimpleNamespace(drag=None, speed=3.0, direction=80.0, sized=known, directed=True)
