@@ -162,6 +162,7 @@ def _response(found: LoopResponse) -> dict[str, Any]:
     measured = found.measured
     if isinstance(measured, Fact):
         return {"measured": None, "facts": found.facts}
-    drawn = {name: getattr(measured, name) for name in ("gain", *vars(measured))}
+    names = (name for name in Response.model_fields if hasattr(measured, name))
+    drawn = {name: getattr(measured, name) for name in names}
     predicted = {"predicted_step": found.predicted_step, "predicted_gain": found.predicted_gain}
     return {"measured": drawn | predicted, "facts": found.facts}
