@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.analysis.findings import Findings
-from mavdem.assessment.judgement import Judgement, unjudged
+from mavdem.assessment.flown import worst
+from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
@@ -60,6 +61,7 @@ class SessionStatus:
         wind, no_wind: the latest row in m/s, None before one; why there is none although the vehicle flies.
         alarm: what is bad now: of motors that are weak it stays after the landing.
         watched: since when each of what needs no model is watched, or why it is not.
+        lights: the worst of that so far, by light.
     """
 
     vehicle: str | None = None
@@ -83,12 +85,23 @@ class SessionStatus:
     wind: WindRow | None = None
     no_wind: Fact | None = None
     watched: tuple[Fact, ...] = ()
+    lights: Mapping[str, Fact] = field(default_factory=dict)
 
     @property
     def judged(self) -> Judgement:
-        """What is judged of the flight or, before anything is, what its alarms or its obstacle say."""
-        if self.judgement is not None:
-            return self.judgement
+        """What is judged of the flight, by its model and without."""
+        known = self.judgement or self._unjudged
+        lights = {
+            name: worst([fact, self.lights.get(name, fact)]) for name, fact in known.lights.items()
+        }
+        bad = [fact for fact in lights.values() if fact.level is Level.BAD]
+        if not bad or known.headline.level is Level.BAD:
+            return known._replace(lights=lights)
+        return Judgement(bad[0], next_step_of(bad[0], lights, None), lights)
+
+    @property
+    def _unjudged(self) -> Judgement:
+        """What the alarms or the obstacle say, before anything is judged."""
         weak = [alarm.fact for alarm in self.alarms if alarm.weak]
         refusal, *_ = [*weak, *filter(None, [self.obstacle]), Fact(Session.NOT_FLYING)]
         return unjudged(refusal)

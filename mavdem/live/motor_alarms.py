@@ -32,12 +32,12 @@ class MotorAlarms:
         self._obstacle: Fact | None = None
         self._reported = set[Code]()  # Reasons why none would be seen
 
-    def obstacle(self, now: float) -> Fact | None:
+    def obstacle(self, now: float, is_flying: bool) -> Fact | None:
         """Why no motor that weakens would be found at ``now``, s; None where one would."""
+        if not is_flying:
+            return Fact(Watch.ON_GROUND_NOW)
         if self._obstacle is not None:
             return self._obstacle
-        if self.landed:
-            return Fact(Watch.ON_GROUND_NOW)
         if self._watch is None or now - self._watch.latest > LONGEST_GAP:
             return Fact(Session.NOT_SETTLED)
         if self._watch.since is None:

@@ -25,6 +25,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
+from mavdem.facts.watch import Watch
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import motor_parameters
 from mavdem.live.decisions import Setup, judged
@@ -564,9 +565,9 @@ class LiveSession:
 
     def _log(self, fact: Fact) -> None:
         now = time.monotonic()
-        because = fact.figures.get("because")
-        about = (because.code, because.subject) if isinstance(because, Fact) else None
-        kind = fact.code, fact.subject, fact.figures.get("text"), about
+        known = fact.figures
+        about = known["because"] if fact.code is Watch.OTHER_VEHICLE_ALARM else known.get("text")
+        kind = fact.code, fact.subject, about
         self._last_said = {
             before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS
         }

@@ -208,6 +208,7 @@ class LiveStream:
             alarms=tuple(self.alarms.latest),
             alarm=(*self._watchdog.alarms, *self.alarms.standing),
             watched=self.watched,
+            lights=dict(self._watchdog.lights),
             wind=self.air.row,
             no_wind=self.air.obstacle,
         )
@@ -392,7 +393,8 @@ class LiveStream:
                 now, self._telemetry(sender), self._phase.flying, self._motion()
             ):
                 self._report(fact)
-            self._watchdog.watches(Watched.MOTORS, self.alarms.obstacle(now), now)
+            because = self.alarms.obstacle(now, self._phase.flying)
+            self._watchdog.watches(Watched.MOTORS, because, now)
         if self._phase.settled(now) and not self._phase.evident(now) and not self._said_evidence:
             self._said_evidence = now - self._connected_from >= DECISION_SECONDS
             if self._said_evidence:

@@ -19,6 +19,7 @@ from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.quality import QualityFigures, at_limits
 from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Attitude, Signals
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flown import worst
 from mavdem.assessment.power import power_light
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.vibration import vibration_light
@@ -26,7 +27,7 @@ from mavdem.condition.condition import Condition
 from mavdem.condition.oscillation import begun_oscillation
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
-from mavdem.facts.lights import Unjudged
+from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.session import Rows, Session
@@ -38,6 +39,12 @@ from mavdem.live.messages import FIELDS, Values
 from mavdem.live.rows import Samples
 
 MAX_ROWS = 2048  # Of each; then every second of the older half is dropped
+LIGHTS = {
+    Watched.OSCILLATION: Light.MARGINS,
+    Watched.MOTOR_LIMITS: Light.MOTORS,
+    Watched.VIBRATION: Light.VIBRATION,
+    Watched.BATTERY: Light.POWER,
+}
 # s, of what vibration and warnings are judged by; a battery is judged by the whole flight
 RECENT_SECONDS = 60.0
 LIMIT_SECONDS = 2.0
@@ -95,12 +102,14 @@ class Watchdog:
     Attributes:
         standing: what is wrong as of the last review, by what shows it.
         watched: since when each is watched, or why it is not.
+        lights: the worst that was found so far, by light.
         messages: time, s, and values of what the autopilot said of itself, by name.
     """
 
     def __init__(self, boot: int = 0) -> None:
         self.standing: dict[Watched, Fact] = {}
         self.watched: dict[Watched, Fact] = {}
+        self.lights: dict[str, Fact] = {}
         self._boot = boot
         self.messages: dict[str, list[tuple[float, Values]]] = {}
         self._phases: list[tuple[float, int]] = []
@@ -198,6 +207,8 @@ class Watchdog:
     def _changes(self, found: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
         """What became wrong, or worse, and what no longer is."""
         for what, fact in found.items():
+            light = str(LIGHTS[what])
+            self.lights[light] = worst([fact, self.lights.get(light, fact)])
             if fact.level not in (Level.WATCH, Level.BAD):
                 continue
             before = self.standing.get(what)

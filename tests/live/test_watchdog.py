@@ -1,6 +1,6 @@
 """The watchdog: what is wrong is said within seconds of take-off, without a model, and sound flights are let alone."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -69,6 +69,13 @@ def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_ove
     assert over.code is Watch.ALARM_OVER and 19.0 < over.time < 22.6
     [shown] = [each for each in hot.events if each.fact is over]
     assert shown.seconds - 1.7e9 == pytest.approx(over.time + CALM_SECONDS, abs=0.6)
+
+
+def test_what_was_wrong_is_the_headline_of_the_session(hot):
+    judged = replace(hot.stream.status(), alarms=()).judged
+    assert judged.headline.code is MotorsLight.MOTOR_LIMITED
+    assert judged.lights["margins"].code is MarginsLight.OSCILLATES
+    assert judged.next_step.figures["because"] is judged.headline
 
 
 def test_a_motor_at_its_limit_is_named(hot):
