@@ -352,22 +352,19 @@ class Learned(LearnedDownstream):
 
         It is the wind and everything else outside the model.
         """
-        n = self.model.A.shape[0]
-        m = self.model.C.shape[0]
-        r = self.model.B.shape[1] + self.scaling.constant
-        X = self._generalized_states
-        p = self.settings.p
-        A, B, _ = unpack(self.theta, n, r, m)
-        slope = X[:, n : 2 * n] if p else np.zeros((len(X), n))
-        noise = slope - X[:, :n] @ A.T - X[:, n * (p + 1) :][:, :r] @ B.T
-        return self.places, noise * self.scaling.state_scale(n)
+        data = np.concatenate(generalized(self.settings, self.scaling, self.record))
+        return self.places, data @ self.disturbance_map.T
 
     @cached_property
-    def _generalized_states(self) -> Array:
-        """X of every sample with a whole window, (T′, dim X), in the engine's units."""
-        return (
-            np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
-        )
+    def disturbance_map(self) -> Array:
+        """(n, dim [ỹ; η̃]) of the generalized data, in the engine's units, to the process noise in units per second."""
+        n, r = self.model.B.shape
+        p = self.settings.p
+        A, B, _ = unpack(self.theta, n, r + self.scaling.constant, len(self.model.C))
+        noise = np.eye(n, len(self.state_map), k=n) if p else np.zeros((n, len(self.state_map)))
+        noise[:, :n] -= A
+        noise[:, n * (p + 1) :][:, : B.shape[1]] -= B
+        return self.scaling.state_scale(n)[:, None] * noise @ self.state_map
 
     def to_json(self) -> str:
         """Returns everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""

@@ -61,13 +61,22 @@ def learn(
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; or data
             that no model can forecast.
     """
+    return learn_with_fit(train, settings)[0]
+
+
+def learn_with_fit(
+    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
+) -> tuple[Learned, Fit]:
+    """Returns the result of :func:`learn`, and the fit that it was made from; takes and raises the same."""
     with one_thread():
         record, settings = checked(train, settings)
         try:
             fitted = fit(record, settings)
         except np.linalg.LinAlgError:
             raise NotLearnable(Fact(ModelRefusal.FIT_BREAKS_DOWN)) from None
-        return _learned(fitted, record)
+        segments = generalized(settings, fitted.scaling, record)
+        refined = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments))
+        return _learned(refined, record, np.concatenate(segments)), refined
 
 
 def learn_forecasts(
@@ -165,17 +174,14 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
     return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
 
 
-def _learned(fitted: Fit, record: Record) -> Learned:
-    """The result, in physical units, of a fit in the engine's, with the simulation-error fit where there can be one."""
-    segments = generalized(fitted.settings, fitted.scaling, record)
-    fit = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments))
+def _learned(fit: Fit, record: Record, data: Array) -> Learned:
+    """The result, in physical units, of a fit in the engine's to generalized ``data``."""
     order = fit.model.n
     ascent = fit.ascent
     scaling = fit.scaling
     sizes = order, record.inputs.shape[1], fit.model.m
     vehicle = of_vehicle(*sizes, scaling.constant)
     scale = scaling.parameter_scale(order)
-    data = np.concatenate(segments)
     precision = fit.model.prior.theta_precision
     prior_covariance = inverse(precision)
     covariance = ascent.belief.theta_covariance

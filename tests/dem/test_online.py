@@ -14,7 +14,7 @@ from simulated import simulated
 import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.dem.learning import FEWEST_SAMPLES
+from mavdem.dem.learning import FEWEST_SAMPLES, learn_with_fit
 from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS, TOO_FEW
 from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import (
@@ -296,7 +296,7 @@ def test_a_new_model_brings_the_past_of_its_own_free_energy():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
     flight = simulated(samples=300, wind=0.5)
     memory = Memory(DT, 10, 30)
-    tracker = Tracker(learned := mavdem.learn(flight), Tracking.of(learned), 3.0)
+    tracker = Tracker(learned := mavdem.learn(flight), Tracking.of(*learn_with_fit(flight)), 3.0)
     energies = []
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):
         memory.add(*row)

@@ -17,7 +17,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import known_combinations
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
-from mavdem.dem.learning import FEWEST_SAMPLES, learn
+from mavdem.dem.learning import FEWEST_SAMPLES, learn, learn_with_fit
 from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import (
@@ -61,9 +61,11 @@ class _Result(NamedTuple):
 
 
 def _learn(record: Record, settings: Settings, until: float) -> _Result:
-    learned = learn(record, settings)
-    learned.joint  # noqa: B018  here, not where samples come
-    return _Result(learned, Tracking.of(learned), until)
+    learned, fit = learn_with_fit(record, settings)
+    # here, not where samples come
+    learned.joint  # noqa: B018
+    learned.disturbance_map  # noqa: B018
+    return _Result(learned, Tracking.of(learned, fit), until)
 
 
 class OnlineLearner:

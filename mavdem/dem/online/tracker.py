@@ -13,13 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.confidence import LEVEL
-from mavdem.dem.engine.ascent import CoordinateAscent
-from mavdem.dem.engine.free_energy import Belief, SampleEnergy
-from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics, taylor_weights
+from mavdem.dem.engine.free_energy import SampleEnergy
+from mavdem.dem.engine.generative import taylor_weights
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import LinearModel, unpack
-from mavdem.dem.engine.steps import with_optimal_precisions
-from mavdem.dem.fitting import generalized, generative_model
+from mavdem.dem.engine.model import LinearModel
+from mavdem.dem.fitting import Fit
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.online.memory import Memory
@@ -131,36 +129,15 @@ class Tracking(NamedTuple):
 
     log_precisions: Array
     energy: SampleEnergy
-    disturbance: Array  # (n, dim X) w from X, in the states' physical units per second
     past: Array  # F(t) less its priors, of the latest training data
 
     @classmethod
-    def of(cls, learned: Learned) -> Tracking:
-        """Evaluates the model's belief on its training data again, at the same θ."""
-        record = learned.record
-        settings = learned.settings
-        model = generative_model(settings, learned.scaling, record)
-        segments = generalized(settings, learned.scaling, record)
-        samples = SufficientStatistics.of(*segments)
-        moments = GeneralizedMoments.of(model, samples, learned.state_map)
-        belief = Belief(moments, *(np.empty(0),) * 5)._replace(
-            theta=learned.theta, lambda_=learned.learning.lambda_[-1]
-        )
-        belief = with_optimal_precisions(model, belief)
-        if learned.simulation_fit is not None:
-            belief = CoordinateAscent(model, samples).at_theta(learned.theta, belief).belief
-        A, B, _ = unpack(belief.theta, *model.sizes)
-        # w = x′ − A x − B v, at order 0.
-        disturbance = np.zeros((model.n, len(learned.state_map)))
-        if model.p:
-            disturbance[:, model.n : 2 * model.n] = np.eye(model.n)
-        disturbance[:, : model.n] -= A
-        disturbance[:, model.n * (model.p + 1) :][:, : model.r] -= B
-        scale = learned.scaling.state_scale(model.n)[:, None]
-        energy = SampleEnergy.of(model, belief)
-        data = np.concatenate(segments)[-round(SURPRISE_SECONDS / learned.dt) :]
-        past = energy.at(data, data @ learned.state_map.T) - energy.priors
-        return cls(belief.lambda_, energy, disturbance * scale, past)
+    def of(cls, learned: Learned, fit: Fit) -> Tracking:
+        """That of a result and the fit that it was made from."""
+        belief = fit.ascent.belief
+        energy = SampleEnergy.of(fit.model, belief)
+        past = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]
+        return cls(belief.lambda_, energy, past - energy.priors)
 
 
 class Tracker:
@@ -180,7 +157,8 @@ class Tracker:
     def evaluate(self, memory: Memory) -> tuple[float, Array]:
         """Returns F(t) less its priors, and the disturbance, at the centre of the latest window; NaN without one."""
         (inputs, outputs) = memory.latest(self.window)
-        (_, energy, disturbance, _) = self.tracking
+        energy = self.tracking.energy
+        disturbance = self.learned.disturbance_map
         if len(outputs) < self.window:
             return np.nan, np.full(len(disturbance), np.nan)
         scaling = self.learned.scaling
@@ -192,7 +170,7 @@ class Tracker:
             ]
         )
         states = self.learned.state_map @ data
-        return float(energy.at(data[None], states[None])[0]) - energy.priors, disturbance @ states
+        return float(energy.at(data[None], states[None])[0]) - energy.priors, disturbance @ data
 
 
 class ErrorBands:
