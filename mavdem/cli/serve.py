@@ -110,6 +110,4 @@ def serve_command(
         scheduler,
         SAMPLE if SAMPLE.is_file() else None,
     )
-    serve(
-        options, None, lambda address: say_aside(f"Serving {folder} at {address}"), not no_browser
-    )
+    serve(options, lambda address: say_aside(f"Serving {folder} at {address}"), not no_browser)

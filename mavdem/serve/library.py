@@ -221,7 +221,7 @@ class Library:
             if known is not None:
                 db.execute("delete from entries where digest = ?", [digest])
             entry = Entry(
-                new_id(),
+                known["id"] if known else new_id(),
                 name,
                 digest,
                 str(path),

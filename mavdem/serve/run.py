@@ -6,19 +6,22 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
 import uvicorn
 
 from mavdem.errors import Unreadable
+from mavdem.extras import missing
 from mavdem.facts import Fact
 from mavdem.facts.serve import Start
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Limits
 from mavdem.serve.app import Server
 from mavdem.serve.library import Library
-from mavdem.serve.rights import rights_of
+from mavdem.serve.rights import LOOPBACK, rights_of
+from mavdem.serve.viewers import Viewers
 from mavdem.serve.work import Work
 
 MOST_CONNECTIONS = 1000
@@ -42,12 +45,10 @@ class Options(NamedTuple):
     sample: Path | None
 
 
-def serve(
-    options: Options, show: Callable[[Path], str] | None, say: Callable[[str], None], is_shown: bool
-) -> None:
+def serve(options: Options, say: Callable[[str], None], is_shown: bool) -> None:
     """Runs a server until it is asked to end.
 
-    ``show`` opens a recording in a viewer and returns its address; ``say`` is called with the server's own address when
+    ``say`` is called with the server's own address when
     it listens, and ``is_shown`` opens it in a browser. Raises ``Unreadable``: it cannot listen, or that is not safe, or
     the folder cannot be written to.
     """
@@ -57,6 +58,10 @@ def serve(
     library.adopt()
     cluster = Cluster(options.scheduler, options.limits) if options.scheduler else None
     work = Work(library, options.processes, options.limits, cluster)
+    viewers = Viewers()
+    # A viewer listens on this machine only, so whoever opens one must sit there.
+    can_show = options.host in LOOPBACK and not options.is_behind_proxy and not missing("view")
+    show = viewers.show if can_show else None
     app = Server(library, rights, work, options.sample, show).app
     config = uvicorn.Config(
         app,
@@ -72,7 +77,8 @@ def serve(
     say(address)
     if is_shown:
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-    uvicorn.Server(config).run(sockets=[listening])
+    with closing(viewers):
+        uvicorn.Server(config).run(sockets=[listening])
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -11,6 +11,15 @@ os.environ.setdefault(
 
 from mavdem.view.flown import Pose, Target, streamed, write_pose  # noqa: E402
 from mavdem.view.recording import write_recording, write_words  # noqa: E402
-from mavdem.view.sinks import show  # noqa: E402
+from mavdem.view.sinks import WebServer, show  # noqa: E402
 
-__all__ = ["Pose", "Target", "show", "streamed", "write_pose", "write_recording", "write_words"]
+__all__ = [
+    "Pose",
+    "Target",
+    "WebServer",
+    "show",
+    "streamed",
+    "write_pose",
+    "write_recording",
+    "write_words",
+]

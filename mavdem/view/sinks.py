@@ -169,10 +169,11 @@ class Viewer(Sink):
 class WebServer(Viewer):
     """A server that shows the flight in browsers of this machine at its ``page``, until it is closed.
 
-    It takes recordings at ``port`` and browsers at ``page_port``; ``OSError`` if one is taken.
+    It takes recordings at ``port`` and browsers at ``page_port``; ``OSError`` if one is taken. A ``recording`` that is
+    named is shown at once.
     """
 
-    def __init__(self, port: int = 9876, page_port: int = 9090) -> None:
+    def __init__(self, port: int = 9876, page_port: int = 9090, recording: str = "") -> None:
         super().__init__(f"rerun+http://{LOOPBACK}:{port}/proxy")
         for number in (port, page_port):
             try:
@@ -183,9 +184,8 @@ class WebServer(Viewer):
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         ports = ("--port", str(port), "--web-viewer-port", str(page_port))
-        self.process = _start(
-            "--server-memory-limit", SERVER_MEMORY, "--serve-web", *ports, watched=True
-        )
+        options = ["--server-memory-limit", SERVER_MEMORY, "--serve-web", *ports]
+        self.process = _start(*options, *filter(None, [recording]), watched=True)
 
     def close(self) -> None:
         """Ends it."""

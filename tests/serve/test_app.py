@@ -1,10 +1,12 @@
 """The server: uploads in Flight Review's form, the library, sharing, and what is refused."""
 
 import errno
+import http.client
 import json
 import re
 import socket
-from urllib.parse import urlencode
+from contextlib import closing
+from urllib.parse import urlencode, urlsplit
 
 import pytest
 from browser import HOSTILE
@@ -15,8 +17,9 @@ from mavdem.facts.fleet import Incomparable
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.library_page import words
-from mavdem.serve import app, uploads
+from mavdem.serve import app, uploads, viewers
 from mavdem.serve.rights import rights_of
+from mavdem.serve.viewers import Viewers
 
 
 @pytest.fixture
@@ -354,3 +357,30 @@ def test_a_recording_opens_in_a_viewer(tmp_path):
         shown = server.ask("POST", f"/api/flights/{id}/viewer", {}).json
         assert shown == {"address": "http://viewer/flight.rrd"}
         assert 'id="rerun"' in server.ask("GET", f"/f/{id}").text
+
+
+def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
+    def taken(*_):
+        raise OSError("port 9876 is taken")
+
+    monkeypatch.setattr("mavdem.view.WebServer", taken)
+    with serving(tmp_path, show=Viewers().show) as server:
+        id = server.add("a.ulg", "One.")
+        server.library.change(id, files="flight.rrd")
+        refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
+        assert (refused.status, refused.code) == (503, Request.NOT_STARTED)
+
+
+@pytest.mark.slow
+def test_viewers_answer_when_their_address_is_known_and_are_few(tmp_path, monkeypatch):
+    monkeypatch.setattr(viewers, "MOST_OPEN", 1)
+    open_viewers = Viewers()
+    with closing(open_viewers):
+        pages = [open_viewers.show(tmp_path / name) for name in ("a.rrd", "b.rrd", "b.rrd")]
+        assert pages[0] != pages[1] == pages[2]
+        place = urlsplit(pages[2])
+        with closing(http.client.HTTPConnection(place.hostname, place.port)) as line:
+            line.request("GET", "/")
+            assert line.getresponse().status == 200
+        with pytest.raises(OSError):
+            socket.create_connection((place.hostname, urlsplit(pages[0]).port))
