@@ -56,7 +56,7 @@ KINDS = ("type_mask", "axis", "port")  # fields by which messages of one name ar
 MARGINS = ("crossover", "phase_margin", "gain_margin", "ms")
 PLANT = ("effect", "damping", "lag", "delay")
 LOOPS = ("rate", "attitude")
-COLUMNS = r"^(log|rate|axis|effect|rate_(crossover|phase_margin|gain_margin|ms).*|reason)$"
+COLUMNS = r"^(log|rate|axis|effect|rate_(crossover|phase_margin|gain_margin|ms).*|cause)$"
 CLOSE = 1.5  # dB
 LARGEST = 30.0  # dB, that the error of a gain margin counts at most, as of one that there is not
 ENDS = (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
@@ -210,28 +210,30 @@ def known_of(log: Log, name: str) -> Truth:
 
 
 def rows_of(source: Path | int, rates: Sequence[float], cache: Path) -> list[dict[str, Any]]:
-    """An axis at a rate of a log, or of the flight of a seed, in each row: figures, and the truth; or the reason."""
+    """An axis at a rate of a log, or of the flight of a seed, in each row: figures, and the truth; or the cause."""
+    name = source.name if isinstance(source, Path) else str(source)
     try:
-        if isinstance(source, int):
-            log, known = simulated(source, cache)
-        else:
+        if isinstance(source, Path):
             log = read_log(source)
-            known = known_of(log, source.name)
+            known = known_of(log, name)
+        else:
+            log, known = simulated(source, cache)
     except Refusal as error:
-        return [{"log": source, "reason": str(error)}]
+        return [{"log": name, "cause": cause(error.fact)}]
     rows = []
     for rate in rates:
         began = process_time()
         loops = loops_in(log, rate)
         seconds = process_time() - began
         for axis, loop in loops.items():
-            row = {"log": source, "rate": rate, "axis": axis, "seconds": seconds, "reason": ""}
-            row |= {f"{name} true": one for name, one in known.get(axis, {}).items()}
+            row = {"log": name, "rate": rate, "axis": axis, "seconds": seconds, "cause": ""}
+            row |= {f"{figure} true": one for figure, one in known.get(axis, {}).items()}
             if isinstance(loop, NoLoop):
-                row |= {"reason": loop.refusal.sentence, "cause": cause(loop.refusal)}
+                row["cause"] = cause(loop.refusal)
             else:
-                for name, estimate in estimates_of(loop).items():
-                    row |= dict(zip((name, f"{name} low", f"{name} high"), estimate, strict=True))
+                for figure, estimate in estimates_of(loop).items():
+                    ends = (figure, f"{figure} low", f"{figure} high")
+                    row |= dict(zip(ends, estimate, strict=True))
             rows.append(row)
     return rows
 
@@ -246,7 +248,7 @@ STATISTICS: dict[str, Callable[[Any], float]] = {
 
 def line_of(rows: pd.DataFrame, columns: Mapping[str, Sequence[str]]) -> pd.Series:
     """How many loops are given, statistics of their errors, and the share of intervals that hold the truth, %."""
-    given = rows[rows["reason"] == ""]
+    given = rows[rows["cause"] == ""]
     line: dict[str, Any] = {"given": f"{len(given)}/{len(rows)}"}
     for name, statistics in columns.items():
         true = given[f"{name} true"]
@@ -282,7 +284,7 @@ def main(logs: tuple[Path, ...], half: str, rates: str, jobs: int, cache: Path) 
     both = pd.concat([frame, frame.assign(axis="all")])
     for title, columns in GIVEN["tables"].items():
         show(title, both.groupby(["rate", "axis"]).apply(line_of, columns=columns))
-    show("Refused, axes", frame.groupby(["rate", "cause"]).size())
+    show("Given or refused, axes", frame.groupby(["rate", "cause"]).size())
     show("Processor, s", frame.groupby("rate")["seconds"].median())
 
 
