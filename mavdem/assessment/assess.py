@@ -26,6 +26,7 @@ from mavdem.assessment.judgement import Judgement, judge, unjudged
 from mavdem.assessment.log import simulated_of
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motors import while_controlled
+from mavdem.assessment.noise import Noise, noise_of
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.responses import LoopResponse, responses_of
 from mavdem.condition.loop.from_flight import loop_of
@@ -58,14 +59,12 @@ class Assessment(AssessmentDownstream):
         judgement: its headline, next step and lights.
         evidence: what that rests on; None where no vehicle of the log was judged.
         analyses: all that the log says of each axis that was modelled, the most important first.
-        spectra: of the rates, by axis.
     """
 
     log: Log
     judgement: Judgement
     evidence: Evidence | None = None
     analyses: Mapping[str, LogAnalysis] = field(default_factory=lambda: MappingProxyType({}))
-    spectra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def analysis(self) -> LogAnalysis | None:
@@ -109,6 +108,11 @@ class Assessment(AssessmentDownstream):
     def responses(self) -> Mapping[str, Mapping[str, LoopResponse]]:
         """The measured responses of "rate" and "attitude" of each axis, beside the predicted ones."""
         return {} if self.evidence is None else responses_of(self.evidence)
+
+    @cached_property
+    def noise(self) -> Noise:
+        """The spectra of gyro and accelerometer, lines in them, and the notch filter to set."""
+        return Noise({}, {}) if self.evidence is None else noise_of(self.evidence, self.responses)
 
     @property
     def model(self) -> Learned | None:

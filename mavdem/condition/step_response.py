@@ -27,8 +27,8 @@ from scipy.linalg import solve_toeplitz
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.condition.loop.controllers import controller_of
-from mavdem.condition.loop.margins import Complex
+from mavdem.condition.loop.controllers import Controller, controller_of
+from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
@@ -127,6 +127,17 @@ class StepResponse:
             highest=self.highest,
             **figures,
         )
+
+    def crossover(self, controller: Controller) -> float | None:
+        """Returns the highest frequency, Hz, at which the rate loop's gain is 1; None where it is not seen.
+
+        By a known ``controller``, from setpoint and back from rate: L / (1 + L) = T C_back / C_forward.
+        """
+        forward, back = transfer(controller, self.frequency)
+        closed = self.response * back / forward
+        above = np.flatnonzero(np.abs(closed) >= np.abs(1 - closed))
+        seen = len(above) and above[-1] + 1 < len(self.frequency)
+        return float(self.frequency[above[-1]]) if seen else None
 
     def compared(self, frequency: Array, closed: Complex) -> Fact:
         """Returns whether the ``closed`` loop (F′,) at Hz (F′,) that was predicted is the measured one.

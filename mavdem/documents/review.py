@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
+from mavdem.alignment.drive import AXES
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop
 from mavdem.assessment.margins import margins_of
 from mavdem.assessment.responses import LoopResponse
+from mavdem.condition import spectra as measured
+from mavdem.condition.peaks import Peak
+from mavdem.condition.spectra import thinned
 from mavdem.documents.document import Document, OneFact, Sentence
 from mavdem.documents.flight import Report, report_of
 from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
 from mavdem.documents.wind import WindVelocity
 from mavdem.facts import Fact
-from mavdem.units import Hertz, Number, Seconds
+from mavdem.units import DensityOfUnit, Hertz, Number, Seconds
+
+FREQUENCIES = 240
+TIMES = 80
+"""At most, of a spectrum and of a spectrogram."""
 
 
 class Response(Document):
@@ -76,6 +84,72 @@ class Resonance(Document):
     """there, of the rate with its setpoint or with the motors"""
 
 
+class Spectrogram(Document):
+    """Power by frequency, over time or over the throttle."""
+
+    time: list[Seconds] | None
+    """middles of the windows; null over the throttle"""
+    throttle: list[Number]
+    """mean output of the motors, 0 to 1; null where it is not known"""
+    frequency: list[Hertz]
+    """up to the highest"""
+    density: list[list[DensityOfUnit]]
+    """of all axes together, at each time or throttle"""
+
+
+class Line(Document):
+    """A line of a spectrum."""
+
+    kind: str
+    """motor, frame, alias or unnamed"""
+    frequency: Hertz
+    """at the median throttle"""
+    ratio: Number
+    """power over that around it"""
+    density: DensityOfUnit
+    """power of all axes"""
+    width: Hertz
+    """at half of that"""
+    exponent: Number
+    """of the throttle, or of the motors' speed, that it follows; null where that is not known"""
+    harmonics: list[int]
+    """multiples of the frequency at which there are lines too"""
+    order: Number
+    """frequency over the motors' speed, where that was logged"""
+
+
+class Spectrum(Document):
+    """Power of a sensor, or of what was asked of the motors, by frequency."""
+
+    unit: str
+    """of what was measured"""
+    source: str
+    """message or topic of the log"""
+    highest: Hertz
+    """half of the rate of the samples: what is faster is folded below it"""
+    windows: int
+    """windows that it is the mean of"""
+    frequency: list[Hertz]
+    """from 0 to the highest"""
+    density: dict[str, list[DensityOfUnit]]
+    """mean power of each axis: roll, pitch and yaw, or forward, right and down"""
+    by_time: Spectrogram
+    """over time"""
+    by_throttle: Spectrogram
+    """over the throttle"""
+    lines: list[Line]
+    """lines, the strongest first"""
+
+
+class Noise(Document):
+    """Spectra of gyro, accelerometer and demand, and what is said of them."""
+
+    spectra: dict[str, Spectrum]
+    """gyro and accelerometer, before filters and behind them, and demand"""
+    facts: list[Sentence]
+    """lines of the gyro, what the filters take, and the notch filter to set"""
+
+
 class Axis(Document):
     """An axis of the vehicle."""
 
@@ -116,8 +190,8 @@ class Review(Document):
     """wind in m/s"""
     model: Report | None
     """what was learned of the roll axis; null where there is no model"""
-    spectra: dict[str, Any]
-    """spectra of the rates by axis"""
+    noise: Noise
+    """spectra, lines and notch filters"""
     files: dict[str, str]
     """the files written, by name"""
 
@@ -135,7 +209,13 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
         "axes": axes_of(assessment),
         "wind": wind,
         "model": None if assessment.model is None else report_of(assessment),
-        "spectra": assessment.spectra,
+        "noise": {
+            "spectra": {
+                name: _spectrum(one, assessment.noise.peaks[name])
+                for name, one in assessment.noise.spectra.items()
+            },
+            "facts": assessment.noise.facts,
+        },
         "files": {},
     }
 
@@ -159,10 +239,40 @@ def axes_of(assessment: Assessment) -> dict[str, Any]:
 
 
 def _response(found: LoopResponse) -> dict[str, Any]:
-    measured = found.measured
-    if isinstance(measured, Fact):
+    if isinstance(found.measured, Fact):
         return {"measured": None, "facts": found.facts}
-    names = (name for name in Response.model_fields if hasattr(measured, name))
-    drawn = {name: getattr(measured, name) for name in names}
+    names = (name for name in Response.model_fields if hasattr(found.measured, name))
+    drawn = {name: getattr(found.measured, name) for name in names}
     predicted = {"predicted_step": found.predicted_step, "predicted_gain": found.predicted_gain}
     return {"measured": drawn | predicted, "facts": found.facts}
+
+
+def _spectrum(found: measured.Spectrum, lines: tuple[Peak, ...]) -> dict[str, Any]:
+    """The values of a spectrum, thinned to ``FREQUENCIES`` and ``TIMES`` by the largest."""
+    axes = ("forward", "right", "down") if found.unit == "m/s²" else AXES
+    fine, mean = thinned(found.frequency, found.mean, FREQUENCIES)
+    coarse, over_time = thinned(found.frequency, found.whole, FREQUENCIES // 2)
+    size = -(-len(found.time) // TIMES)
+    levels, by_throttle = found.by_throttle
+    _, by_throttle = thinned(found.frequency, by_throttle, FREQUENCIES // 2)
+    return {
+        "unit": found.unit,
+        "source": found.source,
+        "highest": found.highest,
+        "windows": len(found.time),
+        "frequency": fine,
+        "density": dict(zip(axes, mean, strict=True)),
+        "by_time": {
+            "time": found.time[::size],
+            "throttle": found.throttle[::size],
+            "frequency": coarse,
+            "density": over_time[::size],
+        },
+        "by_throttle": {
+            "time": None,
+            "throttle": levels,
+            "frequency": coarse,
+            "density": by_throttle,
+        },
+        "lines": [line._asdict() for line in lines],
+    }

@@ -58,6 +58,11 @@ SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
 OF_PX4 = ("failure_detector_status", "estimator_selector_status", "input_rc")
 """Topics that no message of MAVLink has the meaning of."""
+SAMPLES = {
+    "GYRO": ("sensor_gyro_fifo", "gyro_rad"),
+    "ACCEL": ("sensor_accel_fifo", "accelerometer_m_s2"),
+}
+"""The topic of each sensor's samples before the filters, and the field of sensor_combined that has their means."""
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
@@ -122,6 +127,14 @@ def messages(
             "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
             "CURRENT_MODE": ("vehicle_status", _made(_current_mode, topics)),
             **{name: (name, _made(_as_logged, topics, name)) for name in OF_PX4},
+            "ESC": ("esc_status", _made(_motor_speeds, topics)),
+            **{
+                f"{sensor}_BEFORE": (
+                    name if name in topics else "sensor_combined",
+                    _made(_samples, topics, name, field),
+                )
+                for sensor, (name, field) in SAMPLES.items()
+            },
         }
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
     return made, {name: topic for name, (topic, _) in named.items()}
@@ -339,6 +352,29 @@ def _as_logged(topics: Topics, name: str) -> dict[str, NDArray[Any]]:
     topic = _first(topics, name)
     fields = {field: topic[field] for field in NEEDED[name] if field in topic}
     return {"time": topic["time"], **fields}
+
+
+def _samples(topics: Topics, name: str, field: str) -> dict[str, NDArray[Any]]:
+    """``x``, ``y``, ``z``, rad/s or m/s², of samples before the filters: up to 32 in a message of a FIFO."""
+    if not (fifo := _first(topics, name)):
+        combined = _first(topics, "sensor_combined")
+        return {
+            "time": combined["time"],
+            **dict(zip("xyz", _array(combined, field, 3).T, strict=True)),
+        }
+    places = np.arange(32)
+    inside = places < fifo["samples"][:, None]
+    late = fifo["time"] - (fifo["timestamp"] - fifo["timestamp_sample"].astype(np.float64)) / 1e6
+    before = (fifo["samples"][:, None] - 1 - places) * fifo["dt"][:, None] / 1e6
+    scaled = {axis: (_array(fifo, axis, 32) * fifo["scale"][:, None])[inside] for axis in "xyz"}
+    return {"time": (late[:, None] - before)[inside], **scaled}
+
+
+def _motor_speeds(topics: Topics) -> dict[str, NDArray[Any]]:
+    """ESC as DataFlash has it, a row for each motor: RPM."""
+    topic = _first(topics, "esc_status")
+    speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(4)])
+    return {"time": np.repeat(topic["time"], 4), "RPM": np.abs(speeds).ravel()}
 
 
 def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:

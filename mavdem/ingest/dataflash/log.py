@@ -29,6 +29,7 @@ from mavdem.ingest.dataflash.binary import (
     numbers,
     read_binary,
 )
+from mavdem.ingest.dataflash.samples import raw_samples
 from mavdem.ingest.dataflash.translation import (
     ACCELEROMETERS,
     GYROS,
@@ -198,6 +199,8 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     used = (*CLOCKS, "I", *GYROS, *ACCELEROMETERS)
     gyros = {name: column for name, column in imu.columns.items() if name in used}
+    batches = recording.table("ISBD")
+    logged["ISBD"] = MessageTable(batches.place, dict(batches.columns))
     said = recording.table("MSG")
     texts = _texts(said, "Message")
     if len(texts) == len(said.place):
@@ -218,6 +221,9 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     messages, names, notes = translated(
         tables, kind, (int(version[1]), int(version[2])) if version else None
     )
+    samples = raw_samples(tables, parameters)
+    messages |= {name: columns for name, (_, columns) in samples.items()}
+    names |= {name: own for name, (own, _) in samples.items()}
     repairs = (
         *recording.repairs,
         *repair(Repair.BYTES_SKIPPED, count=recording.bytes_skipped, part="message"),

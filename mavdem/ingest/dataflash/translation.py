@@ -249,6 +249,11 @@ NEEDED = (
     "MSG",
     "SIDD",
     "SIDS",
+    "ESC",
+    "GYR",
+    "ACC",
+    "ISBH",
+    "ISBD",
 )  # DataFlash's messages that are translated
 # A message is slower than another when it has fewer than this share of the other's number
 SLOWER_SHARE = 0.9
@@ -302,6 +307,7 @@ def translated(
         "ERR": ("ERR", having(tables, "ERR", ("Subsys", "ECode"))),
         "PARAM_VALUE": ("PARM", _parameters_set(tables)),
         "EV": ("EV", having(tables, "EV", ("Id",))),
+        "ESC": ("ESC", having(tables, "ESC", ("RPM",))),
         "SIDD": ("SIDD", _injected(tables)),
         **{message: _renamed(tables, message) for message in _RENAMED},
         "LOCAL_POSITION_NED": _position(tables),

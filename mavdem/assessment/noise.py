@@ -1,0 +1,123 @@
+"""Noise: the spectra of gyro and accelerometer in flight, their lines, and what the filters leave of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.alignment.align import Segment
+from mavdem.alignment.drive import TILT_AXES
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flown import flights
+from mavdem.assessment.responses import LoopResponse
+from mavdem.condition.loop.controllers import Controller, controller_of
+from mavdem.condition.loop.loop import Loop
+from mavdem.condition.notches import notch_advice
+from mavdem.condition.peaks import Peak, PeakKind, peaks_of
+from mavdem.condition.spectra import Spectrum, spectra_of_flight
+from mavdem.condition.step_response import StepResponse
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.noise import Noise as Codes
+
+KINDS = {
+    PeakKind.MOTOR: Codes.MOTOR_LINE,
+    PeakKind.FRAME: Codes.FRAME_LINE,
+    PeakKind.ALIAS: Codes.ALIASED_LINE,
+    PeakKind.UNNAMED: Codes.UNNAMED_LINE,
+}
+GYRO = "gyro"
+BEFORE = "gyro_before"
+Responses = Mapping[str, Mapping[str, LoopResponse]]
+"""By axis, and by "rate" or "attitude"."""
+
+
+class Noise(NamedTuple):
+    """The spectra by name, and the lines of each."""
+
+    spectra: Mapping[str, Spectrum]
+    peaks: Mapping[str, tuple[Peak, ...]]
+    notch: Fact | None = None
+    """The notch filter to set, or why there is none; None where the filters are not known."""
+
+    @property
+    def lines(self) -> tuple[Peak, ...]:
+        """Those of the gyro before its filters, where that was logged, or else behind them."""
+        return self.peaks.get(BEFORE, self.peaks.get(GYRO, ()))
+
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """What the gyro shows, up to which frequency, and what the filters take."""
+        shown = self.spectra.get(BEFORE, self.spectra.get(GYRO))
+        if shown is None:
+            return (Fact(Codes.NO_SPECTRUM),)
+        found = [
+            Fact(
+                Codes.SPECTRUM_SEEN,
+                name=shown.name,
+                source=shown.source,
+                highest=shown.highest,
+                windows=len(shown.time),
+            )
+        ]
+        found += [_of_line(peak) for peak in self.lines]
+        behind = self.spectra.get(GYRO)
+        if shown.name == BEFORE and behind is not None:
+            found += [
+                _left(peak, shown, behind)
+                for peak in self.lines
+                if peak.kind is PeakKind.MOTOR and peak.frequency < behind.highest
+            ]
+        return tuple(filter(None, (*found, self.notch)))
+
+
+def noise_of(evidence: Evidence, responses: Responses) -> Noise:
+    """Returns the spectra and lines of all that was flown; a notch's cost is by loops, or ``responses``."""
+    signals = evidence.signals
+    if signals.attitude is None:
+        return Noise({}, {})
+    boots = np.unique(signals.attitude.boot).tolist()
+    spans = [Segment(boot, *span) for boot in boots for span in flights(evidence, boot)]
+    spectra = spectra_of_flight(signals, spans)
+    parameters = signals.telemetry.parameters
+    noise = Noise(spectra, {name: peaks_of(one) for name, one in spectra.items()})
+    try:
+        controller = controller_of(parameters, "roll", (1.0,))
+    except NotLearnable:
+        return noise
+    before, behind = spectra.get(BEFORE), spectra.get(GYRO)
+    crossover = _crossover(evidence, responses, controller)
+    return noise._replace(notch=notch_advice(controller, noise.lines, before, behind, crossover))
+
+
+def _crossover(evidence: Evidence, responses: Responses, controller: Controller) -> float | None:
+    """Hz, of the rate loops of roll and pitch the highest: as identified, or else as measured."""
+    found = list[float | None]()
+    for axis in TILT_AXES:
+        loop = evidence.loops.get(axis)
+        measured = responses[axis]["rate"].measured
+        if isinstance(loop, Loop):
+            found.append(loop.crossover)
+        elif isinstance(measured, StepResponse):
+            found.append(measured.crossover(controller))
+    return max(filter(None, found), default=None)
+
+
+def _of_line(peak: Peak) -> Fact:
+    return Fact(
+        KINDS[peak.kind],
+        frequency=peak.frequency,
+        ratio=peak.ratio,
+        harmonics=peak.harmonics,
+        exponent=peak.exponent,
+        order=peak.order,
+    )
+
+
+def _left(peak: Peak, before: Spectrum, behind: Spectrum) -> Fact:
+    """What the filters leave of a line."""
+    sides = peak.frequency * 0.75, peak.frequency * 1.35
+    share = behind.power(*sides) / before.power(*sides)
+    return Fact(Codes.FILTERS_REMOVE, Level.GOOD, frequency=peak.frequency, share=1 - share)

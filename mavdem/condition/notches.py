@@ -1,0 +1,146 @@
+"""Notch filters: which to set on a line of the gyro's spectrum, what they take of it, and what they cost in phase.
+
+ArduPilot's harmonic notch goes with the root of the throttle, or with the motors' speed where ESCs report it; PX4's
+static one stays, its dynamic one goes with that speed. A notch is as narrow as takes ``ENOUGH`` of the line over all
+windows of the flight, each with the notch where it would have been. Parameters and recommended values:
+https://ardupilot.org/copter/docs/common-imu-notch-filtering.html, https://docs.px4.io/main/en/config_mc/filter_tuning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.filters import gyro_filters, gyro_response
+from mavdem.condition.peaks import Peak, PeakKind
+from mavdem.condition.resonance import FASTEST_LOOP
+from mavdem.condition.spectra import Spectrum
+from mavdem.facts import Fact, Level
+from mavdem.facts.noise import NotchAdvice
+
+SHARES = (1 / 4, 1 / 3, 1 / 2)  # of the line's frequency: bandwidths, of which the last is usual
+ENOUGH = 0.9
+NEEDED = (
+    0.2  # share of the noise above the loop behind the filters, from which a line is worth a notch
+)
+ATTENUATION = 40.0  # dB, as ArduPilot has it by default
+AROUND = 0.75, 1.35
+"""Of a line's frequency, from and to: what counts as its power."""
+BY_THROTTLE = 1.0
+BY_SPEED = 3.0
+"""Of INS_HNTCH_MODE."""
+
+
+def notch_advice(
+    controller: Controller,
+    lines: Sequence[Peak],
+    before: Spectrum | None,
+    behind: Spectrum | None,
+    crossover: float | None,
+) -> Fact:
+    """Returns the notch filter to set on the strongest line of motors or frame, or why there is none.
+
+    The spectra are of the gyro before its filters and behind them, whichever was logged; costs are at a ``crossover``,
+    Hz.
+    """
+    shown = before or behind
+    named = [line for line in lines if line.kind in (PeakKind.MOTOR, PeakKind.FRAME)]
+    if shown is None or not named:
+        return Fact(NotchAdvice.NO_LINE_TO_REMOVE, Level.GOOD)
+    line = max(named, key=lambda one: one.density)
+    if any(
+        abs(notch.frequency * multiple / line.frequency - 1) < notch.bandwidth / line.frequency / 2
+        for notch in controller.notches
+        for multiple in (1, 1 / 2)
+    ):
+        return Fact(NotchAdvice.NOTCH_IN_PLACE, Level.GOOD, frequency=line.frequency)
+    left = shown.whole.mean(axis=0)
+    if before is not None:
+        left = left * np.abs(gyro_response(controller, shown.frequency)) ** 2
+    low, high = AROUND
+    of_line = (shown.frequency > low * line.frequency) & (shown.frequency < high * line.frequency)
+    share = float(left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum())
+    if share < NEEDED:
+        return Fact(NotchAdvice.NOTCH_NOT_NEEDED, Level.GOOD, frequency=line.frequency, share=share)
+    has_speed = line.order is not None
+    for part in SHARES:
+        settings = _settings(controller, line, part * line.frequency, has_speed)
+        changed = controller.changed(_static(settings, line, part * line.frequency))
+        removed = 1 - _left(line, shown, of_line, controller, changed)
+        if removed >= ENOUGH:
+            break
+    cost = None
+    if crossover is not None:
+        lags = [gyro_filters(one, crossover).phase_lag for one in (changed, controller)]
+        cost = lags[0] - lags[1]
+    return Fact(
+        NotchAdvice.SET_NOTCH,
+        Level.WATCH,
+        frequency=line.frequency,
+        share=removed,
+        phase_cost=cost,
+        crossover=crossover,
+        settings=tuple(settings.items()),
+    )
+
+
+def _settings(
+    controller: Controller, line: Peak, bandwidth: float, has_speed: bool
+) -> dict[str, float]:
+    """The parameters of a notch on a line, by name."""
+    frequency = float(f"{line.frequency:.3g}")
+    width = float(f"{bandwidth:.2g}")
+    moves = line.kind is PeakKind.MOTOR
+    if not controller.derivative_of_error:
+        if moves and has_speed:
+            return {
+                "IMU_GYRO_DNF_EN": 1.0,
+                "IMU_GYRO_DNF_BW": width,
+                "IMU_GYRO_DNF_HMC": float(max(line.harmonics)),
+            }
+        return {"IMU_GYRO_NF0_FRQ": frequency, "IMU_GYRO_NF0_BW": width}
+    mode = 0.0
+    if moves:
+        mode = BY_SPEED if has_speed else BY_THROTTLE
+    hover = controller.parameters.get("MOT_THST_HOVER", 0.35)
+    return {
+        "INS_HNTCH_ENABLE": 1.0,
+        "INS_HNTCH_MODE": mode,
+        "INS_HNTCH_FREQ": frequency,
+        "INS_HNTCH_BW": width,
+        "INS_HNTCH_REF": float(f"{hover:.3g}") if mode == BY_THROTTLE else 1.0,
+        "INS_HNTCH_HMNCS": float(sum(1 << (multiple - 1) for multiple in line.harmonics)),
+        "INS_HNTCH_ATT": ATTENUATION,
+    }
+
+
+def _static(settings: Mapping[str, float], line: Peak, bandwidth: float) -> dict[str, float]:
+    """The parameters with which the controller has the notch where the line is."""
+    if "IMU_GYRO_DNF_EN" in settings:
+        return {"IMU_GYRO_NF0_FRQ": line.frequency, "IMU_GYRO_NF0_BW": bandwidth}
+    return dict(settings)
+
+
+def _left(
+    line: Peak,
+    shown: Spectrum,
+    of_line: NDArray[np.bool_],
+    controller: Controller,
+    changed: Controller,
+) -> float:
+    """Share of the line's power that is left in all windows, the notch moving as it would."""
+    drive = np.ones(len(shown.time))
+    if line.kind is PeakKind.MOTOR:
+        followed = np.sqrt(shown.throttle) if line.order is None else shown.speed
+        drive = followed / np.median(followed)
+    if not changed.derivative_of_error and line.order is None:
+        drive = np.ones(len(shown.time))
+    left = 0.0
+    for power, speed in zip(shown.whole[:, of_line], drive, strict=True):
+        at = shown.frequency[of_line] / speed
+        kept = np.abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
+        left += float(power @ kept)
+    return left / float(shown.whole[:, of_line].sum())

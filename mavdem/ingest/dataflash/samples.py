@@ -1,0 +1,105 @@
+"""Samples of gyro and accelerometer as they were measured, before the filters and behind them.
+
+ISBH begins a batch that ISBD continues, 32 samples each; GYR and ACC are logged without gaps; IMU is behind the
+filters. Of an autopilot that logs both, instances behind the filters count on from those of the sensors. Sources:
+``BatchSampler`` and ``log_gyro_raw`` of https://github.com/ArduPilot/ardupilot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, count, having, instance
+from mavdem.ingest.telemetry import Array, Columns, rows_by
+
+FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
+RAW = {"GYRO": "GYR", "ACCEL": "ACC"}
+"""The messages of samples without gaps."""
+BATCH_TYPES = {"ACCEL": 0, "GYRO": 1}  # ISBH.type
+IDS = {
+    "GYRO": ("INS_GYR_ID", "INS_GYR2_ID", "INS_GYR3_ID"),
+    "ACCEL": ("INS_ACC_ID", "INS_ACC2_ID", "INS_ACC3_ID"),
+}
+"""Parameters that are not 0 for each sensor that there is."""
+OPTIONS = {"ISBH": ("INS_LOG_BAT_OPT", 2, 4), "raw": ("INS_RAW_LOG_OPT", 4, 8)}
+"""The parameter, and its bits: samples behind the filters alone, and of both."""
+
+
+def raw_samples(
+    tables: Mapping[str, Columns], parameters: Mapping[str, float]
+) -> dict[str, tuple[str, Columns]]:
+    """Returns GYRO_BEFORE, GYRO_AFTER, ACCEL_BEFORE and ACCEL_AFTER, of the first sensor, with what the log calls them.
+
+    They have ``x``, ``y``, ``z``, rad/s or m/s², behind the filters or before.
+    """
+    found = dict[str, tuple[str, Columns]]()
+    for sensor, fields in FIELDS.items():
+        sensors = sum(parameters.get(name, 0.0) != 0 for name in IDS[sensor])
+        for source, (option, behind, both) in OPTIONS.items():
+            bits = int(parameters.get(option, 0.0))
+            first = "AFTER" if bits & behind and not bits & both else "BEFORE"
+            stages = {first: 0, "AFTER": sensors} if bits & both else {first: 0}
+            for stage, number in stages.items():
+                columns = (
+                    _batches(tables, sensor, number)
+                    if source == "ISBH"
+                    else _plain(tables, RAW[sensor], fields, number)
+                )
+                if columns is not None and f"{sensor}_{stage}" not in found:
+                    name = RAW[sensor] if source == "raw" else source
+                    found[f"{sensor}_{stage}"] = (name, columns)
+        if f"{sensor}_AFTER" not in found:
+            columns = _plain(tables, "IMU", fields, 0)
+            if columns is not None:
+                found[f"{sensor}_AFTER"] = ("IMU", columns)
+    return found
+
+
+def _plain(
+    tables: Mapping[str, Columns], message: str, fields: tuple[str, ...], number: int
+) -> Columns | None:
+    """Those of one instance, at the stamps of the samples where these are logged."""
+    logged = instance(having(tables, message, fields), "I", number)
+    if logged is None or not count(logged):
+        return None
+    measured = dict(zip("xyz", (logged[field] for field in fields), strict=True))
+    sampled = logged.get("SampleUS")
+    time = logged["time"] if sampled is None else _on_clock(logged, sampled)
+    return {"time": time, "boot": logged["boot"], **measured}
+
+
+def _on_clock(logged: Columns, sampled: Array) -> Array:
+    """(N,) stamps of samples, µs, on the boot clock of their messages."""
+    late = logged.get("TimeUS", sampled).astype(np.float64) - sampled.astype(np.float64)
+    return np.asarray(logged["time"] - late / 1e6)
+
+
+def _batches(tables: Mapping[str, Columns], sensor: str, number: int) -> Columns | None:
+    """The samples of all whole batches of an instance."""
+    header = having(tables, "ISBH", ("N", "type", "instance", "mul", "smp_cnt", "smp_rate"))
+    data = tables.get("ISBD", {})
+    if header is None or "SampleUS" not in header or not {"N", "seqno", *"xyz"} <= data.keys():
+        return None
+    if any(data[axis].ndim != 2 for axis in "xyz"):
+        return None
+    times = []
+    boots = []
+    parts = []
+    rows_of = rows_by(data["N"].astype(np.int64))
+    start = _on_clock(header, header["SampleUS"])
+    own = (header["type"] == BATCH_TYPES[sensor]) & (header["instance"] == number)
+    for row in np.flatnonzero(own & (header["mul"] > 0) & (header["smp_rate"] > 0)):
+        rows = rows_of.get(int(header["N"][row]), np.zeros(0, np.intp))
+        rows = rows[np.argsort(data["seqno"][rows], kind="stable")]
+        samples = np.stack([data[axis][rows].ravel() for axis in "xyz"])
+        if samples.shape[1] == header["smp_cnt"][row]:
+            steps = np.arange(samples.shape[1])
+            times.append(start[row] + steps / float(header["smp_rate"][row]))
+            boots.append(np.full(len(steps), header["boot"][row]))
+            parts.append(samples / float(header["mul"][row]))
+    if not parts:
+        return None
+    measured = dict(zip("xyz", np.concatenate(parts, axis=1), strict=True))
+    return {"time": np.concatenate(times), "boot": np.concatenate(boots), **measured}

@@ -1,0 +1,161 @@
+"""Spectra of made-up noise, the names of its lines, and the notch filters for them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hover import X_QUAD_PARAMETERS, Hover, changed, columns, with_pulses
+from pytest import approx
+from recorded_flights import recorded
+
+from mavdem.alignment.align import Segment
+from mavdem.alignment.signals import Signals
+from mavdem.assessment.noise import Noise
+from mavdem.condition.loop.controllers import controller_of
+from mavdem.condition.loop.filters import gyro_filters
+from mavdem.condition.notches import notch_advice
+from mavdem.condition.peaks import PeakKind, peaks_of
+from mavdem.condition.spectra import spectra_of_flight
+from mavdem.facts.noise import Noise as Codes
+from mavdem.facts.noise import NotchAdvice
+
+HOVER = Hover(hovering=40.0)
+FLOWN = (Segment(0, 8.0, 45.0),)
+CONTROL = {
+    f"ATC_RAT_RLL_{name}": value
+    for name, value in {
+        "P": 0.1,
+        "I": 0.1,
+        "D": 0.003,
+        "FLTT": 20.0,
+        "FLTE": 0.0,
+        "FLTD": 20.0,
+    }.items()
+} | {"ATC_ANG_RLL_P": 4.5, "MOT_THST_EXPO": 0.65, "INS_GYRO_FILTER": 80.0, "MOT_THST_HOVER": 0.35}
+
+
+def throttle(time):
+    """A share of the motors' range that climbs and sinks."""
+    return 0.5 + 0.12 * np.sin(2 * np.pi * time / 11.0)
+
+
+def shaken(rate=1000.0, speed=0.0, frame=0.0, steady=0.0):
+    """A hover with gyro samples at a ``rate``: noise, and lines of motors, Hz at half throttle, and of the frame."""
+    draw = np.random.default_rng(7)
+    time = HOVER.stamps(rate)
+    share = throttle(time)
+    phase = 2 * np.pi * np.cumsum(speed * np.sqrt(share / 0.5)) / rate
+    values = 1e-3 * draw.standard_normal((3, len(time)))
+    if speed:
+        values += 0.02 * np.sin(phase) + 0.01 * np.sin(2 * phase)
+    if frame:
+        values += 0.01 * np.sin(2 * np.pi * frame * time)
+    telemetry = HOVER.telemetry(100.0, 100.0, parameters=X_QUAD_PARAMETERS)
+    stamps = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    level = throttle(stamps) if not steady else np.full(len(stamps), steady)
+    telemetry = with_pulses(telemetry, np.tile(1000 + 1000 * level, (4, 1)))
+    return changed(
+        telemetry, "GYRO_BEFORE", **columns(time, **dict(zip("xyz", values, strict=True)))
+    )
+
+
+def lines(telemetry, name="gyro_before"):
+    found = spectra_of_flight(Signals(telemetry), FLOWN)
+    return found, peaks_of(found[name])
+
+
+def noise(telemetry, notch=None):
+    found = spectra_of_flight(Signals(telemetry), FLOWN)
+    return Noise(found, {name: peaks_of(one) for name, one in found.items()}, notch)
+
+
+def codes(facts):
+    return [fact.code for fact in facts]
+
+
+def test_density_has_the_power_of_what_was_measured():
+    found, _ = lines(shaken(frame=80.0))
+    spectrum = found["gyro_before"]
+    assert spectrum.highest == approx(500.0) and spectrum.source == "GYRO_BEFORE"
+    assert spectrum.power(75, 85) == approx(3 * 0.01**2 / 2, rel=0.05)
+    assert spectrum.power(200, 400) == approx(3 * 1e-6 * 0.4, rel=0.1)
+    levels, by_throttle = spectrum.by_throttle
+    assert levels[0] == approx(0.38, abs=0.02) and levels[-1] == approx(0.62, abs=0.02)
+    assert by_throttle.shape == (12, len(spectrum.frequency))
+
+
+def test_motors_and_frame_are_told_apart_by_the_throttle():
+    telemetry = shaken(speed=140.0, frame=90.0)
+    _, found = lines(telemetry)
+    motors, frame = sorted(found, key=lambda one: -one.frequency)
+    assert motors.kind is PeakKind.MOTOR and motors.harmonics == (1, 2)
+    assert motors.frequency == approx(140.0, rel=0.02) and motors.exponent == approx(0.5, abs=0.15)
+    assert frame.kind is PeakKind.FRAME and frame.frequency == approx(90.0, rel=0.02)
+    said = codes(noise(telemetry).facts)
+    assert said[0] is Codes.SPECTRUM_SEEN and {Codes.MOTOR_LINE, Codes.FRAME_LINE} <= {*said}
+
+
+def test_what_does_not_move_has_no_name_and_what_folds_is_an_alias():
+    still = noise(shaken(frame=90.0, steady=0.5))
+    assert codes(still.facts) == [Codes.SPECTRUM_SEEN, Codes.UNNAMED_LINE]
+    # 140 Hz, sampled at 200, is at 60 and falls as the throttle rises.
+    folded = noise(shaken(200.0, speed=140.0))
+    (alias, *_) = folded.lines
+    assert alias.kind is PeakKind.ALIAS and alias.frequency == approx(60.0, rel=0.02)
+    assert Codes.ALIASED_LINE in codes(folded.facts)
+    assert codes(Noise({}, {}).facts) == [Codes.NO_SPECTRUM]
+
+
+def test_motors_speeds_that_are_logged_name_their_order():
+    telemetry = shaken(speed=140.0, steady=0.5)
+    time = HOVER.stamps(10.0)
+    turns = 70.0 * np.sqrt(throttle(time) / 0.5)
+    _, found = lines(changed(telemetry, "ESC", **columns(time, RPM=60 * turns)))
+    assert found[0].kind is PeakKind.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
+    assert found[0].order == approx(2.0, rel=0.02)
+
+
+def advice(telemetry, crossover=12.0, **parameters):
+    found, peaks = lines(telemetry)
+    controller = controller_of(CONTROL | parameters, "roll", (1.0,))
+    before = found["gyro_before"]
+    return notch_advice(controller, peaks, before, found.get("gyro"), crossover), controller
+
+
+def test_a_notch_takes_the_line_and_says_its_cost():
+    telemetry = shaken(speed=140.0)
+    fact, controller = advice(telemetry)
+    assert fact.code is NotchAdvice.SET_NOTCH and fact.figures["share"] > 0.9
+    settings = dict(fact.figures["settings"])
+    assert settings["INS_HNTCH_FREQ"] == approx(140.0, rel=0.02)
+    assert settings["INS_HNTCH_HMNCS"] == 3.0 and settings["INS_HNTCH_REF"] == 0.35
+    lags = [gyro_filters(one, 12.0).phase_lag for one in (controller.changed(settings), controller)]
+    assert fact.figures["phase_cost"] == approx(lags[0] - lags[1]) and 1 < lags[0] - lags[1] < 10
+    set_already, _ = advice(telemetry, **settings)
+    assert set_already.code is NotchAdvice.NOTCH_IN_PLACE
+    assert noise(telemetry, fact).facts[-1] is fact
+    without, _ = advice(telemetry, crossover=None)
+    assert without.figures["phase_cost"] is None
+
+
+def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
+    none, _ = advice(shaken())
+    assert none.code is NotchAdvice.NO_LINE_TO_REMOVE
+    slow, _ = advice(shaken(speed=380.0), INS_GYRO_FILTER=10.0)
+    assert slow.code is NotchAdvice.NOTCH_NOT_NEEDED
+
+
+@pytest.mark.parametrize("name", ["off", "on"])
+def test_the_motors_of_a_flight_with_batches_are_found_before_and_behind_the_notch(name):
+    telemetry = recorded(f"sitl_raw/ap_raw_{name}.BIN.xz")
+    found = spectra_of_flight(Signals(telemetry), (Segment(0, 58.0, 165.0),))
+    (motors, *_) = peaks_of(found["gyro_before"])
+    assert motors.kind is PeakKind.MOTOR and motors.harmonics == (1, 2)
+    assert motors.frequency == approx(139.0, rel=0.02)
+    left = found["gyro"].power(120, 200)
+    assert left == approx({"off": 3.6e-6, "on": 1.9e-7}[name], rel=0.1)
+    both = Noise(found, {one: peaks_of(found[one]) for one in found})
+    assert Codes.FILTERS_REMOVE in codes(both.facts)
+    without = replace(telemetry, messages={**telemetry.messages, "GYRO_BEFORE": {}})
+    del without.messages["GYRO_BEFORE"]
+    assert "gyro_before" not in spectra_of_flight(Signals(without), (Segment(0, 58.0, 165.0),))
