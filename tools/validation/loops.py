@@ -58,6 +58,7 @@ PLANT = ("effect", "damping", "lag", "delay")
 LOOPS = ("rate", "attitude")
 COLUMNS = r"^(log|rate|axis|effect|rate_(crossover|phase_margin|gain_margin|ms).*|cause)$"
 CLOSE = 1.5  # dB
+BOUNDS = (" low", " high")
 LARGEST = 30.0  # dB, that the error of a gain margin counts at most, as of one that there is not
 ENDS = (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
 Array = NDArray[np.float64]
@@ -232,7 +233,7 @@ def rows_of(source: Path | int, rates: Sequence[float], cache: Path) -> list[dic
                 row["cause"] = cause(loop.refusal)
             else:
                 for figure, estimate in estimates_of(loop).items():
-                    ends = (figure, f"{figure} low", f"{figure} high")
+                    ends = (f"{figure}{end}" for end in ("", *BOUNDS))
                     row |= dict(zip(ends, estimate, strict=True))
             rows.append(row)
     return rows
@@ -252,14 +253,14 @@ def line_of(rows: pd.DataFrame, columns: Mapping[str, Sequence[str]]) -> pd.Seri
     line: dict[str, Any] = {"given": f"{len(given)}/{len(rows)}"}
     for name, statistics in columns.items():
         true = given[f"{name} true"]
-        errors = given[name] - true
+        found, low, high = (given.get(f"{name}{end}", np.nan * true) for end in ("", *BOUNDS))
+        errors = found - true
         if name.endswith("gain_margin"):
             errors = errors.fillna(0.0).clip(-LARGEST, LARGEST)
         elif "margin" not in name:
             errors = errors / true
         line |= {f"{name} {one}": STATISTICS[one](errors) for one in statistics}
-        held = (given[f"{name} low"] <= true) & (true <= given[f"{name} high"])
-        line[f"{name} inside"] = 100 * held.mean()
+        line[f"{name} inside"] = 100 * true.between(low, high).mean()
     return pd.Series(line)
 
 
