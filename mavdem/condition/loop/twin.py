@@ -218,7 +218,7 @@ class Again(NamedTuple):
 def again_of(loops: Mapping[str, Loop]) -> dict[str, Again]:
     """Returns by axis the longest segment of the flight, where its setpoints were recorded; none without those of roll.
 
-    Pitch and yaw are there where they were learned from the segments of roll.
+    Pitch and yaw are there where they were learned from the segments of roll; yaw where it was steered.
     """
     found = dict[str, Again]()
     roll = loops["roll"].record
@@ -254,7 +254,9 @@ def _again(loop: Loop, segment: slice) -> Again | None:
         setpoints=table,
     )
     if not angles:
-        return Again(flown, np.column_stack([0 * rate, rate]))
+        # A heading that is only held is turned by roll and pitch of a leaned vehicle.
+        is_steered = 2 * rate.std() > flown.outputs.std()
+        return Again(flown, np.column_stack([0 * rate, rate])) if is_steered else None
     # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
     corrected = loop.controller.angle * (angles[0] - flown.outputs[:, 0])
     twice = 2 * corrected @ (rate - np.gradient(angles[0], record.dt))
