@@ -339,11 +339,11 @@ class Server:
 
     async def _receive(self, request: HttpRequest) -> Added:
         self._need(self.rights.may_upload(request), Use.UPLOAD)
-        limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS)}
-        limits[Crowd.LOGS] = (await run_in_threadpool(self.library.waiting), MOST_WAITING)
-        for name, (count, most) in limits.items():
+        waiting = await run_in_threadpool(self.library.waiting)
+        limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS), Crowd.LOGS: (waiting, MOST_WAITING)}
+        for crowd, (count, most) in limits.items():
             if count >= most:
-                raise Refusal(Fact(Request.UPLOADS_TOO_MANY, count=count, name=name))
+                raise Refusal(Fact(Request.UPLOADS_TOO_MANY, count=count, name=crowd))
         self._uploads += 1
         try:
             form = await received(request, self.library)

@@ -198,7 +198,7 @@ class Library:
         coming = [path.stat().st_size for path in (self.folder / INCOMING).iterdir()]
         used = self.used + sum(coming)
         if self.quota is not None and used + size > self.quota:
-            raise Refusal(Fact(Request.QUOTA_REACHED, size=used, size_limit=self.quota))
+            raise Refusal(Fact(Request.QUOTA_REACHED, size=used + size, size_limit=self.quota))
         if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
             raise Refusal(Fact(Request.DISK_FULL))
 

@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections import OrderedDict
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,21 +32,12 @@ class Viewers:
 
     def show(self, recording: Path) -> str:
         """Returns the address of a page that shows a ``recording``; raises ``Refusal`` where none can be started."""
-        # Rerun takes a second to load.
-        from mavdem.view import WebServer
-
         with self._lock:
             viewer = self._open.pop(recording, None)
             if viewer is None or viewer.process.poll() is not None:
                 while len(self._open) >= MOST_OPEN:
                     self._open.popitem(last=False)[1].close()
-                try:
-                    port = _free_port()
-                    viewer = WebServer(_free_port(), port, str(recording))
-                    _wait_for(port)
-                except OSError as error:
-                    fact = Fact(Request.NOT_STARTED, name=RECORDING, because=str(error))
-                    raise Refusal(fact) from None
+                viewer = _started(recording)
             self._open[recording] = viewer
             return viewer.page
 
@@ -55,16 +47,25 @@ class Viewers:
             self._open.popitem()[1].close()
 
 
-def _wait_for(port: int) -> None:
-    """Returns when a viewer answers at ``port``; raises ``OSError`` if that takes too long."""
-    ends = time.monotonic() + PATIENCE_SECONDS
-    while True:
-        try:
-            return socket.create_connection(("127.0.0.1", port)).close()
-        except OSError:
-            if time.monotonic() > ends:
-                raise
+def _started(recording: Path) -> WebServer:
+    """A viewer that answers already."""
+    # Rerun takes a second to load.
+    from mavdem.view import WebServer
+
+    port = _free_port()
+    try:
+        viewer = WebServer(_free_port(), port, str(recording))
+        ends = time.monotonic() + PATIENCE_SECONDS
+        while viewer.process.poll() is None and time.monotonic() < ends:
+            with suppress(ConnectionError):
+                socket.create_connection(("127.0.0.1", port)).close()
+                return viewer
             time.sleep(0.05)
+        viewer.close()
+        because = str(viewer.process.returncode)
+    except OSError as error:
+        because = str(error)
+    raise Refusal(Fact(Request.NOT_STARTED, name=RECORDING, because=because))
 
 
 def _free_port() -> int:

@@ -9,6 +9,7 @@ from contextlib import closing
 from urllib.parse import urlencode, urlsplit
 
 import pytest
+import rerun
 from browser import HOSTILE
 from serving import BOUNDARY, TOKEN, form, log, serving
 
@@ -374,6 +375,10 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_viewers_answer_when_their_address_is_known_and_are_few(tmp_path, monkeypatch):
     monkeypatch.setattr(viewers, "MOST_OPEN", 1)
+    for name in ("a.rrd", "b.rrd"):
+        recording = rerun.RecordingStream("test")
+        recording.save(tmp_path / name)
+        recording.log("words", rerun.TextLog("said"))
     open_viewers = Viewers()
     with closing(open_viewers):
         pages = [open_viewers.show(tmp_path / name) for name in ("a.rrd", "b.rrd", "b.rrd")]
