@@ -32,6 +32,7 @@ from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
+    LEAST_COHERENCE,
     USUAL_ANGLE_GAIN,
     evenly_sampled,
     spectra,
@@ -398,7 +399,7 @@ def _described(
     responses = every @ np.exp(-2j * np.pi * np.outer(time, hertz))
     gains = np.abs(responses)
     unknown = np.append(np.flatnonzero(gains[1:].std(axis=0) > LEAST_KNOWN), len(hertz))[0]
-    if unknown < 2:
+    if unknown < 2 or coherence[1].max() < LEAST_COHERENCE:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
     shown = gains[:, :unknown]
     largest = shown.argmax(axis=1)
