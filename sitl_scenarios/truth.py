@@ -190,7 +190,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
         )
         arrays[f"{name}_disturbance"] = acting
         effect = arrays.get(f"{name}_effect", instant.B[-1])
-        arrays |= _loops(scenario, cycle_of(scenario), number, -float(instant.A[-1, -1]), effect)
+        arrays |= loops(scenario, cycle_of(scenario), number, -float(instant.A[-1, -1]), effect)
     return arrays
 
 
@@ -199,7 +199,7 @@ LOWEST = 0.05  # Hz of the loops: position control is slower
 STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
-def _loops(
+def loops(
     scenario: Scenario, cycle: float, number: int, damping: float, effect: Array
 ) -> dict[str, NDArray[Any]]:
     """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.

@@ -17,8 +17,9 @@ from mavdem.assessment.grounding import grounds_of
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
+from mavdem.condition.loop.advice import Advice, advise
 from mavdem.condition.loop.filters import gyro_filters
-from mavdem.condition.loop.loop import TARGETS, Advice, Loop, advise
+from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
@@ -42,6 +43,7 @@ REAL32 = 9  # MAV_PARAM_TYPE_REAL32
     )
     + ".",
 )
+@click.option("--more", is_flag=True, help="Use the room of loops that have enough margin.")
 @start_option
 @click.option(
     "--out",
@@ -56,6 +58,7 @@ def tune_command(
     inputs: str | None,
     as_json: bool,
     margins: str,
+    more: bool,
     start: float,
     out: Path | None,
 ) -> None:
@@ -63,9 +66,10 @@ def tune_command(
 
     SOURCE is a log with the autopilot's parameters. The plant is identified from the flight, with its posterior, and
     the controller is that of the gains and filters in the parameters. The gains that are advised have the --margins in
-    95 % of the plants that fit the flight, and no gain changes by more than a factor of 1.5. Nothing is ever sent to a
-    vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param). Exit code: 1 if no gains
-    are advised, with the reason.
+    95 % of the plants that fit the flight, with up to a fifth more or less control effectiveness, and of such gains
+    those with which wind moves the vehicle least. Loops with enough margin keep their gains, unless --more is asked.
+    Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param).
+    Exit code: 1 if no gains are advised, with the reason.
     """
     log = read_source(source)
     telemetry = choose_vehicle(log.vehicles, vehicle)
@@ -86,7 +90,7 @@ def tune_command(
     for one in AXES if axis == ALL else (axis,):
         loop = evidence.loops[one]
         if isinstance(loop, Loop):
-            found[one] = advise(loop, margins, grounds)
+            found[one] = advise(loop, margins, grounds, more=more)
         elif grounds or axis == ALL:
             found[one] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
         else:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
-from mavdem.condition.loop.loop import Advice, Loop
+from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.facts import Fact
 from mavdem.report.blocks import Block, Sentence, Table, caution

@@ -26,7 +26,8 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.margins import margins_of
 from mavdem.condition.inventory import inventory
-from mavdem.condition.loop.loop import Advice, Loop
+from mavdem.condition.loop.advice import Advice
+from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice

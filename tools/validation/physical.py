@@ -6,9 +6,7 @@
 The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery.
 
-Gains and the delay of the sensors vary from flight to flight where gains are advised.
-
-Usage: tools/validation/physical.py simulated|advice|crazyflie [--seed N] [--every K]
+Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K]
 """
 
 from __future__ import annotations
@@ -27,8 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem import Flight
-from mavdem.condition.loop.from_flight import loop_of
-from mavdem.condition.loop.loop import SURE, Loop, advise
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
@@ -276,56 +272,6 @@ def simulated(seed: int, every: int) -> None:
     table("**Wind torque**, where it is resolved", heads, rows)
 
 
-def loop_flights(seed: int, every: int) -> Iterator[tuple[Scenario, Loop, dict[str, Any]]]:
-    """Flights with other gains and delays, their loops, and their truth."""
-    rng = np.random.default_rng(seed)
-    for number, case in enumerate(cases(seed, every), start=1):
-        of = scenario(
-            case._replace(varied=case.varied | {"rate_gain": float(np.exp(rng.uniform(-0.5, 0.8)))})
-        )
-        of = of.model_copy(
-            update={"sensors": of.sensors.model_copy(update={"delay": rng.uniform(0.002, 0.012)})}
-        )
-        try:
-            record = Record.of(logged(of))
-            known = truth(of, fly(of))
-            if isinstance(plant := physical(record), NotIdentifiable):
-                raise NotLearnable(plant.reason)
-            yield of, loop_of(plant, record), known
-        except (NotLearnable, ValueError) as reason:
-            log(f"{number}: {case}: refused: {reason}")
-
-
-def advice(seed: int, every: int) -> None:
-    """Of the flights whose gains were set as advised, how many have the margins that were promised."""
-    rows = list[tuple[str, bool]]()
-    for of, loop, _ in loop_flights(seed, every):
-        found = advise(loop)
-        if not found.gains:
-            log(f"refused: {found.sentence}")
-            continue
-        vehicle = of.vehicle.model_copy(
-            update={"parameters": {name: gain.set for name, gain in found.gains.items()}}
-        )
-        again = of.model_copy(update={"vehicle": vehicle})
-        known = truth(again, fly(again))
-        wanted = found.target
-        margins = [known[f"roll_{name}_margins"][1:] for name in ("rate", "attitude")]
-        met = all(
-            phase >= wanted[0] and not gain < wanted[1] and ms <= wanted[2]
-            for phase, gain, ms in margins
-        )
-        log(f"{of.vehicle.model}: {found.sentence} {np.round(margins, 1).tolist()} {met}")
-        rows.append(("promised" if found.sure >= SURE else "a step towards them", met))
-    counts = {label: [met for which, met in rows if which == label] for label, _ in sorted(rows)}
-    heads = ["margins are", "flights", "have them when the advice is flown"]
-    table(
-        "**Advice**, both loops",
-        heads,
-        [[label, str(len(met)), str(sum(met))] for label, met in counts.items()],
-    )
-
-
 def row_of(label: Sequence[str], flight: Flight) -> list[str]:
     """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
     row = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
@@ -392,7 +338,7 @@ def crazyflie() -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("which", type=click.Choice(["simulated", "advice", "crazyflie"]))
+@click.argument("which", type=click.Choice(["simulated", "crazyflie"]))
 @click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
 @click.option(
     "--every", default=1, show_default=True, help="One of so many of these, drawn by seed."
@@ -401,7 +347,7 @@ def main(which: str, seed: int, every: int) -> None:
     if which == "crazyflie":
         crazyflie()
     else:
-        {"simulated": simulated, "advice": advice}[which](seed, every)
+        simulated(seed, every)
 
 
 if __name__ == "__main__":

@@ -12,19 +12,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mavdem.condition.loop.controllers import Controller
-from mavdem.condition.loop.margins import Margins, OpenLoop, loops_of, transfer
+from mavdem.condition.loop.margins import GRID, Margins, OpenLoop, loops_of
 from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.parameters import wind_density
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
-from mavdem.facts.loops import Gains, Loops, Responses
+from mavdem.facts.loops import Loops, Responses
+
+if TYPE_CHECKING:
+    from mavdem.condition.loop.advice import Advice
 
 
 class Target(NamedTuple):
@@ -42,15 +45,7 @@ TARGETS = {
 }
 """Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
 sec. 10.3)."""
-FACTORS = [1.499 ** (step / 8) for step in range(8, -9, -1)]
-"""Of a gain, at once, in even ratios up to 1.5 less what rounding it to four digits adds."""
 SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
-SATURATED = 0.05
-"""Share of the samples with an input at a limit, from which on no linear loop describes the vehicle."""
-# 1/s, that PX4 takes; ArduPilot recommends 12 for all
-LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
-# times the crossover, and Hz: what is faster in the gyro is noise, not motion
-NOISE_FROM = 3.0, 10.0
 OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
 """How parameters of one axis begin."""
 
@@ -84,11 +79,26 @@ class Loop(Margins):
         margins = f"phase_margin={self.phase_margin:.0f}, gain_margin={self.gain_margin:.1f}"
         return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
 
-    def changed(self, parameters: Mapping[str, float]) -> Loop:
+    def changed(
+        self, parameters: Mapping[str, float], grid: tuple[float, float, int] = GRID
+    ) -> Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
         controller = self.controller.changed(parameters)
-        rate, attitude = loops_of(controller, self.gains, self.draws)
+        rate, attitude = loops_of(controller, self.gains, self.draws, grid)
         return replace(self, controller=controller, rate=rate, attitude=attitude, measured=None)
+
+    def drawn(
+        self,
+        rows: slice,
+        effects: Sequence[float] = (1.0,),
+        grid: tuple[float, float, int] = GRID,
+    ) -> Loop:
+        """Returns the loop of the estimate and these ``rows`` of all, each with ``effects`` times its gain."""
+        kept = np.append(0, np.arange(len(self.gains))[rows])
+        gains = np.outer(effects, self.gains[kept]).ravel()
+        draws = np.tile(self.draws[kept], (len(effects), 1))
+        rate, attitude = loops_of(self.controller, gains, draws, grid)
+        return replace(self, gains=gains, draws=draws, rate=rate, attitude=attitude)
 
     @property
     def agrees(self) -> bool | None:
@@ -101,11 +111,13 @@ class Loop(Margins):
 
     def sure_of(self, target: Target) -> float:
         """Returns the share of the draws in which both loops have the margins of ``target``."""
-        return float(np.mean(_scores(target, self.rate, self.attitude) >= 1))
+        return float(np.mean(scores_of(target, self.rate, self.attitude) >= 1))
 
     @cached_property
     def advice(self) -> Advice:
         """Gains to set, with what to expect, or why there are none."""
+        from mavdem.condition.loop.advice import advise  # which is made of loops
+
         return advise(self)
 
     @property
@@ -114,138 +126,6 @@ class Loop(Margins):
         frequency = self.attitude.frequency
         power = np.abs(self.attitude.disturbance[0]) ** 2 * wind_density(self.plant, frequency)
         return float(np.degrees(np.sqrt(np.trapezoid(power, frequency))))
-
-
-class Gain(NamedTuple):
-    """A gain in the log, and to set."""
-
-    now: float
-    set: float
-
-
-class Noise(NamedTuple):
-    """What noise of the gyro makes of the demand, standard deviations of the demand, 1 being all the mixer takes."""
-
-    lowest: float  # Hz, from which on
-    highest: float  # up to which the log shows the gyro
-    before: float
-    after: float
-    by_d: float  # of the term D alone, before
-    heat: float  # how many times that of fast commands in the motors: it grows with their square
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Advice:
-    """Gains to set, and what to expect of them."""
-
-    target: Target
-    """The margins asked for."""
-    rating: Fact
-    """Whether the loops of the flight have them."""
-    refusals: tuple[Fact, ...]
-    """Why there are no gains; none where there are."""
-    before: Loop
-    """By the gains of the log."""
-    after: Loop
-    """By the gains to set."""
-    gains: dict[str, Gain]
-    """By the autopilot's name; those that there are, changed or not."""
-    sure: float
-    """Share of the draws in which both loops have the margins."""
-    noise: Noise | None
-    """Of the gyro in the demand; None where the log is too slow to show it."""
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """The gains to set, by the autopilot's name, where they change."""
-        return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
-
-    @property
-    def sentence(self) -> Fact:
-        """What to do, or why there is no advice."""
-        if self.refusals:
-            return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
-        code = Gains.STEP_TOWARDS_MARGINS
-        if self.sure >= SURE:
-            code = Gains.SET_GAINS if self.parameters else Gains.KEEP_GAINS
-        return Fact(
-            code,
-            Level.GOOD if code is Gains.KEEP_GAINS else Level.WATCH,
-            share=self.sure,
-            has_room=self.rating.level is Level.GOOD,
-            **self.target._asdict(),
-        )
-
-
-def advise(loop: Loop, tune: str = "default", doubts: Sequence[Fact] = ()) -> Advice:
-    """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]``.
-
-    The largest gains with which 95 % of the plant's draws have all margins, in both loops; where none within a factor
-    of 1.5 has them, those that come closest. None where gains must not follow from this flight: for the ``doubts``
-    about it, gains that change, motors at their limits, a loop that the flight contradicts, or that is unstable.
-    """
-    target = TARGETS[tune]
-    refusals = tuple(doubts) or _refusals(loop)
-    gains = {} if refusals else _best(loop, target)
-    after = loop.changed(gains)
-    return Advice(
-        target=target,
-        rating=margin_rating(loop, target),
-        refusals=refusals,
-        before=loop,
-        after=after,
-        gains={name: Gain(loop.controller.parameters[name], new) for name, new in gains.items()},
-        sure=after.sure_of(target),
-        noise=_noise(loop, after.controller),
-    )
-
-
-def _refusals(loop: Loop) -> tuple[Fact, ...]:
-    """Why the loop itself gives no gains; the first reason."""
-    limited = _limited_share(loop.controller, loop.record)
-    if changed := changed_in(loop.record, loop.controller):
-        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
-    if limited > SATURATED:
-        return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
-    if not (loop.rate.stable[0] and loop.attitude.stable[0]):
-        return (Fact(Gains.LOOP_UNSTABLE),)
-    if loop.measured is not None and loop.measured.reason is not None and loop.agrees is False:
-        return (loop.measured.reason,)
-    return ()
-
-
-def _best(loop: Loop, target: Target) -> dict[str, float]:
-    """The gains to set, by name: of the rate loop, and then of the attitude loop about it."""
-    names = loop.controller.names
-    known = loop.controller.parameters
-    chosen = dict[str, float]()
-    factors = FACTORS
-    for gains in (("p", "i", "d"), ("angle",)):
-        scored = list[tuple[float, dict[str, float]]]()
-        for factor in factors:
-            stepped = {
-                names[gain]: _stepped(loop, names[gain], factor)
-                for gain in gains
-                if known.get(names[gain])
-            }
-            changed = loop.changed(chosen | stepped)
-            loops = (changed.rate,) if "p" in gains else (changed.rate, changed.attitude)
-            scored.append((_worst(target, *loops), chosen | stepped))
-            if scored[-1][0] >= 1:
-                break
-        score, chosen = max(scored, key=lambda pair: pair[0])
-        if score < 1:  # on a rate loop without margin nothing is to be added
-            factors = [factor for factor in FACTORS if factor <= 1]
-    return chosen
-
-
-def _stepped(loop: Loop, name: str, factor: float) -> float:
-    """A gain times a factor; that of the angle not beyond what autopilots take."""
-    now = loop.controller.parameters[name]
-    most = np.inf
-    if name == loop.controller.names["angle"]:
-        most = max(now, LARGEST_ANGLE[loop.axis])
-    return now if factor == 1 else min(float(f"{factor * now:.4g}"), most)
 
 
 def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
@@ -258,7 +138,7 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
     level = Level.BAD
     if _worst(target, *loops.values()) >= 1:
         level = Level.GOOD
-    elif _scores(target, *loops.values())[0] >= 1:
+    elif scores_of(target, *loops.values())[0] >= 1:
         level = Level.WATCH
     return Fact(
         Loops.MARGIN_RATING,
@@ -271,8 +151,8 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
     )
 
 
-def _scores(target: Target, *loops: OpenLoop) -> Array:
-    """(N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
+def scores_of(target: Target, *loops: OpenLoop) -> Array:
+    """Returns (N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
     scores = []
     for loop in loops:
         phase = loop.figures["phase_margin"] / target.phase_margin
@@ -284,7 +164,7 @@ def _scores(target: Target, *loops: OpenLoop) -> Array:
 
 def _worst(target: Target, *loops: OpenLoop) -> float:
     """The score that 95 % of the draws have at least."""
-    return float(np.quantile(_scores(target, *loops), 1 - SURE, method="lower"))
+    return float(np.quantile(scores_of(target, *loops), 1 - SURE, method="lower"))
 
 
 def changed_in(record: Record, controller: Controller) -> dict[str, float]:
@@ -297,39 +177,3 @@ def changed_in(record: Record, controller: Controller) -> dict[str, float]:
         or name.startswith(prefix)
         or not name.startswith(OF_AXES)
     }
-
-
-def _limited_share(controller: Controller, record: Record) -> float:
-    """Of the samples with an input within 0.5 % of a limit, where the range of the inputs is known."""
-    if len(record.input_range) != 2:
-        return 0.0
-    low, high = record.input_range
-    share = (record.inputs - low) / (high - low)
-    begin, end = (0.0, 1.0) if record.inputs.shape[1] == 1 else controller.spin
-    return float(np.mean(np.any((share <= begin + 0.005) | (share >= end - 0.005), axis=1)))
-
-
-def _noise(loop: Loop, after: Controller) -> Noise | None:
-    """The rate's spectrum above the motion, as logged behind the gyro's filter, through the controllers."""
-    from scipy.signal import welch  # it takes half a second to import
-
-    record = loop.record
-    times, least = NOISE_FROM
-    highest = 0.45 / record.dt
-    lowest = max(times * loop.rate.crossover, least)
-    if not 2 * lowest < highest:
-        return None
-    frequency, density = welch(record.outputs[:, -1], 1 / record.dt, nperseg=min(256, len(record)))
-    kept = (frequency >= lowest) & (frequency <= highest)
-    frequency = frequency[kept]
-    density = density[kept]
-    step = float(frequency[1] - frequency[0])
-    now = loop.controller
-    before, without_d, then = (
-        transfer(one, frequency)[1] for one in (now, replace(now, d=0.0), after)
-    )
-    size, by_d, new = (
-        float(np.sqrt(step * np.sum(np.abs(response) ** 2 * density)))
-        for response in (before, before - without_d, then)
-    )
-    return Noise(lowest, highest, size, new, by_d, (new / size) ** 2)

@@ -138,9 +138,14 @@ def _between(values: Array, where: NDArray[np.bool_], share: Array) -> Array:
     return np.where(where, values[:, :-1] + share * np.diff(values, axis=1), 0.0)
 
 
-def loops_of(controller: Controller, gains: Array, dynamics: Array) -> tuple[OpenLoop, OpenLoop]:
+def loops_of(
+    controller: Controller,
+    gains: Array,
+    dynamics: Array,
+    grid: tuple[float, float, int] = GRID,
+) -> tuple[OpenLoop, OpenLoop]:
     """Returns rate and attitude loop; ``gains`` (N,) and ``dynamics`` (N, 3) are those of a :class:`Loop`."""
-    lowest, highest, count = GRID
+    lowest, highest, count = grid
     frequency = np.geomspace(lowest, min(highest, 0.45 / controller.cycle), count)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)

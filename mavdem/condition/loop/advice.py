@@ -1,0 +1,267 @@
+"""Advice: gains of one axis with which wind moves the vehicle least, among those that keep stated margins.
+
+P, I and D of the rate controller and the gain of the attitude controller are each free, by a bounded step at once. The
+margins hold in draws of the plant's posterior with more and less control effectiveness than in the flight, as by a
+full and an empty battery, or load. Half of the draws choose the gains, the others judge them. Nothing is sent to a
+vehicle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.loop import (
+    SURE,
+    TARGETS,
+    Loop,
+    Target,
+    changed_in,
+    margin_rating,
+    scores_of,
+)
+from mavdem.condition.loop.margins import transfer
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.record import Record
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Gains
+
+GAINS = "p", "i", "d", "angle"
+STEPS = 1 / 3, 2.0
+"""Times the gain of the log, from and to, that a gain is set at once."""
+EFFECTS = 1.0, 0.8, 1.2
+"""Of the flight's control effectiveness: a full battery raises it by up to a fifth, an empty one or load lowers it."""
+LOUDER = 1.25
+SLOWER = 0.9
+"""Times the noise in the demand, at most, and times the bandwidth of both loops, at least; margins come first."""
+CHOOSING = 40  # draws that the gains are searched by
+COARSE = 0.05, 100.0, 100  # and the frequencies, as ``GRID``
+SHORT = 0.035  # share of the draws that may lack the margins, for 0.05 of the others to lack them
+PRICES = np.array([30.0, 30.0, 1.0, 1.0])
+"""Of a share that margins, noise and the two bandwidths are beyond their limits, by the logarithm of the lean."""
+PASSES = (0.3, 120), (0.1, 40)
+"""First steps of the search, as logarithms of gains, and how many gains it tries."""
+SATURATED = 0.05
+"""Share of the samples with an input at a limit, from which on no linear loop describes the vehicle."""
+# 1/s, that PX4 takes; ArduPilot recommends 12 for all
+LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
+# times the crossover, and Hz: what is faster in the gyro is noise, not motion
+NOISE_FROM = 3.0, 10.0
+
+
+class Gain(NamedTuple):
+    """A gain in the log, and to set."""
+
+    now: float
+    set: float
+
+
+class Noise(NamedTuple):
+    """What noise of the gyro makes of the demand, standard deviations of the demand, 1 being all the mixer takes."""
+
+    lowest: float  # Hz, from which on
+    highest: float  # up to which the log shows the gyro
+    before: float
+    after: float
+    by_d: float  # of the term D alone, before
+    heat: float  # how many times that of fast commands in the motors: it grows with their square
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Advice:
+    """Gains to set, and what to expect of them."""
+
+    target: Target
+    """The margins asked for."""
+    rating: Fact
+    """Whether the loops of the flight have them."""
+    refusals: tuple[Fact, ...]
+    """Why there are no gains; none where there are."""
+    before: Loop
+    """By the gains of the log."""
+    after: Loop
+    """By the gains to set, of draws that did not choose them."""
+    gains: dict[str, Gain]
+    """By the autopilot's name; those that there are, changed or not."""
+    sure: float
+    """Share of the draws, each with all ``EFFECTS``, in which both loops have the margins."""
+    noise: Noise | None
+    """Of the gyro in the demand; None where the log is too slow to show it."""
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The gains to set, by the autopilot's name, where they change."""
+        return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
+
+    @property
+    def sentence(self) -> Fact:
+        """What to do, or why there is no advice."""
+        if self.refusals:
+            return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
+        code = Gains.STEP_TOWARDS_MARGINS
+        if not self.parameters:
+            code = Gains.KEEP_GAINS
+        elif self.sure >= SURE:
+            code = Gains.SET_GAINS
+        return Fact(
+            code,
+            Level.GOOD if code is Gains.KEEP_GAINS else Level.WATCH,
+            share=self.sure,
+            has_room=self.rating.level is Level.GOOD,
+            **self.target._asdict(),
+        )
+
+
+def advise(
+    loop: Loop, tune: str = "default", doubts: Sequence[Fact] = (), *, more: bool = False
+) -> Advice:
+    """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]`` and wind moves it least.
+
+    A loop that has these margins keeps its gains unless ``more`` is asked. None where gains must not follow from this
+    flight: for the ``doubts`` about it, gains that change, motors at their limits, a loop that the flight contradicts,
+    or that is unstable.
+    """
+    target = TARGETS[tune]
+    rating = margin_rating(loop, target)
+    refusals = tuple(doubts) or _refusals(loop)
+    chosen = dict[str, float]()
+    if not refusals:
+        chosen = dict(_gains_of(loop))
+        if more or rating.level is not Level.GOOD:
+            chosen |= _best(loop, target)
+    after = loop.drawn(slice(len(loop.gains) // 2, None)).changed(chosen)
+    return Advice(
+        target=target,
+        rating=rating,
+        refusals=refusals,
+        before=loop,
+        after=after,
+        gains={name: Gain(loop.controller.parameters[name], new) for name, new in chosen.items()},
+        sure=after.drawn(slice(1, None), EFFECTS).sure_of(target),
+        noise=_noise(loop, after.controller),
+    )
+
+
+def _best(loop: Loop, target: Target) -> dict[str, float]:
+    """The gains to set, by name: of the least lean in wind, or else those that come closest to the margins.
+
+    Their cost is the logarithm of the lean and, of each limit that is crossed, how far: an exact penalty.
+    """
+    from scipy.optimize import minimize  # it takes half a second to import
+
+    known = _gains_of(loop)
+    largest = {loop.controller.names["angle"]: LARGEST_ANGLE[loop.axis]}
+    most = [max(value, largest.get(name, np.inf)) for name, value in known.items()]
+    half = len(loop.gains) // 2
+    many = loop.drawn(slice(1, half), EFFECTS, COARSE)
+    few = loop.drawn(slice(1, half, -(-half // CHOOSING)), EFFECTS, COARSE)
+    frequency, shown = _gyro(loop)
+    density = np.ones(len(frequency)) if shown is None else shown
+    loudest = LOUDER * _demand(loop.controller, frequency, density)
+    slowest = [SLOWER * one.bandwidth for one in (few.rate, few.attitude)]
+
+    def stepped(steps: Array) -> dict[str, float]:
+        factors = np.exp(steps).clip(*STEPS)
+        new = np.minimum(factors * list(known.values()), most)
+        return {name: float(f"{value:.4g}") for name, value in zip(known, new, strict=True)}
+
+    def margins(now: Loop) -> float:
+        scores = scores_of(target, now.rate, now.attitude)
+        return float(np.quantile(scores.clip(-1.0), SHORT))
+
+    def cost(steps: Array, aim: float) -> float:
+        now = few.changed(stepped(steps), COARSE)
+        noise = _demand(now.controller, frequency, density) / loudest
+        faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
+        crossed = [1 - margins(now) / aim, noise - 1, *(1 - np.nan_to_num(faster, nan=1.0))]
+        return float(np.log(now.lean_in_wind) + np.maximum(crossed, 0.0) @ PRICES)
+
+    corners = map(np.array, product((0.0, np.log(STEPS[0])), repeat=len(known)))
+    steps = min(corners, key=lambda corner: cost(corner, 1.0))
+    aim = 1.0
+    for size, tries in PASSES:
+        simplex = np.vstack([steps, steps + size * np.eye(len(known))])
+        steps = minimize(
+            cost,
+            steps,
+            (aim,),
+            "Nelder-Mead",
+            options={"maxfev": tries, "initial_simplex": simplex},
+        ).x
+        new = stepped(steps)
+        if margins(few.changed(new, COARSE)) < 0.99 * aim:
+            break
+        aim *= 1.005 / min(margins(many.changed(new, COARSE)), 1.005)
+    return new
+
+
+def _gains_of(loop: Loop) -> dict[str, float]:
+    """The gains that there are, by name; a gain of 0 stays so."""
+    names = (loop.controller.names[gain] for gain in GAINS)
+    known = loop.controller.parameters
+    return {name: known[name] for name in names if known.get(name)}
+
+
+def _refusals(loop: Loop) -> tuple[Fact, ...]:
+    """Why the loop itself gives no gains; the first reason."""
+    limited = _limited_share(loop.controller, loop.record)
+    if changed := changed_in(loop.record, loop.controller):
+        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
+    if limited > SATURATED:
+        return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
+    if not (loop.rate.stable[0] and loop.attitude.stable[0]):
+        return (Fact(Gains.LOOP_UNSTABLE),)
+    if loop.measured is not None and loop.measured.reason is not None and loop.agrees is False:
+        return (loop.measured.reason,)
+    return ()
+
+
+def _limited_share(controller: Controller, record: Record) -> float:
+    """Of the samples with an input within 0.5 % of a limit, where the range of the inputs is known."""
+    if len(record.input_range) != 2:
+        return 0.0
+    low, high = record.input_range
+    share = (record.inputs - low) / (high - low)
+    begin, end = (0.0, 1.0) if record.inputs.shape[1] == 1 else controller.spin
+    return float(np.mean(np.any((share <= begin + 0.005) | (share >= end - 0.005), axis=1)))
+
+
+def _noise(loop: Loop, after: Controller) -> Noise | None:
+    """Of the gyro, by the controllers of the ``loop`` and ``after``; None where the log does not show it."""
+    frequency, density = _gyro(loop)
+    if density is None:
+        return None
+    now = loop.controller
+    size, new = (_demand(one, frequency, density) for one in (now, after))
+    by_d = _demand(now, frequency, density, replace(now, d=0.0))
+    return Noise(frequency[0], frequency[-1], size, new, by_d, (new / size) ** 2)
+
+
+def _gyro(loop: Loop) -> tuple[Array, Array | None]:
+    """(F,) Hz above the motion, and the rate's spectrum there as logged behind the gyro's filter, where it shows."""
+    from scipy.signal import welch  # it takes half a second to import
+
+    record = loop.record
+    times, least = NOISE_FROM
+    highest = 0.45 / record.dt
+    lowest = max(times * loop.rate.crossover, least)
+    if not 2 * lowest < highest:
+        return np.linspace(lowest, 0.45 / loop.controller.cycle), None
+    frequency, density = welch(record.outputs[:, -1], 1 / record.dt, nperseg=min(256, len(record)))
+    kept = (frequency >= lowest) & (frequency <= highest)
+    return frequency[kept], density[kept]
+
+
+def _demand(
+    controller: Controller, frequency: Array, density: Array, without: Controller | None = None
+) -> float:
+    """Standard deviation of the demand by noise of this ``density``; less what goes through another controller."""
+    _, response = transfer(controller, frequency)
+    if without is not None:
+        response = response - transfer(without, frequency)[1]
+    return float(np.sqrt(np.trapezoid(np.abs(response) ** 2 * density, frequency)))
