@@ -9,6 +9,7 @@ from mavdem.facts import Fact, Words
 
 if TYPE_CHECKING:
     from mavdem.assessment.assess import Assessment
+    from mavdem.condition.loop.advice import Advice
     from mavdem.condition.loop.loop import Loop
     from mavdem.dem import Learned
     from mavdem.flight import Flight
@@ -86,6 +87,13 @@ def loop(learned: Learned, controller: Any) -> Loop:
     from mavdem.condition.loop.from_flight import loop
 
     return loop(learned, controller)
+
+
+def advice(loop: Loop) -> Advice:
+    """Returns gains for a control ``loop``."""
+    from mavdem.condition.loop.advice import advise
+
+    return advise(loop)
 
 
 def assessment_page(assessment: Assessment) -> str:

@@ -37,6 +37,9 @@ class Downstream(Protocol):
     def loop(self, learned: Any, controller: Any) -> Any:
         """The control loops of a model."""
 
+    def advice(self, loop: Any) -> Any:
+        """Gains for a control loop."""
+
     def assessment_page(self, assessment: Any) -> str:
         """The HTML of the page of an assessment."""
 
@@ -110,6 +113,15 @@ class LearnedDownstream:
 
     def _repr_html_(self) -> str:
         return _upstairs.learned_html(self)
+
+
+class LoopDownstream:
+    """What becomes of the control loops of an axis."""
+
+    @property
+    def advice(self) -> Any:
+        """Gains to set, with what to expect, or why there are none; :func:`mavdem.condition.loop.advice.advise`."""
+        return _upstairs.advice(self)
 
 
 class AssessmentDownstream:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import isfinite
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,11 +22,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.parameters import wind_density
 from mavdem.dem.record import Record
+from mavdem.downstream import LoopDownstream
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Loops, Responses
-
-if TYPE_CHECKING:
-    from mavdem.condition.loop.advice import Advice
 
 
 class Target(NamedTuple):
@@ -51,7 +48,7 @@ OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Loop(Margins):
+class Loop(Margins, LoopDownstream):
     """The loops of one ``axis``: ``rate`` and, with that closed, ``attitude``; it has the figures of ``rate``."""
 
     axis: str
@@ -112,13 +109,6 @@ class Loop(Margins):
     def sure_of(self, target: Target) -> float:
         """Returns the share of the draws in which both loops have the margins of ``target``."""
         return float(np.mean(scores_of(target, self.rate, self.attitude) >= 1))
-
-    @cached_property
-    def advice(self) -> Advice:
-        """Gains to set, with what to expect, or why there are none."""
-        from mavdem.condition.loop.advice import advise  # which is made of loops
-
-        return advise(self)
 
     @property
     def lean_in_wind(self) -> float:
