@@ -32,12 +32,12 @@ def predicted(
     ahead = OnlineJoint(
         flight.dt, block, horizons, m, known_combinations(r, flight.effect_directions)
     )
-    bands = ErrorBands(horizons, m, flight.dt)
+    bands = ErrorBands(len(horizons), m, flight.dt)
     found = np.empty((2, count, len(horizons), m))
     for row in range(count):
         closed = memory.add(flight.inputs[row], flight.outputs[row], flight.time[row])
         found[:, row] = ahead.predict(memory)[1], bands.half_widths[1:]
-        bands.add(flight.outputs[row], np.full(m, np.nan), found[0, row])
+        bands.add(np.full(m, np.nan), ahead.errors)
         if closed:
             bands.update()
             ahead.add(memory.blocks[-1])

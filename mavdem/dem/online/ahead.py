@@ -52,6 +52,8 @@ class OnlineJoint:
         self._ring = np.full((horizons[-1] + 1, 3, len(horizons), outputs), np.nan)
         self._place = 0
         self._errors: list[Array] = []
+        self.errors = np.full((len(horizons), outputs), np.nan)
+        """(H, m) of what was predicted of the latest sample at each horizon; NaN where nothing was."""
         self._unknown = np.full(outputs, np.nan)
         self._choice = Choice(LAGS[2], 1e-3)
         self._others = cycle(CHOICES)
@@ -90,6 +92,7 @@ class OnlineJoint:
         latest = outputs[-1]
         before = self._ring[(self._place - self._horizons) % len(self._ring), :, self._rows]
         self._errors.append(latest - before)
+        self.errors = self._errors[-1][:, 0]
         self._number += 1
         self._mean += (latest - self._mean) / self._number
         expected = self._unknown

@@ -154,7 +154,7 @@ class OnlineLearner:
         self._tracker: Tracker | None = None
         self._last: float | None = None
         self._gaps = 0
-        self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
+        self._bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
         self._ahead = OnlineJoint(self._dt, block, self.horizons, n_outputs, combinations)
         self._wind = OnlineWind(self._memory, executor, prior)
@@ -266,7 +266,6 @@ class OnlineLearner:
     def _begin_segment(self) -> None:
         if self._memory.end_segment():
             self._remember()
-        self._bands.end_segment()
         self._ahead.end_segment()
         self._wind.end_segment()
         self._last = None
@@ -275,7 +274,7 @@ class OnlineLearner:
         tracker = self._tracker
         (expected, ahead) = self._ahead.predict(self._memory)
         expected_band, *ahead_band = self._bands.half_widths
-        self._bands.add(y, expected, ahead)
+        self._bands.add(y - expected, self._ahead.errors)
         later = (
             time + self._dt * np.array(self.horizons),
             ahead,

@@ -179,33 +179,19 @@ class ErrorBands:
     An error counts as long as any other, whatever its size: bands recover as soon as predictions have.
     """
 
-    def __init__(self, horizons: tuple[int, ...], outputs: int, dt: float) -> None:
-        """Takes the ``horizons`` in steps, increasing, the number m of ``outputs`` and the sampling step ``dt``, s."""
-        self._horizons = horizons
+    def __init__(self, horizons: int, outputs: int, dt: float) -> None:
+        """Takes the numbers of ``horizons`` and of ``outputs`` m, and the sampling step ``dt``, s."""
         kept = max(round(BAND_SECONDS / dt), MIN_PAST)
-        self._errors = np.full((1 + len(horizons), outputs, kept), np.nan)
+        self._errors = np.full((1 + horizons, outputs, kept), np.nan)
         self._next = 0
-        self._waiting: deque[Array] = deque(maxlen=horizons[-1])
         self.half_widths = np.full(self._errors.shape[:2], np.nan)
         """(1 + H, m): of the sample itself, and at each horizon; NaN where there are too few errors."""
 
-    def add(self, sample: Array, expected: Array, ahead: Array) -> None:
-        """Compares a sample (m,) with predictions of it; takes those (H, m) that begin with it.
-
-        ``expected`` (m,) is the prediction of the sample by those before it. Errors that are not finite are ignored.
-        """
-        latest = self._errors[:, :, self._next]
-        latest[:] = np.nan
-        latest[0] = sample - expected
-        for row, horizon in enumerate(self._horizons):
-            if horizon <= len(self._waiting):
-                latest[row + 1] = sample - self._waiting[-horizon][row]
+    def add(self, error: Array, errors: Array) -> None:
+        """Takes errors of predicting a sample, (m,) by those before it and (H, m); those not finite are ignored."""
+        self._errors[0, :, self._next] = error
+        self._errors[1:, :, self._next] = errors
         self._next = (self._next + 1) % self._errors.shape[2]
-        self._waiting.append(ahead)
-
-    def end_segment(self) -> None:
-        """A gap follows: predictions whose sample has not come are dropped."""
-        self._waiting.clear()
 
     def update(self) -> None:
         """Computes the half widths again; done once a block, since it takes all errors."""
