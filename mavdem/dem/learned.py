@@ -154,8 +154,9 @@ class Learned(LearnedDownstream):
         return PlantForecasts(self.record, self.scaling, self.predictor)
 
     @property
-    def _jointly(self) -> bool:
-        return self.settings.forecasts == "joint" and self.scaling.known
+    def _forecaster(self) -> JointModel | PlantForecasts:
+        jointly = self.settings.forecasts == "joint" and self.scaling.known
+        return self.joint if jointly else self.plant
 
     @may_overflow
     def one_step(self) -> Array:
@@ -164,20 +165,12 @@ class Learned(LearnedDownstream):
 
     @cached_property
     def _one_step(self) -> Array:
-        if self._jointly:
-            return self.joint.one_step(self.record)
-        predictions = []
-        for inputs, outputs in self.scaling.scale_segments(self.record):
-            ahead = self.predictor.one_step(inputs, outputs)
-            predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
-        return np.concatenate(predictions)
+        return self._forecaster.one_step(self.record)
 
     @property
     def spectral_radius(self) -> float:
         """The largest magnitude among the eigenvalues of the step from sample to sample of what forecasts."""
-        if self._jointly:
-            return self.joint.process.spectral_radius
-        return float(np.exp(self.model.spectral_abscissa * self.dt))
+        return self._forecaster.process.spectral_radius
 
     @property
     def stable(self) -> bool:
@@ -250,7 +243,8 @@ class Learned(LearnedDownstream):
         Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
         (H, r) and ``outputs`` (H, m); nothing is fitted again.
         """
-        return self._known_every(steps, *self.record.following(steps, inputs, outputs)).mean
+        following = self.record.following(steps, inputs, outputs)
+        return self._forecaster.known_every(steps, *following).mean
 
     @may_overflow
     def forecast_variance(self, inputs: ArrayLike) -> Array:
@@ -261,7 +255,7 @@ class Learned(LearnedDownstream):
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
         variance = self.forecast_variance(inputs)
-        return self._half_widths(variance, level, len(variance))
+        return self._forecaster.half_widths(variance, level, len(variance))
 
     @may_overflow
     def forecast_every_with_band(
@@ -275,31 +269,13 @@ class Learned(LearnedDownstream):
 
         All are (H, m); the last is the half width of the band of probability ``level`` about the first.
         """
-        mean, variance = self._known_every(steps, *self.record.following(steps, inputs, outputs))
-        return mean, variance, self._half_widths(variance, level, steps)
+        following = self.record.following(steps, inputs, outputs)
+        mean, variance = self._forecaster.known_every(steps, *following)
+        return mean, variance, self._forecaster.half_widths(variance, level, steps)
 
     def _known(self, inputs: Array, smooth: bool = False) -> Forecast:
-        return self._known_every(
-            len(inputs), inputs, np.zeros((len(inputs), len(self.model.C))), smooth
-        )
-
-    def _known_every(
-        self,
-        steps: int,
-        inputs: Array,
-        outputs: Array,
-        smooth: bool = False,
-    ) -> Forecast:
-        if self._jointly:
-            return self.joint.known_every(steps, inputs, outputs, smooth)
-        return self.plant.every(steps, inputs, outputs)
-
-    def _half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        return (
-            self.joint.half_widths(variance, level, steps)
-            if self._jointly
-            else half_width(variance, level)
-        )
+        unseen = np.zeros((len(inputs), len(self.model.C)))
+        return self._forecaster.known_every(len(inputs), inputs, unseen, smooth)
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Returns the outputs (H, m) if these ``inputs`` (H, r) were commanded: the plant alone, by :attr:`physical`.
@@ -382,11 +358,23 @@ MOST_STARTS = 200
 
 @dataclass(frozen=True, eq=False)
 class PlantForecasts:
-    """What the plant forecasts after its training data; arguments and results are physical."""
+    """What the plant forecasts after its training data, as ``JointModel`` does; arguments and results are physical."""
 
     record: Record
     scaling: Scaling
-    predictor: StateSpace
+    process: StateSpace
+
+    def one_step(self, record: Record) -> Array:
+        """Returns (T, m): each sample of ``record`` from those before it in its segment; of the first, the trim."""
+        predictions = []
+        for inputs, outputs in self.scaling.scale_segments(record):
+            ahead = self.process.one_step(inputs, outputs)
+            predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
+        return np.concatenate(predictions)
+
+    def half_widths(self, variance: Array, level: float, steps: int) -> Array:
+        """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``."""
+        return half_width(variance, level)
 
     def from_zero(self, inputs: Array) -> Array:
         """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0, the outputs at their trim."""
@@ -394,19 +382,25 @@ class PlantForecasts:
         trim = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
         if len(u) > 1:
             trim = np.vstack(
-                [trim, self.predictor.simulated(self.predictor.second(u[0], trim[0]), u[1:])]
+                [trim, self.process.simulated(self.process.second(u[0], trim[0]), u[1:])]
             )
         return self.scaling.physical_outputs(trim)
 
-    def every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+    def known_every(
+        self,
+        steps: int,
+        inputs: Array,
+        outputs: Array,
+        smooth: bool = False,
+    ) -> Forecast:
         """Returns (H, m): forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m)."""
         last = self.record.segments[-1]
-        state = self.predictor.at_end(
+        state = self.process.at_end(
             self.scaling.scale_inputs(last[0]), self.scaling.scale_outputs(last[1])
         )
         u = self.scaling.scale_inputs(inputs)
         y = self.scaling.scale_outputs(outputs)
-        made = self.predictor.simulated_every(max(1, steps), state, u, y)
+        made = self.process.simulated_every(max(1, steps), state, u, y)
         lengths = np.minimum(np.arange(len(u)) % max(1, steps), len(self.errors) - 1)
         return Forecast(self.scaling.physical_outputs(made), self.errors[lengths])
 
@@ -427,10 +421,8 @@ class PlantForecasts:
             starts = np.unique(np.linspace(min(horizon // 4, last), last, share).astype(int))
             u = self.scaling.scale_inputs(inputs)
             y = self.scaling.scale_outputs(outputs)
-            states = self.predictor.filtered(self.predictor.second(u[0], y[0]), u[1:], y[1:])[
-                starts
-            ]
-            ahead = self.predictor.simulated_from(starts + 1, horizon, states, u)
+            states = self.process.filtered(self.process.second(u[0], y[0]), u[1:], y[1:])[starts]
+            ahead = self.process.simulated_from(starts + 1, horizon, states, u)
             squares.append((y[starts[:, None] + 1 + np.arange(horizon)] - ahead) ** 2)
         mean = np.concatenate(squares).mean(axis=0) * self.scaling.output_scale**2
         return np.where(np.isfinite(mean), mean, np.inf)
