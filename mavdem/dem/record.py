@@ -165,10 +165,7 @@ class Record:
     setpoint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not SHORTEST_STEP <= self.dt <= 1 / SHORTEST_STEP:
-            raise ValueError(
-                f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {self.dt}"
-            )
+        required_step(self.dt)
         for name, values in (("inputs", self.inputs), ("outputs", self.outputs)):
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} must be finite")
@@ -311,6 +308,21 @@ class Record:
             yield Fact(code, Level.WATCH, subject=subject, inputs=len(sizes))
 
 
+def required_step(dt: object) -> float:
+    """A sampling step ``dt``, s, as a ``float``; ``ValueError`` for what is none."""
+    if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
+        raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
+    return float(dt)
+
+
+def required_directions(values: ArrayLike, motors: int) -> Array:
+    """Effect directions (r,) of so many ``motors``; ``ValueError`` for what is none."""
+    directions = real_numbers(values, "effect_directions")
+    if directions.shape != (motors,) or not np.isfinite(directions).all():
+        raise ValueError(f"effect_directions must be {motors} finite numbers, not {values!r}")
+    return directions
+
+
 def required_number(number: int, name: str = "steps") -> int:
     """``number`` as an ``int``; ``ValueError``, which names it, for what is no positive whole number."""
     if not (is_whole(number) and number >= 1):
@@ -332,10 +344,7 @@ def _table(values: ArrayLike, name: str, columns: int) -> Array:
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
     """(r,) the effect directions of all segments; ``None`` unless each has the same, and not all are zero."""
     given = [getattr(flight, "effect_directions", None) for flight in flights]
-    tables = [real_numbers(row, "effect_directions") for row in given if row is not None]
-    for table in tables:
-        if table.shape != (motors,) or not np.isfinite(table).all():
-            raise ValueError(f"effect_directions must be {motors} finite numbers, not {table}")
+    tables = [required_directions(row, motors) for row in given if row is not None]
     same = (
         len(tables) == len(flights)
         and tables[0].any()

@@ -259,34 +259,48 @@ def _mean_square(errors: Array) -> float:
         return float((errors**2).mean())
 
 
-def fit_with_prior(
+def fit_simulation(
+    model: GenerativeModel,
+    settings: CompleteSettings,
+    scaling: Scaling,
     theta: Array,
-    prior: tuple[Array, Array],
-    sizes: tuple[int, int, int],
     gain: Array,
-    dt: float,
-    segments: SimulationSegments,
-    iterations: int,
+    record: Record,
 ) -> SimulationFit | None:
-    """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄.
+    """The fit to a record from θ (k,), with a filter of that gain (n, m), by damped steps that each increase F̄.
 
-    The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
-    free. ``None`` where errors overflow.
+    Parameters of A and B with a prior precision below ``KINEMATIC`` are free. Under the package's own prior,
+    combinations of the motors that are at right angles to the turning one of the joint model hardly turn the vehicle.
+    ``None`` where there is no horizon (:func:`horizon_of`), or errors overflow.
     """
-    (n, r, _) = sizes
-    (mean, precision) = prior
-    free = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
+    horizon = horizon_of(model, settings, scaling, record)
+    if not horizon:
+        return None
+    segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
+    assert segments is not None
+    n, r, _ = model.sizes
+    precision = model.prior.theta_precision
+    is_free = np.diag(precision) < KINEMATIC
+    if settings.prior == "regulated":
+        weak = WEAK_PRECISION * np.eye(len(is_free))
+        precision = np.where(np.outer(is_free, is_free), weak, precision)
+        quiet = null_space(turning_combinations(record).T)
+        for row in np.flatnonzero(is_free[n * n : n * n + n * r : r]):
+            places = n * n + row * r + np.arange(len(quiet))
+            precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
+    free = np.flatnonzero(is_free[: n * n + n * r])
+    mean = model.prior.theta_mean[free]
     objective = SimulationError(
-        theta, free, mean[free], precision[np.ix_(free, free)], sizes, gain, dt, segments
+        theta, free, mean, precision[np.ix_(free, free)], model.sizes, gain, record.dt, segments
     )
     _, errors = objective.value(theta[free])
     if not np.isfinite(_mean_square(errors)):
         return None
     start = objective.quadratic(theta[free], errors)
-    samples = objective.effective_samples
-    trace, gained = gauss_newton(objective, start, DAMPING, iterations, CONVERGED_NATS)
+    trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS, CONVERGED_NATS)
     best = theta.copy()
     best[free] = trace[-1].at
+    samples = objective.effective_samples
     terms = [objective.terms(each) for each in trace]
     return SimulationFit(
         theta=best,
@@ -297,37 +311,4 @@ def fit_with_prior(
         horizon=segments.settle,
         terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
         converged=gained <= CONVERGED_NATS,
-    )
-
-
-def fit_simulation(
-    model: GenerativeModel,
-    settings: CompleteSettings,
-    scaling: Scaling,
-    theta: Array,
-    gain: Array,
-    record: Record,
-) -> SimulationFit | None:
-    """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m).
-
-    Under the package's own prior, combinations of the motors that are at right angles to the turning one of the joint
-    model hardly turn the vehicle. ``None`` where there is no horizon (:func:`horizon_of`), or errors overflow.
-    """
-    horizon = horizon_of(model, settings, scaling, record)
-    if not horizon:
-        return None
-    segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
-    assert segments is not None
-    (n, r, _) = model.sizes
-    mean = model.prior.theta_mean
-    precision = model.prior.theta_precision
-    free = np.diag(precision) < KINEMATIC
-    if settings.prior == "regulated":
-        precision = np.where(np.outer(free, free), WEAK_PRECISION * np.eye(len(free)), precision)
-        quiet = null_space(turning_combinations(record).T)
-        for row in np.flatnonzero(free[n * n : n * n + n * r : r]):
-            places = n * n + row * r + np.arange(len(quiet))
-            precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
-    return fit_with_prior(
-        theta, (mean, precision), model.sizes, gain, record.dt, segments, MAX_ITERATIONS
     )

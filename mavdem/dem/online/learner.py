@@ -31,12 +31,12 @@ from mavdem.dem.online.tracker import (
 from mavdem.dem.online.wind import OnlineWind
 from mavdem.dem.record import (
     LARGEST,
-    SHORTEST_STEP,
     Record,
     is_number,
-    is_whole,
     real_numbers,
+    required_directions,
     required_number,
+    required_step,
 )
 from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable, fact_of
@@ -106,46 +106,27 @@ class OnlineLearner:
         Raises:
             ValueError: names the argument that does not fit.
         """
-        if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
-            raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
-        for name, number in (("n_inputs", n_inputs), ("n_outputs", n_outputs)):
-            required_number(number, name)
-        steps = (
-            isinstance(horizons, tuple | list)
-            and len(horizons) > 0
-            and all(map(is_whole, horizons))
-        )
-        if not steps or horizons[0] < 1 or list(horizons) != sorted(set(horizons)):
-            raise ValueError(
-                f"horizons must be whole steps of at least 1, increasing, not {horizons!r}"
-            )
+        self._dt = required_step(dt)
+        self._sizes = required_number(n_inputs, "n_inputs"), required_number(n_outputs, "n_outputs")
+        self.horizons = tuple(required_number(steps, "horizons") for steps in horizons)
+        if not self.horizons or list(self.horizons) != sorted(set(self.horizons)):
+            raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
         block = max(1, round(BLOCK_SECONDS / dt))
         most = round(memory / dt / block) if is_number(memory) and np.isfinite(memory / dt) else 0
         if most * block < 2 * FEWEST_SAMPLES:
             raise ValueError(
                 f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}"
             )
-        self.horizons = tuple(horizons)
         self.learned: Learned | None = None
         self.obstacle: Fact | None = TOO_FEW
         self.refits = True
         self.fits_physical = True
         self.until = np.nan
         self._settings = Settings() if settings is None else settings
-        self._dt = float(dt)
-        self._sizes = (n_inputs, n_outputs)
         self._executor = executor
-        directions = (
-            None
-            if effect_directions is None
-            else real_numbers(effect_directions, "effect_directions")
-        )
-        if directions is not None and (
-            directions.shape != (n_inputs,) or not np.isfinite(directions).all()
-        ):
-            raise ValueError(
-                f"effect_directions must be {n_inputs} finite numbers, not {effect_directions!r}"
-            )
+        directions = None
+        if effect_directions is not None:
+            directions = required_directions(effect_directions, n_inputs)
         self._memory = Memory(dt, block, most, directions)
         self._samples = 0
         self._first = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
