@@ -209,6 +209,12 @@ class LiveHistory:
                     (ahead, values, width, outputs)
                 )
 
+    def disown_torque(self, since: float) -> None:
+        """The wind torque from ``since``, s of its time, on was that of a motor: it is unknown."""
+        self._rows = [
+            (*row[:5], nan, nan, *row[7:]) if row[1] >= since else row for row in self._rows
+        ]
+
     def errors(self) -> list[HorizonErrors]:
         """Returns those of each horizon, the shortest first."""
         return [

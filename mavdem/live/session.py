@@ -576,6 +576,8 @@ class LiveSession:
         self._last_said[kind] = now
         self.say(fact)
         since = np.nan if fact.time is None else fact.time + self.history.shift
+        if self.stream.alarms.weak_since == fact.time:
+            self.history.disown_torque(since)
         self.history.events.append(Event(self.history.now, fact, since))
         if self._view.display is not None:
             self._view.display.log(self.history.events[-1])

@@ -217,7 +217,8 @@ class Watchdog:
                 self.standing[what] = fact
                 yield alarm_of(fact, now)
         for what in [*self.standing]:
-            if now - self._seen[what] >= CALM_SECONDS:
+            has_landed = self._phases[-1][1] == ON_GROUND
+            if has_landed or now - self._seen[what] >= CALM_SECONDS:
                 over = self.standing.pop(what)
                 yield Fact(Watch.ALARM_OVER, Level.GOOD, time=self._seen[what], because=over)
 

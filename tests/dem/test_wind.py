@@ -18,7 +18,7 @@ from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.gusts import gusts, shortest_gust
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.parameters import updated
-from mavdem.dem.graybox.wind import _Spectra, wind
+from mavdem.dem.graybox.wind import _Spectra, balanced, wind
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import (
     DELAY_SECONDS,
@@ -314,6 +314,31 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add():
     added = np.sqrt(np.sum(weights[LAG + 1 :] ** 2) * of.steady.variance)
     assert np.std(live[far] - whole[far]) == pytest.approx(added, rel=0.5, abs=1e-9)
     assert np.std(live[far] - whole[far]) < 0.1 * whole.std()
+
+
+def test_its_band_has_the_slopes_by_each_motor_s_effect():
+    """Against finite differences, also where the motors lift or turn the vehicle."""
+    of = wind_filter(Record.of(CALM))
+    turning = np.sin(2 * np.pi * 0.5 * CALM.time)
+    inputs = CALM.inputs + np.outer(turning, [0.1, 0.1, -0.1, -0.1])
+    level = of.level - balanced(of.physical.effect, of.trim, None)
+
+    def torque(effect):
+        balance = level + balanced(effect, of.trim, None)
+        other = of._replace(physical=of.physical._replace(effect=effect), level=balance)
+        tracked = _Tracked(other, CALM.dt, inputs[:600], CALM.outputs[:600])
+        for k in range(600, 700):
+            tracked.add(inputs[k], CALM.outputs[k])
+        return tracked.torque[0], tracked._slopes[0]
+
+    steps = 1e-3 * np.abs(of.physical.effect).max() * np.eye(4)
+    exact = [
+        (torque(of.physical.effect + step)[0] - torque(of.physical.effect - step)[0])
+        / (2 * step.max())
+        for step in steps
+    ]
+    _, slopes = torque(of.physical.effect)
+    np.testing.assert_allclose(slopes[:4], exact, atol=0.1 * np.abs(exact).max())
 
 
 @pytest.mark.slow

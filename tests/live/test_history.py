@@ -57,3 +57,11 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     assert np.isnan(measured.values).sum() == 3
     # no line is drawn across a gap
     assert np.diff(measured.time)[~np.isnan(measured.values[1:])].max() < 1.0
+
+
+def test_the_torque_of_a_motor_is_no_wind():
+    history = LiveHistory()
+    flown(history, 1.0)
+    history.disown_torque(100.5)
+    torque = history.rows[:, 5]
+    assert np.isnan(torque[history.rows[:, 1] >= 100.5]).all() and (torque[:50] == 1.0).all()

@@ -14,6 +14,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.kalman import SteadyFilter
@@ -49,7 +50,8 @@ class WindFilter(NamedTuple):
     column: int  # of the rate, in the outputs
     # of the torque by true parameters: of the smoother, and of what the model leaves out
     variance: float
-    covariance: Array  # (4, 4) of the effect, relative, damping, lag and delay
+    balance: Array  # (r,) slopes of the level by the effect of each input
+    covariance: Array  # (r + 3, r + 3) of the effects, damping, lag and delay
 
 
 def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
@@ -79,8 +81,7 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
         sum(each.size**2 for each in found.components if each.time < dt)
         + (MODEL_ERRORS.wind * found.wind) ** 2
     )
-    slopes = np.eye(4, len(trim) + 3, len(trim) - 1)
-    slopes[0] = np.append(np.sign(found.effect) / np.abs(found.effect).sum(), np.zeros(3))
+    balance = [balanced(one, trim, record.effect_directions) for one in np.eye(len(trim))]
     return WindFilter(
         physical=found,
         axis=axis,
@@ -91,7 +92,8 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
         level=level,
         column=column,
         variance=float(variance),
-        covariance=slopes @ found.covariance @ slopes.T,
+        balance=np.array(balance),
+        covariance=found.covariance,
     )
 
 
@@ -118,7 +120,11 @@ class _Tracked:
         self._commands = deque(commanded.tolist(), maxlen=int(np.ceil(self._steps)) + 5)
         self._innovations = deque((rate - states[:, 0]).tolist(), maxlen=lag)
         self._winds = deque((states @ of.axis.wind).tolist(), maxlen=lag)
-        self._slopes = deque(self._slopes_of(commanded, states.T).T.tolist(), maxlen=lag)
+        self._keeps = float(np.exp(-dt / of.physical.lag))
+        moved = inputs - of.trim
+        answered = lfilter([1 - self._keeps], [1, -self._keeps], moved, axis=0)
+        self._answer = answered[-1]
+        self._slopes = deque(self._slopes_of(answered.T, commanded, states.T).T, maxlen=lag)
 
     def add(self, inputs: Array, outputs: Array) -> None:
         """Takes the next sample, (r,) and (m,)."""
@@ -128,13 +134,19 @@ class _Tracked:
         self._state = of.steady.step(self._state, push, self._innovations[-1])
         self._innovations.append(float(outputs[of.column] - self._state[0]))
         self._winds.append(float(of.axis.wind @ self._state))
-        self._slopes.append(self._slopes_of(self._commands[-1], self._state).tolist())
+        self._answer = self._keeps * self._answer + (1 - self._keeps) * (inputs - of.trim)
+        self._slopes.append(self._slopes_of(self._answer, self._commands[-1], self._state))
         self._number += 1
 
-    def _slopes_of(self, commanded: Array | float, states: Array) -> Array:
-        """(4, …) slopes of the wind's torque by effect (relative), damping, lag and delay; of ``states`` (n, …)."""
+    def _slopes_of(self, answer: Array, commanded: Array | float, states: Array) -> Array:
+        """(r + 3, …) slopes of the wind's torque by the effects, damping, lag and delay.
+
+        The ``answer`` (r, …) is what the motors do beside their trim; ``states`` are (n, …). What turns the vehicle
+        otherwise, or lifts it, is by motors that differ, whose effects alone are known badly.
+        """
         change = (commanded - states[1]) / self._of.physical.lag
-        return np.array([self._of.level - states[1], states[0], change, change])
+        effects = (self._of.balance - answer.T).T
+        return np.array([*effects, states[0], change, change])
 
     @property
     def torque(self) -> tuple[float, float]:
@@ -143,7 +155,7 @@ class _Tracked:
             return np.nan, np.nan
         of = self._of
         innovations = np.array(self._innovations)
-        slopes = np.array(self._slopes[0])
+        slopes = self._slopes[0]
         # Where the samples after it are worse predicted than usual, so is the torque known worse.
         unusual = max(1.0, float(innovations @ innovations) / len(innovations) / of.steady.variance)
         variance = unusual * of.variance + float(slopes @ of.covariance @ slopes)
