@@ -22,6 +22,7 @@ from mavdem.heading import heading
 from mavdem.units import (
     AngularAcceleration,
     ArmLengths,
+    Decibels,
     DragUnit,
     EffectPerInput,
     GainOfOutput,
@@ -39,7 +40,7 @@ from mavdem.units import (
     units_of_fields,
 )
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 # the vehicle of a log that does not say whose it is, and health that is not known
@@ -171,6 +172,14 @@ class FlightRow:
     """half width of the 90 % interval of lag"""
     lag_status: str | None = at("physical.status.lag")
     """status of lag: reported, biased or not identifiable"""
+    phase_margin: Radians = None
+    """phase margin of the axis's rate loop"""
+    phase_margin_interval: Radians = None
+    """half width of the 90 % interval of phase_margin"""
+    gain_margin: Decibels = None
+    """gain margin of the axis's rate loop"""
+    gain_margin_interval: Decibels = None
+    """half width of the 90 % interval of gain_margin"""
     wind_torque_sd: AngularAcceleration = at("wind.sd")
     """standard deviation of the wind torque"""
     wind_torque_mean: AngularAcceleration = at("wind.mean")

@@ -17,7 +17,8 @@ from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import NoLoop, assess_signals
+from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
@@ -118,7 +119,9 @@ def rows_of_assessment(assessment: Assessment, signals: Signals, file: str) -> l
     rows = []
     for axis, analysis in assessment.analyses.items():
         report = analysis.as_dict() | judged
-        row = FlightRow.of(report, axis=axis, **columns, **_means(analysis))
+        loop = assessment.loops[axis]
+        margins = {} if isinstance(loop, NoLoop) else _margins(loop)
+        row = FlightRow.of(report, axis=axis, **columns, **margins, **_means(analysis))
         driven = signals.about(axis).drive
         # the rate of the analysis is the demand's
         if driven is not None and driven.scale.name == DEMAND:
@@ -142,6 +145,16 @@ def _wind(wind: WindVelocity) -> dict[str, Any]:
         }
     half = [np.ptp(drag.interval(name), axis=0) / 2 for name in ("linear", "quadratic")]
     return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
+
+
+def _margins(loop: Loop) -> dict[str, Any]:
+    """The margins of a rate loop; none that is infinite."""
+    return {
+        "phase_margin": np.radians(loop.phase_margin),
+        "phase_margin_interval": np.radians(np.ptp(loop.phase_margin_interval)) / 2,
+        "gain_margin": loop.gain_margin,
+        "gain_margin_interval": np.ptp(loop.gain_margin_interval) / 2,
+    }
 
 
 def _means(analysis: LogAnalysis) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import files
+from threading import Lock
 from typing import Any
 
 from jinja2 import Environment
@@ -28,6 +29,7 @@ from mavdem.report.page import environment
 PLACE = "<main>\n"
 """Of the bar in a flight's page."""
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
+_DRAWING = Lock()
 SCRIPTS = ("uplot/uPlot.iife.min.js", "timeline.js")
 """Those within a flight's page."""
 
@@ -90,10 +92,11 @@ def vehicle_svg(flights: Sequence[Flight]) -> str:
     from mavdem.report.figures.flights import vehicle_figure
     from mavdem.report.figures.style import svg
 
-    try:
-        return svg(vehicle_figure(flights), "vehicle")
-    except ValueError:
-        return ""
+    with _DRAWING:  # matplotlib has one style for all threads
+        try:
+            return svg(vehicle_figure(flights), "vehicle")
+        except ValueError:
+            return ""
 
 
 def refusal_page(fact: Fact, asks: bool, **known: Any) -> str:

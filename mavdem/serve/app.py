@@ -34,9 +34,10 @@ from mavdem.errors import NotLearnable, Refusal
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
-from mavdem.fleet.difference import since_baseline, vehicle_difference
+from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
 from mavdem.fleet.row import OK, FlightRow, vehicles_of
 from mavdem.ingest.formats import format_of
+from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks, difference_blocks
 from mavdem.report.library_page import (
     refusal_page,
@@ -293,7 +294,9 @@ class Server:
         self._need(self.rights.may_read(request), Use.READ)
         a, b = (self.library.entry(request.query_params.get(name, "")) for name in "ab")
         first, second = (self._flown(name, entry) for name, entry in (("A", a), ("B", b)))
-        blocks = difference_blocks(vehicle_difference(first, second))
+        parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
+        said = [Sentence(one.headline, f"{name}:") for name, one in (("A", a), ("B", b))]
+        blocks = [*said, *difference_blocks(vehicle_difference(first, second), parameters)]
         return HTMLResponse(served("compare", a=a, b=b, blocks=blocks, **self._known(request)))
 
     def _flown(self, name: str, entry: Entry) -> list[FlightRow]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import closing, suppress
+from itertools import chain
 from multiprocessing.connection import wait
 
 from mavdem.errors import Refusal
@@ -77,7 +78,8 @@ class Work:
     def _in_process(self) -> None:
         reader = LogReader()
         try:
-            for entry in self._claimed():
+            # At first what it needs is imported: a log should not wait for that.
+            for entry in chain([None], self._claimed()):
                 read = self._read if entry else PUBLISH
                 job = self._job(entry)
                 reader.send(job, self._limits, read)

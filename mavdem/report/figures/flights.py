@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from math import degrees
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -239,6 +240,13 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
         for i, name in enumerate(motors)
     }
     yield Panel("Motor shares (1: all alike)", shares, 1.0)
+    sizes = {name: _line(flights, "vibration", entry=(i, 3)) for i, name in enumerate("xyz")}
+    yield Panel("Vibration (m/s²)", sizes | {"level": _line(flights, "vibration", entry=(0, 1))})
+    for title, name, scale in (
+        ("Phase margin (°)", "phase_margin", degrees(1)),
+        ("Gain margin (dB)", "gain_margin", 1.0),
+    ):
+        yield Panel(title, {axis: scale * _line(flights, name, axis) for axis in TILT_AXES})
     kinds = sorted({row.per_input for row in with_model})
     for unit in kinds:
         for axis in TILT_AXES:
