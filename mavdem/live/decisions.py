@@ -241,6 +241,10 @@ class Phase:
         """Whether ``time``, s, is in settled flight, apart from the tilt."""
         return self.steady and self._settled_from is not None and time >= self._settled_from
 
+    def settled_since(self, now: float) -> float | None:
+        """Since when, s, the flight is settled; None where it is not ``now``."""
+        return self._settled_from if self.settled(now) else None
+
     def evident(self, time: float) -> bool:
         """Whether EXTENDED_SYS_STATE or a vertical speed comes at ``time``, s."""
         climbs = (self._rows[kind][-1][0] for kind in CLIMB_FIELDS if self._rows[kind])

@@ -42,6 +42,7 @@ from mavdem.live.rate_request import (
 from mavdem.live.rows import AlignedRow
 from mavdem.live.shown import Shown, failure
 from mavdem.live.stream import LiveStream
+from mavdem.live.watchdog import not_watched
 
 # From one status to the next, and from one judgement to the next
 STATUS_SECONDS = 1.0
@@ -347,6 +348,10 @@ class LiveSession:
         )
         behind = time.monotonic() - self.now
         rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
+        if silence:
+            at = self.stream.now
+            watched = tuple(not_watched(fact, silence, at) for fact in status.watched)
+            rows = replace(rows, watched=watched)
         rows = replace(rows, behind=behind if behind >= SHED[Task.PLOTS] else 0.0)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 

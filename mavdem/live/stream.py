@@ -389,9 +389,9 @@ class LiveStream:
             self._phase.idle = any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
         self._phase.review(now)
         if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
-            for fact in self._watchdog.review(
-                now, self._telemetry(sender), self._phase.flying, self._motion()
-            ):
+            phase = self._phase.flying, self._phase.settled_since(now)
+            known = self._telemetry(sender), *phase, self._motion()
+            for fact in self._watchdog.review(now, *known):
                 self._report(fact)
             because = self.alarms.obstacle(now, self._phase.flying)
             self._watchdog.watches(Watched.MOTORS, because, now)

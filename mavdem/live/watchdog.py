@@ -130,9 +130,17 @@ class Watchdog:
             del rows[: MAX_ROWS // 2 : 2]
 
     def review(
-        self, now: float, vehicle: Telemetry, is_flying: bool, motion: Motion | None
+        self,
+        now: float,
+        vehicle: Telemetry,
+        is_flying: bool,
+        settled_since: float | None,
+        motion: Motion | None,
     ) -> Iterator[Fact]:
-        """Yields what is new at ``now``, s, of a ``vehicle`` without messages, and of its last ``motion``."""
+        """Yields what is new at ``now``, s, of a ``vehicle`` without messages, and of its last ``motion``.
+
+        Vibration counts in settled flight only: a touch-down is none.
+        """
         state = IN_AIR if is_flying else ON_GROUND
         before = self._phases[-1][1] if self._phases else state
         if not self._phases or before != state:
@@ -144,7 +152,9 @@ class Watchdog:
         if is_flying:
             whole = self._signals(vehicle, now, -inf)
             found[Watched.BATTERY] = power_light(_evidence(whole, now - since))
-            found[Watched.VIBRATION] = vibration_light(_evidence(recent, now - since))
+            if settled_since is not None:
+                recent.settled[self._boot] = [(settled_since, now)]
+                found[Watched.VIBRATION] = vibration_light(_evidence(recent, now - since))
             found |= dict(self._of_motion(motion, since, now))
         self._note(found, motion, is_flying, now)
         yield from self._changes(found, now)
@@ -261,6 +271,12 @@ def alarm_of(fact: Fact, time: float) -> Fact:
     if fact.level is Level.BAD:
         return Fact(Session.ALARM, Level.BAD, time=time, subject=fact.subject, because=fact)
     return Fact(fact.code, fact.level, time=time, subject=fact.subject, **fact.figures)
+
+
+def not_watched(watched: Fact, because: Fact, time: float) -> Fact:
+    """Returns that what was ``watched`` is not any more since ``time``, s."""
+    figures = {**watched.figures, "because": because}
+    return Fact(Watch.NOT_WATCHED, time=time, subject=watched.subject, **figures)
 
 
 def _kind(fact: Fact) -> tuple[object, ...]:

@@ -21,6 +21,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import LinkError, LinkFact, Missing, RateFact, Rows, Session, VehicleFact
+from mavdem.facts.watch import Watch
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.link import LinkLost
@@ -442,6 +443,16 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
         one.step(0.0)
     assert one._setup is None and screen.setups and len(screen.rows) >= 2
     one.end()
+
+
+def test_a_silent_link_watches_nothing(now):
+    one, *_ = session_of(batches(8.0))
+    run(one)
+    assert Watch.WATCHED in {fact.code for fact in one.status.watched}
+    now[0] += 5.0
+    watched = one.status.watched
+    assert {fact.code for fact in watched} == {Watch.NOT_WATCHED}
+    assert {fact.figures["because"].code for fact in watched} == {Rows.NOTHING_RECEIVED}
 
 
 def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):

@@ -1,6 +1,8 @@
 """The watchdog: what is wrong is said within seconds of take-off, without a model, and sound flights are let alone."""
 
+import io
 from dataclasses import dataclass, replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -8,8 +10,9 @@ from hover import Hover
 from live_hover import Flight, replay
 from mavlink_streams import message
 from recorded_flights import shared
+from rich.console import Console
 
-from mavdem.cli.live import _status_line
+from mavdem.cli.live import Place, _say_status, _status_line
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.margins import MarginsLight
@@ -101,7 +104,7 @@ def told(*messages, until=20.0):
 def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     seconds = np.arange(4.0, 20.0, 0.5).tolist()
     volts = {at: 12.4 if at < 8.0 else 8.0 for at in seconds}
-    shaken = {at: 5.0 if at < 12.0 else 120.0 for at in seconds}
+    shaken = {at: 5.0 if at < 15.0 else 70.0 for at in seconds}
     made = told(
         *((at, "SYS_STATUS", {"voltage_battery": round(1000 * volts[at])}) for at in seconds),
         *((at, "VIBRATION", {"vibration_x": shaken[at]}) for at in seconds),
@@ -111,7 +114,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
     assert low.code is Session.ALARM and low.time < 20.0
     watched, shaking, *_ = said(made, VibrationLight.VIBRATION_MEASURED)
-    assert watched.level is Level.WATCH and shaking.code is Session.ALARM and shaking.time > 12.0
+    assert watched.level is Level.WATCH and shaking.code is Session.ALARM and shaking.time > 15.0
     [jumped] = said(made, Reported.GPS_JUMPED)
     assert jumped.time == pytest.approx(10.0, abs=0.1)
     assert {fact.subject for fact in made.stream.status().watched} == {*Watched}
@@ -132,6 +135,18 @@ def test_what_is_watched_is_always_shown():
     assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
     assert "motors (" in _status_line(status) and "battery" in watching(status)
     assert not watching(SessionStatus())
+
+
+def test_the_status_stands_in_its_place_on_a_terminal(capsys):
+    shown = io.StringIO()
+    session = Mock(status=SessionStatus(vehicle="1:1"))
+    console = Console(file=shown, force_terminal=True, width=30)
+    with Place(console=console, auto_refresh=False, transient=True) as place:
+        lines = [_say_status(place, session, "") for _ in range(3)]
+    assert "1:1: learning" in shown.getvalue() and shown.getvalue().count("\n") == 1
+    # Where it is no terminal, what is new is a line.
+    assert _say_status(None, session, "") == lines[0] == _say_status(None, session, lines[0])
+    assert capsys.readouterr().err == lines[0] + "\n"
 
 
 def test_slow_messages_show_no_limit_cycle_and_that_is_said():
