@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import fsum, pi, sqrt
 
+import numpy as np
+
 from mavdem.condition.loop.controllers import (
     FASTEST,
     LOOP_RATES,
@@ -20,7 +22,7 @@ from mavdem.condition.loop.controllers import Controller as AxisController
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios import mixers
 from sitl_scenarios.controller import LEAD, Controller, Gains
-from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, RotorFrame, frame, steps_of
+from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, frame, steps_of
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
@@ -74,8 +76,8 @@ def controller_for(scenario: Scenario, cycle: float) -> Controller:
 
 def gyro_for(controller: Controller, cycle: float) -> Gyro:
     """Returns the gyro of a ``controller``, stepped as the physics in its ``cycle``, s; its own one has no filters."""
-    axes = controller.axes if isinstance(controller, SetController) else ()
-    return Gyro(axes, cycle / steps_of(cycle))
+    roll = controller.axes[0] if isinstance(controller, SetController) else None
+    return Gyro(roll, cycle / steps_of(cycle))
 
 
 class SetController(Controller):
@@ -92,7 +94,7 @@ class SetController(Controller):
         ]
         super().__init__(vehicle, cycle, scenario.sensors.delay)
         self._within(tuple(one.angle for one in axes))
-        self._frame = RotorFrame(*self._frame[:2], *(one.mixer for one in axes))
+        self._columns = np.array([one.mixer for one in axes])
         self._mix = mixers.px4 if is_px4 else mixers.ardupilot
         self._expo = axes[0].expo
         (self._begin, self._end) = axes[0].spin
@@ -108,14 +110,11 @@ class SetController(Controller):
 
     def mixed(self, demands: Four) -> Four:
         """Normalised commands: thrusts by the mixer, and the curve and the range that the autopilot has for them."""
-        roll, pitch, yaw, command = demands
-        thrusts = self._mix(self._frame, (roll, pitch, yaw, self._thrust(command)))
+        *turning, command = demands
+        thrusts = self._mix(self._columns, (*turning, self._thrust(command)))
         f = self._expo
-        span = 2 * (self._end - self._begin)
-        roots = (1 - f + sqrt((1 - f) ** 2 + 4 * f * max(thrust, 1e-9)) for thrust in thrusts)
-        return tuple(
-            self._begin + span * thrust / root for thrust, root in zip(thrusts, roots, strict=True)
-        )
+        root = 1 - f + np.sqrt((1 - f) ** 2 + 4 * f * thrusts.clip(1e-9))
+        return tuple((self._begin + 2 * (self._end - self._begin) * thrusts / root).tolist())
 
     def _thrust(self, command: float) -> float:
         share = min(max((command - self._begin) / (self._end - self._begin), 0.0), 1.0)

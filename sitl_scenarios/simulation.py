@@ -193,9 +193,7 @@ class Simulation:
             lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in shares)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
-        for _ in range(self._steps):
-            state = self._body.moved(state, targets, air, 1)
-            self._gyro.sense(state.rates)
+        state = self._gyro.fly(self._body, state, targets, air, self._steps)
         # Not a number is not less either.
         if not hypot(*state.rates) < MAX_BODY_RATE:
             fast = f"{self._now * self.cycle:.1f} s after boot, turning at more than {MAX_BODY_RATE:g} rad/s"
@@ -279,9 +277,7 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
         )
         air = AirState(*(0.0,) * 5, *moments)
         targets = flown.targets(control.outputs, 1.0)
-        for _ in range(steps):
-            state = flown.moved(state, targets, air, 1)
-            gyro.sense(state.rates)
+        state = gyro.fly(flown, state, targets, air, steps)
         if not hypot(*state.rates) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
     rows = np.searchsorted(grid, np.arange(len(torque)) - 1e-6).clip(max=len(known) - 1)

@@ -222,8 +222,8 @@ def loops(
     hold = (1 - np.exp(-s * cycle)) / (s * cycle)
     rate = gain * hold / ((s + damping) * (sum(body.lag) / 2 * s + 1))
     late = np.exp(-s * scenario.sensors.delay)
-    gyro = gyro_for(controller, cycle)
-    rate_loop = -feedback * rate * late * gyro.response(number, s)
+    passed = gyro_for(controller, cycle).response(frequency)
+    rate_loop = -feedback * rate * late * passed
     attitude_loop = controller.stiff[number] * setpoint * rate / (1 + rate_loop) * late / s
     return {
         "loop_frequency": frequency,

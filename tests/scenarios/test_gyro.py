@@ -1,15 +1,16 @@
 """The simulated gyro has the filters of the loops; the autopilots' mixers keep the thrust that is asked for."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pytest import approx
 
-from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.filters import gyro_response
 from sitl_scenarios import mixers
-from sitl_scenarios.dynamics import RotorFrame, frame
+from sitl_scenarios.dynamics import AirState, State, frame
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import SetController, cycle_of, parameters_of
+from sitl_scenarios.gains import SetController, cycle_of
 from sitl_scenarios.gyro import Gyro
 
 STEP = 1e-3
@@ -25,7 +26,15 @@ GYROS = {
     "px4": {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 60.0, "IMU_GYRO_NF0_BW": 20.0},
 }
 X = frame("x", (0.1, 0.1))
-HALVES = RotorFrame(*X[:2], *(tuple(one / 2 for one in column) for column in X[2:]))
+WHOLE = np.array(X[2:])
+HALVES = WHOLE / 2
+
+
+def sensed(gyro, *rates):
+    """The rates of a gyro, after a step of a body that has these."""
+    body = SimpleNamespace(moved=lambda *given: State(rates=rates))
+    gyro.fly(body, State(), (), AirState(), 1)
+    return gyro.rates
 
 
 def of(autopilot, **parameters):
@@ -36,34 +45,29 @@ def of(autopilot, **parameters):
 @pytest.mark.parametrize("autopilot", GYROS)
 def test_the_gyro_passes_what_its_filters_do(autopilot):
     scenario = of(autopilot, **GYROS[autopilot])
-    controller = SetController(scenario, cycle_of(scenario))
-    gyro = Gyro(controller.axes, STEP)
-    time = STEP * np.arange(2000)
-    sine = np.exp(2j * np.pi * AT * time)
-    felt = []
-    for one in sine.tolist():
-        gyro.sense((one.real, one.imag, 0.0))
-        felt.append(complex(*gyro.rates[:2]))
-    passed = felt[-1] / sine[-1]
-    expected = gyro_response(controller.axes[0], np.array([AT]))[0]
-    assert passed == approx(gyro.response(0, np.array([2j * np.pi * AT]))[0], abs=1e-6)
+    controller = SetController(scenario, cycle_of(scenario)).axes[0]
+    gyro = Gyro(controller, STEP)
+    sine = np.exp(2j * np.pi * AT * STEP * np.arange(2000))
+    felt = [sensed(gyro, one.real, one.imag, 0.0) for one in sine.tolist()]
+    passed = complex(*felt[-1][:2]) / sine[-1]
+    expected = gyro_response(controller, np.array([AT]))[0]
+    assert passed == approx(gyro.response(np.array([AT]))[0], abs=1e-6)
     # PX4's own gyro is faster than the physics
     assert passed == approx(expected, abs=1e-6 if autopilot == "ardupilot" else 0.01)
     assert abs(passed) < 0.9
 
 
 def test_a_filter_above_what_the_physics_show_is_off():
-    controller = controller_of(parameters_of(of("px4", IMU_GYRO_CUTOFF=490.0), 0.004))
-    gyro = Gyro([controller] * 3, STEP)
-    gyro.sense((1.0, 2.0, 3.0))
-    assert gyro.rates == (1.0, 2.0, 3.0)
+    scenario = of("px4", IMU_GYRO_CUTOFF=490.0)
+    gyro = Gyro(SetController(scenario, cycle_of(scenario)).axes[0], STEP)
+    assert sensed(gyro, 1.0, 2.0, 3.0) == (1.0, 2.0, 3.0)
 
 
 @pytest.mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
 def test_the_mixers_leave_demands_alone_that_fit(mix):
     demands = 0.2, -0.1, 0.1, 0.4
     thrusts = np.array(mix(HALVES, demands))
-    assert [2 * thrusts @ column / 2 for column in HALVES[2:]] == approx(demands[:3])
+    assert [2 * thrusts @ column / 2 for column in HALVES] == approx(demands[:3])
     assert thrusts.mean() == approx(0.4)
 
 
@@ -83,14 +87,14 @@ def test_ardupilots_roll_and_pitch_go_down_to_a_motor_that_stands_still():
 
 def test_ardupilots_yaw_gives_way_first_but_for_its_headroom():
     wide = np.array(mixers.ardupilot(HALVES, (0.6, 0.0, 1.0, 0.5)))
-    assert wide @ HALVES.roll == approx(0.6) and wide @ HALVES.yaw == approx(0.4)
+    assert wide @ HALVES[0] == approx(0.6) and wide @ HALVES[2] == approx(0.4)
     narrow = np.array(mixers.ardupilot(HALVES, (1.0, 0.0, 1.0, 0.5)))
-    assert narrow @ HALVES.yaw / (narrow @ HALVES.roll) == approx(0.2)
+    assert narrow @ HALVES[2] / (narrow @ HALVES[0]) == approx(0.2)
 
 
 def test_px4s_roll_pitch_and_yaw_give_way_one_after_another():
-    thrusts = np.array(mixers.px4(X, (0.5, 0.1, 0.0, 0.3)))
+    thrusts = np.array(mixers.px4(WHOLE, (0.5, 0.1, 0.0, 0.3)))
     assert thrusts.min() == approx(0.0) and thrusts.mean() == approx(0.3)
-    assert thrusts @ X.pitch / 4 == approx(0.1) and thrusts @ X.roll / 4 < 0.25
-    full = np.array(mixers.px4(X, (0.0, 0.0, 0.5, 1.0)))
-    assert full.max() == approx(1.0) and full @ X.yaw / 4 == approx(0.15 / 2, abs=0.08)
+    assert thrusts @ WHOLE[1] / 4 == approx(0.1) and thrusts @ WHOLE[0] / 4 < 0.25
+    full = np.array(mixers.px4(WHOLE, (0.0, 0.0, 0.5, 1.0)))
+    assert full.max() == approx(1.0) and full @ WHOLE[2] / 4 == approx(0.15 / 2, abs=0.08)
