@@ -80,6 +80,13 @@ def motor_parameters(autopilot: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.format(n, n - 1) for name in names for n in range(1, 9)))
 
 
+def control_parameters(autopilot: str) -> tuple[str, ...]:
+    """Returns the parameters of a MAV_AUTOPILOT that its rate and attitude control need; none if not known."""
+    names = NAMES["control_parameters"].get(autopilot, ())
+    axes = NAMES["control_axes"].get(autopilot, ())
+    return tuple(dict.fromkeys(name.format(axis) for name in names for axis in axes))
+
+
 @dataclass(frozen=True)
 class MotorGeometry:
     """The motors of one vehicle, in the order of their numbers, and the output channel that drives each, all from 1.

@@ -27,7 +27,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
 from mavdem.facts.watch import Watch
 from mavdem.ingest.mavlink.definitions import FrameSender
-from mavdem.ingest.motors import motor_parameters
+from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.live.decisions import Setup, judged
 from mavdem.live.history import LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
@@ -532,7 +532,8 @@ class LiveSession:
             return
         if self.request is None:
             ids = FrameSender(vehicle.system, vehicle.component)
-            named = motor_parameters(vehicle.autopilot)
+            kind = vehicle.autopilot
+            named = (*motor_parameters(kind), *control_parameters(kind))
             self.request = RateRequest(ids, self.rate, parameters=named)
         for message in self.stream.replies():
             self.request.take(message)

@@ -4,12 +4,14 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from known_gains import ARDUPILOT, PX4
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender
-from mavdem.ingest.motors import motor_parameters
+from mavdem.ingest.motors import control_parameters, motor_parameters
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.messages import Message
 from mavdem.live.rate_request import (
     GET_INTERVAL,
@@ -252,6 +254,14 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     vehicle.rates = {}
     vehicle.run(1.0)
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
+
+
+@pytest.mark.parametrize(("autopilot", "gains"), [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
+def test_a_recording_has_the_parameters_that_the_loops_need(autopilot, gains):
+    asked = {*motor_parameters(autopilot), *control_parameters(autopilot)}
+    assert gains.keys() - {"CA_AIRFRAME"} <= asked
+    assert len(control_parameters(autopilot)) <= 31
+    assert all(CONTROL_PARAMETERS.match(name) for name in control_parameters(autopilot))
 
 
 def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
