@@ -411,16 +411,11 @@ class PlantForecasts:
         horizon = max(
             1, min(round(LONGEST_FORECAST_SECONDS / self.record.dt), 2 * self.record.longest // 3)
         )
+        stride = max(1, len(self.record) // MOST_STARTS)
         squares = []
-        for inputs, outputs in self.record.segments:
-            last = len(outputs) - horizon - 1
-            if last < 0:
-                continue
+        for u, y in self.scaling.scale_segments(self.record):
             # The filter needs a few samples to find hidden states.
-            share = max(1, round(MOST_STARTS * len(outputs) / len(self.record)))
-            starts = np.unique(np.linspace(min(horizon // 4, last), last, share).astype(int))
-            u = self.scaling.scale_inputs(inputs)
-            y = self.scaling.scale_outputs(outputs)
+            starts = np.arange(horizon // 4, len(y) - horizon, stride)
             states = self.process.filtered(self.process.second(u[0], y[0]), u[1:], y[1:])[starts]
             ahead = self.process.simulated_from(starts + 1, horizon, states, u)
             squares.append((y[starts[:, None] + 1 + np.arange(horizon)] - ahead) ** 2)

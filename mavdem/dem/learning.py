@@ -113,9 +113,6 @@ def checked(
         code = ModelRefusal.TOO_FEW_TO_LEARN
         raise NotLearnable(Fact(code, least_samples=FEWEST_SAMPLES, samples=len(record)))
     record.require_moving(settings.known_inputs)
-    # In one half, a vehicle may have stood on the ground.
-    for half in record.halves():
-        half.require_moving(settings.known_inputs, in_halves=True)
     return record, complete(settings, record)
 
 

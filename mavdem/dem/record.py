@@ -219,21 +219,16 @@ class Record:
         """That of the inputs and of the outputs."""
         return Spread.of(self.inputs), Spread.of(self.outputs)
 
-    def require_moving(self, known: bool, in_halves: bool = False) -> None:
+    def require_moving(self, known: bool) -> None:
         """Raises ``NotLearnable`` for a constant output, or input if they are ``known``."""
         inputs, outputs = self.spread
         for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
             still = np.flatnonzero(constant)
             if len(still):
+                code = ModelRefusal.CHANNEL_CONSTANT
+                subject = f"{name} column {still[0]}"
                 others_vary = name == "inputs" and len(still) < len(constant)
-                raise NotLearnable(
-                    Fact(
-                        ModelRefusal.CHANNEL_CONSTANT,
-                        subject=f"{name} column {still[0]}",
-                        in_halves=in_halves,
-                        others_vary=others_vary,
-                    )
-                )
+                raise NotLearnable(Fact(code, subject=subject, others_vary=others_vary))
 
     @property
     def segments(self) -> list[tuple[Array, Array]]:
@@ -272,22 +267,6 @@ class Record:
     def windows(self, window: int) -> int:
         """The number of windows of ``window`` samples inside segments."""
         return sum(max(0, length - window + 1) for length in self.lengths)
-
-    def halves(self) -> tuple[Record, Record]:
-        """The first and the second half of the samples; a segment that holds the middle is cut there."""
-        half = len(self) // 2
-        return self._part(0, half), self._part(len(self) - half, len(self))
-
-    def _part(self, start: int, stop: int) -> Record:
-        inside = np.diff(np.clip(np.append(self.starts, len(self)), start, stop))
-        lengths = tuple(int(length) for length in inside if length)
-        return Record(
-            self.inputs[start:stop],
-            self.outputs[start:stop],
-            self.dt,
-            lengths,
-            self.effect_directions,
-        )
 
     @property
     def input_cautions(self) -> Iterator[Fact]:

@@ -225,10 +225,8 @@ def test_predictions_and_noise_belong_to_their_segments():
     assert np.abs(changed[501:] - ahead[501:]).max() > 0.1
 
 
-def test_halves_cut_the_segment_in_the_middle():
+def test_windows_and_folds_are_of_single_segments():
     record = Record(np.zeros((10, 1)), np.arange(10.0)[:, None], DT, (3, 4, 3))
-    first, second = record.halves()
-    assert (first.lengths, second.lengths) == ((3, 2), (2, 3))
     assert (record.windows(3), record.windows(4), record.longest) == (1 + 2 + 1, 1, 4)
     # Folds are parts of equal length, in pieces of one segment.
     parts = folds([100, 7, 60], 4)
