@@ -22,7 +22,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
-from mavdem.dem.engine.ascent import CONVERGED_NATS, CoordinateAscent, Iterate
+from mavdem.dem.engine.ascent import CoordinateAscent, Iterate
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
@@ -311,15 +311,7 @@ def _from(ascent: CoordinateAscent, theta: Array) -> Iterate:
 
 def _on(ascent: CoordinateAscent, iterate: Iterate, rounds: int) -> Iterate:
     """This many rounds further, or fewer once F̄ has converged."""
-    done = 0
-    while done < rounds:
-        before = iterate.free_energy
-        for following in ascent.rounds(iterate):
-            iterate = following
-            done = done + 1
-        if iterate.free_energy - before < CONVERGED_NATS:
-            break
-    return iterate
+    return ascent.continued(iterate, rounds)[0][-1]
 
 
 # of a variance: keeps a combination of channels without variance from being divided by

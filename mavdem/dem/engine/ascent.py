@@ -95,13 +95,7 @@ def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: in
     converged. ``LinAlgError`` where at the start a curvature is not negative definite.
     """
     ascent = CoordinateAscent(model, samples)
-    iterates = [ascent.start()]
-    converged = False
-    while not converged and len(iterates) <= iterations:
-        before = iterates[-1].free_energy
-        iterates += islice(ascent.rounds(iterates[-1]), iterations + 1 - len(iterates))
-        gained = iterates[-1].free_energy - before
-        converged = gained < CONVERGED_NATS
+    iterates, converged = ascent.continued(ascent.start(), iterations)
     beliefs = [iterate.belief for iterate in iterates]
     return Ascent(
         belief=beliefs[-1],
@@ -183,6 +177,16 @@ class CoordinateAscent:
             iterate = self.at_belief(iterate.belief._replace(lambda_=lambda_))
             _require_sane(iterate.belief.lambda_)
         return iterate
+
+    def continued(self, start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
+        """The iterates from ``start`` on, after at most so many rounds, and whether F̄ has converged."""
+        iterates = [start]
+        converged = False
+        while not converged and len(iterates) <= iterations:
+            before = iterates[-1].free_energy
+            iterates += islice(self.rounds(iterates[-1]), iterations + 1 - len(iterates))
+            converged = iterates[-1].free_energy - before < CONVERGED_NATS
+        return iterates, converged
 
     def rounds(self, now: Iterate) -> Iterator[Iterate]:
         """Two rounds in turn, and one from their extrapolation."""

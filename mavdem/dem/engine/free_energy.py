@@ -81,16 +81,16 @@ class SampleEnergy(NamedTuple):
         # W^λ and W^θ of a sample are quadratic in its errors and in its X.
         precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
         uncertainty = model.state_uncertainty(np.exp(lambda_), belief.theta_covariance)
-        priors = 0.0
-        for mean, covariance, about, certainty in (
-            (theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
-            (lambda_, belief.lambda_covariance, prior.lambda_mean, prior.lambda_precision),
-        ):
-            squares = (mean - about) @ certainty @ (mean - about) + np.sum(covariance * certainty)
-            priors += 0.5 * (logdet(certainty) + logdet(covariance) - float(squares))
+        priors = 0.5 * float(
+            sum(model.log_precision_of_priors)
+            + logdet(belief.theta_covariance)
+            + logdet(belief.lambda_covariance)
+            - sum(prior.squared_errors(theta, lambda_))
+            - np.sum(belief.theta_covariance * prior.theta_precision)
+            - np.sum(belief.lambda_covariance * prior.lambda_precision)
+        )
         noise = 0.5 * float(
-            model.log_precision_at_zero
-            + model.log_precision_slope @ lambda_
+            model.log_precision(lambda_)
             + np.sum(belief.state_covariance * state_curvature(model, theta, np.exp(lambda_)))
             + logdet(belief.state_covariance)
         )
@@ -118,16 +118,11 @@ def internal_energy(
     lambda_: Array,
 ) -> float:
     """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
-    prior = model.prior
     error = np.sum(model.precision(np.exp(lambda_)) * moments.errors(theta))
-    log_precision = model.log_precision_at_zero + model.log_precision_slope @ lambda_
-    theta_error = theta - prior.theta_mean
-    lambda_error = lambda_ - prior.lambda_mean
     return 0.5 * float(
-        samples.number * log_precision
+        samples.number * model.log_precision(lambda_)
         - error
-        - theta_error @ prior.theta_precision @ theta_error
-        - lambda_error @ prior.lambda_precision @ lambda_error
+        - sum(model.prior.squared_errors(theta, lambda_))
         + sum(model.log_precision_of_priors)
     )
 
@@ -178,24 +173,21 @@ def optimal_terms(
     They sum to F̄ᵒ, which is :func:`free_energy_action` there plus half the number of everything estimated,
     T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
     """
-    prior = model.prior
     of_theta, of_lambda = model.log_precision_of_priors
+    theta_error, lambda_error = model.prior.squared_errors(belief.theta, belief.lambda_)
     T = samples.number
     squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
     of_y, of_v, of_x = model.errors
     of_x = slice(of_x.start, None)  # with x itself, where something is known of it
-    theta_error = belief.theta - prior.theta_mean
-    lambda_error = belief.lambda_ - prior.lambda_mean
-    log_precision = model.log_precision_at_zero + float(model.log_precision_slope @ belief.lambda_)
     values = (
-        0.5 * T * log_precision,
+        0.5 * T * model.log_precision(belief.lambda_),
         0.5 * T * logdet(belief.state_covariance),
         0.5 * (logdet(belief.theta_covariance) + of_theta),
         0.5 * (logdet(belief.lambda_covariance) + of_lambda),
         -0.5 * float(squares[of_y, of_y].sum()),
         -0.5 * float(squares[of_v, of_v].sum()),
         -0.5 * float(squares[of_x, of_x].sum()),
-        -0.5 * float(theta_error @ prior.theta_precision @ theta_error),
-        -0.5 * float(lambda_error @ prior.lambda_precision @ lambda_error),
+        -0.5 * theta_error,
+        -0.5 * lambda_error,
     )
     return dict(zip(Term, values, strict=True))

@@ -153,6 +153,15 @@ class Prior(NamedTuple):
     lambda_mean: Array  # (g,)
     lambda_precision: Array  # (g, g)
 
+    def squared_errors(self, theta: Array, lambda_: Array) -> tuple[float, float]:
+        """Of θ and of λ, in units of their precision."""
+        theta_error = theta - self.theta_mean
+        lambda_error = lambda_ - self.lambda_mean
+        return (
+            float(theta_error @ self.theta_precision @ theta_error),
+            float(lambda_error @ self.lambda_precision @ lambda_error),
+        )
+
 
 class SufficientStatistics(NamedTuple):
     """The data, as far as the steps need them: the number of generalized samples, and their second moments."""
@@ -316,6 +325,10 @@ class GenerativeModel:
         groups[of_y] = np.tile(self.output_groups, self.p + 1)
         groups[of_x] = np.tile(self.state_groups, self.q + 1)
         return unit, groups
+
+    def log_precision(self, lambda_: Array) -> float:
+        """ln|Π̃|."""
+        return float(self.log_precision_at_zero + self.log_precision_slope @ lambda_)
 
     @cached_property
     def log_precision_slope(self) -> Array:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from itertools import cycle
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice
@@ -24,6 +24,24 @@ FIRST_SECONDS = 1.0
 REFIT_SECONDS = 0.5
 ERROR_SECONDS = 10.0
 """Time constant of the squared errors of what was shown, the last sample and the mean, which are compared."""
+
+
+class Prediction(NamedTuple):
+    """A fitted model as linear maps of the latest samples."""
+
+    combinations: Array  # (r, c) of the inputs, that are channels of the model
+    units: ChannelUnits
+    # (H + 1, m, p) of the latest samples, the latest first: the next ones and, last, the latest with its own inputs
+    weights: Array
+    constants: Array  # (H + 1, m)
+
+    def of(self, inputs: Array, outputs: Array) -> Array:
+        """Returns (H + 1, m) what the latest samples, (T, r) and (T, m), predict; what overflows is not finite."""
+        channels = self.units.scaled(np.hstack([outputs, inputs @ self.combinations]))
+        past = initial_lags(channels, LAGS[-1] + 1)[::-1].ravel()
+        center, scale = (values[: outputs.shape[1]] for values in self.units)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(center + scale * (self.weights.dot(past) + self.constants))
 
 
 class OnlineJoint:
@@ -44,10 +62,7 @@ class OnlineJoint:
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
         self._rows = np.arange(len(horizons))
         self.combinations: Array | None = None
-        # Of the latest samples, outputs and inputs, the latest first, and constants: (H + 1, m, …) of the predictions
-        # and, last, of the latest sample, with its own inputs.
-        self._maps: Array | None = None
-        self._constants = np.zeros((len(horizons) + 1, outputs))
+        self._prediction: Prediction | None = None
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
         self._ring = np.full((horizons[-1] + 1, 3, len(horizons), outputs), np.nan)
         self._place = 0
@@ -97,11 +112,8 @@ class OnlineJoint:
         self._mean += (latest - self._mean) / self._number
         expected = self._unknown
         ahead = np.tile(latest, (len(self._horizons), 1))
-        if self._maps is not None:
-            channels = np.concatenate([outputs, inputs], axis=1)
-            past = initial_lags(channels, LAGS[-1] + 1)[::-1].ravel()
-            with np.errstate(over="ignore", invalid="ignore"):
-                found = self._maps.dot(past) + self._constants
+        if self._prediction is not None:
+            found = self._prediction.of(inputs, outputs)
             if len(outputs) > 1:
                 expected = found[-1]
             if len(outputs) >= LAGS[-1]:  # soon after a gap the lags are not known
@@ -153,6 +165,7 @@ class OnlineJoint:
 
     def _fit(self, statistics: LagStatistics, units: ChannelUnits) -> Iterator[None]:
         """Fits the last choice and another, in pieces of some milliseconds."""
+        assert self.combinations is not None
         fits = []
         for choice in (self._choice, next(self._others)):
             yield
@@ -169,28 +182,16 @@ class OnlineJoint:
             self._uncounted = round(REFIT_SECONDS / self._dt)
             return
         self._choice = choice
-        ahead = process.ahead(tuple(self._horizons.tolist()), self._outputs)
-        latest = process.latest(self._outputs)
-        parts = [self._physical(units, *each) for each in (ahead, latest)]
-        maps, constants = zip(*parts, strict=True)
-        self._maps = np.vstack([maps[0], maps[1][None]])
-        self._constants = np.vstack(constants)
-
-    def _physical(
-        self, units: ChannelUnits, weights: Array, constants: Array
-    ) -> tuple[Array, Array]:
-        """Weights (…, m, p k) of the latest p samples of channels in these ``units``, and constants (…, m)."""
-        assert self.combinations is not None
         m = self._outputs
-        (center, scale) = units
-        basis = block_diag(np.eye(m), self.combinations)
-        by_lag = (
-            scale[:m, None, None] * weights.reshape(*weights.shape[:-1], -1, len(center)) / scale
+        maps, constants = process.ahead(tuple(self._horizons.tolist()), m)
+        latest, constant = process.latest(m)
+        # The latest sample follows from one lag more.
+        weights = np.zeros((len(maps) + 1, m, (LAGS[-1] + 1) * len(units.center)))
+        weights[:-1, :, : maps.shape[2]] = maps
+        weights[-1, :, : latest.shape[1]] = latest
+        self._prediction = Prediction(
+            self.combinations, units, weights, np.vstack([constants, constant])
         )
-        physical = np.zeros((*weights.shape[:-1], LAGS[-1] + 1, len(basis)))
-        physical[..., : by_lag.shape[-2], :] = by_lag @ basis.T
-        constants = center[:m] + scale[:m] * constants - by_lag.sum(axis=-2) @ center
-        return physical.reshape(*weights.shape[:-1], -1), constants
 
     @property
     def error_ratio(self) -> Array:
