@@ -52,20 +52,6 @@ SAMPLE = Path(mavdem.__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog
     callback=no_option,
     help="Read them on this Dask cluster instead, whose machines share FOLDER.",
 )
-@click.option(
-    "--time-limit",
-    type=Number(1, MOST),
-    default=Limits().seconds,
-    show_default=True,
-    help="Seconds of the processor that one log may take.",
-)
-@click.option(
-    "--memory-limit",
-    type=click.IntRange(256, MOST),
-    default=1000,
-    show_default=True,
-    help="Memory in MB that the reading of one log may take.",
-)
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
 def serve_command(
     folder: Path,
@@ -76,8 +62,6 @@ def serve_command(
     quota: float | None,
     jobs: int | None,
     scheduler: str | None,
-    time_limit: float,
-    memory_limit: int,
     no_browser: bool,
 ) -> None:
     """Shows logs that are dropped in a browser, and the library of all flights.
@@ -106,7 +90,7 @@ def serve_command(
         behind_proxy,
         None if quota is None else int(quota * 1e9),
         jobs or spare_cores(),
-        Limits(time_limit, memory_limit),
+        Limits(megabytes=1000),  # the page and the recording need more than rows
         scheduler,
         SAMPLE if SAMPLE.is_file() else None,
     )

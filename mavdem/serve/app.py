@@ -33,6 +33,7 @@ from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, P
 from mavdem.errors import NotLearnable, Refusal
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
+from mavdem.facts.lights import Light
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
 from mavdem.fleet.row import OK, FlightRow, vehicles_of
@@ -342,7 +343,8 @@ class Server:
 
     async def _receive(self, request: HttpRequest) -> Added:
         self._need(self.rights.may_upload(request), Use.UPLOAD)
-        waiting = await run_in_threadpool(self.library.waiting)
+        where, values = condition_of(f"stage:{Stage.WAITING}")
+        _, waiting = await run_in_threadpool(self.library.find, where, values, 0)
         limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS), Crowd.LOGS: (waiting, MOST_WAITING)}
         for crowd, (count, most) in limits.items():
             if count >= most:
@@ -391,18 +393,15 @@ class Server:
         ]
         return Added.model_validate({"flights": flights, "refused": errors})
 
-    async def _add_sample(self, request: HttpRequest) -> Response:
+    def _add_sample(self, request: HttpRequest) -> Response:
         self._need(self.rights.may_write(request), Use.UPLOAD)
-        sample = self._sample
-        if sample is None:
+        if self._sample is None:
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
-        added = await run_in_threadpool(self._sampled, sample)
-        return JSONResponse(added.as_dict(), 201)
-
-    def _sampled(self, sample: Path) -> Added:
-        entry = self.library.copied(sample)
+        entry = self.library.copied(self._sample)
         self.work.notify()
-        return Added.model_validate({"flights": [entry], "refused": []})
+        return JSONResponse(
+            Added(flights=[Flight.model_validate(entry)], refused=[]).as_dict(), 201
+        )
 
     def _flights(self, request: HttpRequest) -> Response:
         limit = _whole_number(request, "limit", PAGE_LENGTH)
@@ -488,7 +487,7 @@ class Server:
         told = {} if entry.is_done else self.library.told(entry)
         stage = told.get("stage", entry.stage)
         level = told.get("level", entry.level)
-        lights = {name: told[name] for name in entry.light_names if name in told}
+        lights = {str(light): told[light] for light in Light if light in told}
         return Progress(
             id=entry.id,
             stage=stage,

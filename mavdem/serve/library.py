@@ -93,11 +93,6 @@ class Entry:
         return {str(light): getattr(self, light) for light in Light} if self.level else {}
 
     @property
-    def light_names(self) -> list[str]:
-        """Names of all lights."""
-        return [str(light) for light in Light]
-
-    @property
     def file_names(self) -> list[str]:
         """Names of the files that were made of it."""
         return self.files.split(",") if self.files else []
@@ -273,11 +268,6 @@ class Library:
         """Names of all vehicles."""
         query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
         return [name for (name,) in self._db.execute(query)]
-
-    def waiting(self) -> int:
-        """How many logs wait to be read."""
-        query = "select count(*) from entries where stage = ?"
-        return int(self._db.execute(query, [Stage.WAITING]).fetchone()[0])
 
     def change(self, id: str, **columns: Any) -> Entry:
         """Sets columns of an entry."""

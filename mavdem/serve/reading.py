@@ -45,6 +45,7 @@ PUBLISH = "mavdem.serve.reading:publish"
 
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
     """Returns the rows of a log, whose results are then in their folder; raises ``Unreadable``."""
+    os.setpriority(os.PRIO_PROCESS, 0, 5)  # pages come first
     results = path.parents[2] / RESULTS
     digest = path.parent.name
     made = results / f".{digest}"
@@ -90,6 +91,7 @@ def _judged(
     tell(Stage.JUDGING)
     signals = Signals(telemetry)
     assessment = assess_signals(log, signals, ALL, progress=step)
+    tell(Stage.LEARNING, **_judgement(assessment))
     analyses = {**assessment.analyses}
     roll = assessment.analysis
     for axis in TILT_AXES[1:]:
@@ -97,6 +99,15 @@ def _judged(
     of_axes = replace(assessment, analyses=analyses)
     motors = signals.about(TILT_AXES[0], "motors")
     return assessment, rows_of_assessment(of_axes, motors, log.source)
+
+
+def _judgement(assessment: Assessment) -> dict[str, str]:
+    return {
+        "headline": str(assessment.headline),
+        "level": str(assessment.headline.level),
+        "next_step": str(assessment.next_step),
+        **{name: str(fact.level) for name, fact in assessment.lights.items()},
+    }
 
 
 def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
@@ -111,10 +122,7 @@ def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
     return {
         **columns_of(rows),
         "date": "" if identity.date is None else identity.date.isoformat(timespec="seconds"),
-        "headline": str(assessment.headline),
-        "level": str(assessment.headline.level),
-        "next_step": str(assessment.next_step),
-        **{name: str(fact.level) for name, fact in assessment.lights.items()},
+        **_judgement(assessment),
         "modes": ",".join(modes),
         "gains": json.dumps(gains),
     }

@@ -241,7 +241,8 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
     }
     yield Panel("Motor shares (1: all alike)", shares, 1.0)
     sizes = {name: _line(flights, "vibration", entry=(i, 3)) for i, name in enumerate("xyz")}
-    yield Panel("Vibration (m/s²)", sizes | {"level": _line(flights, "vibration", entry=(0, 1))})
+    level = _line(flights, "vibration", entry=(0, 1))
+    yield Panel("Vibration (m/s²)", sizes if np.isnan(level).all() else {"level": level})
     for title, name, scale in (
         ("Phase margin (°)", "phase_margin", degrees(1)),
         ("Gain margin (dB)", "gain_margin", 1.0),
