@@ -7,6 +7,7 @@ warped frequencies of the bilinear transform, tan(π f / rate).
 from __future__ import annotations
 
 from math import pi, tan
+from operator import add
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,13 +17,17 @@ from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import HIGHEST
 from sitl_scenarios.dynamics import AirState, Body, Four, State, Three
 from sitl_scenarios.motion import Array
+from sitl_scenarios.sensors import RotorNoise
+
+STILL = (0.0, 0.0, 0.0)
 
 
 class Gyro:
     """The gyro of a vehicle with a ``controller``, or without filters; ``rates``: rad/s, behind the filters."""
 
     def __init__(self, controller: Controller | None, step: float) -> None:
-        self.rates: Three = (0.0, 0.0, 0.0)
+        self.rates: Three = STILL
+        self.felt: Three = STILL  # before the filters
         sections: list[ArrayLike] = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]]  # passes all
         if controller and 0 < controller.gyro_filter * step < HIGHEST:
             sections += butter(2, controller.gyro_filter, fs=1 / step, output="sos").tolist()
@@ -40,13 +45,22 @@ class Gyro:
         """(F,) the rates behind the filters by the true ones, at ``frequency`` (F,), Hz."""
         return np.asarray(sosfreqz(self._sections, frequency, fs=1 / self._step)[1])
 
-    def fly(self, body: Body, state: State, targets: Four, air: AirState, steps: int) -> State:
-        """Returns the state after some steps of the ``body`` (``Body.moved``), whose rates it senses."""
+    def fly(
+        self,
+        body: Body,
+        state: State,
+        targets: Four,
+        air: AirState,
+        steps: int,
+        noise: RotorNoise | None = None,
+    ) -> State:
+        """Returns the state after some steps of the ``body`` (``Body.moved``), whose rates it senses with ``noise``."""
         rates = []
         for _ in range(steps):
             state = body.moved(state, targets, air, 1)
-            rates.append(state.rates)
-        self.rates = state.rates
+            shaken = noise.at(state.rotors) if noise else STILL
+            rates.append(tuple(map(add, state.rates, shaken)))
+        self.rates = self.felt = rates[-1]
         if len(self._sections) > 1:
             felt, self._last = sosfilt(self._sections, np.transpose(rates), zi=self._last)
             self.rates = tuple(felt[:, -1].tolist())

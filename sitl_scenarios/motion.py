@@ -31,6 +31,7 @@ class Motion:
     # The autopilot's estimates of them, with noise and delay; shapes and units likewise.
     known_attitude: Array
     known_rates: Array
+    gyro: Array  # (N, 3) body rates before the gyro's filters, with what shakes it, rad/s
     known_position: Array
     known_velocity: Array
     # (N, 4) motor commands as the autopilot puts them out, PWM in µs, quantised as it does

@@ -107,7 +107,7 @@ Degrees = Annotated[float, Field(ge=-10, le=10)]
 Drag = Annotated[tuple[Share, Share] | None, _OrInf]  # Along the body's x and y axes
 
 
-SENSORS, WIND, MOMENT, STICKS = range(4)
+SENSORS, WIND, MOMENT, STICKS, SHAKING = range(5)
 """Purposes of random numbers; winds and moments are numbered further, each in its own list."""
 
 
@@ -388,6 +388,25 @@ class Sensors(Section):
     """Degrees of roll and pitch that the autopilot reads on a level vehicle."""
 
 
+class Shaking(Section):
+    """What whole rotors and the frame shake the gyro with, before its filters."""
+
+    gyro: float = Field(
+        0.0, ge=0, le=10, description="Amplitude about each axis by each rotor in hover, rad/s"
+    )
+    balance: Share = Field(
+        0.5, description="Share of it once a turn, by rotors out of balance; the rest by each blade"
+    )
+    blades: Annotated[int, Field(ge=2, le=8)] = 2
+    """Of each rotor."""
+    frame: float = Field(
+        0.0, ge=0, le=500, description="Frequency at which the frame resonates, Hz; 0: it does not"
+    )
+    frame_gyro: float = Field(
+        0.0, ge=0, le=10, description="Standard deviation of the gyro by that, rad/s"
+    )
+
+
 class StreamSpec(Section):
     """What the autopilot sends."""
 
@@ -397,7 +416,7 @@ class StreamSpec(Section):
     """Whose messages, units and parameters."""
     rate: Annotated[float, Field(ge=0.1, le=400)] = 100.0
     """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""
-    rates: dict[str, Annotated[float, Field(ge=0, le=400)]] = {}
+    rates: dict[str, Annotated[float, Field(ge=0, le=1000)]] = {}
     """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}; 0: not until it is asked for."""
     only_when_asked: bool = False
     """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
@@ -453,6 +472,7 @@ class Scenario(Section):
     )
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
+    shaking: Shaking = Shaking()
     stream: StreamSpec = StreamSpec()
     faults: Faults = Faults()
     propeller: Propeller = Propeller()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from itertools import chain, count
-from math import cos, hypot, pi, radians, sin, sqrt
+from math import cos, exp, hypot, pi, radians, sin, sqrt
 from operator import add
 
 import numpy as np
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from sitl_scenarios.dynamics import SPINS, Four, State, Three, frame, turned
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS
-from sitl_scenarios.scenario import Propeller, Scenario, Sensors, VehicleSpec
+from sitl_scenarios.scenario import SHAKING, Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.vehicles import airframe
+
+FRAME_DAMPING = 0.02  # damping ratio of a frame: of carbon and glass fibre 0.01 to 0.03
 
 
 class Unbalance:
@@ -56,6 +58,48 @@ class Unbalance:
             passes * one / (inertia * speed)
             for one, inertia in zip(moment, self._inertia, strict=True)
         )
+
+
+class RotorNoise:
+    """What whole rotors and the frame add to the gyro before its filters, in steps of ``step`` s.
+
+    Each rotor shakes once a turn and once a blade, by a force that grows with the square of its speed; the frame
+    resonates lightly damped, driven by white noise.
+    """
+
+    def __init__(self, scenario: Scenario, step: float) -> None:
+        self._spec = spec = scenario.shaking
+        self._step = step
+        self._hover = airframe(scenario.vehicle).hover_speed
+        self._phases = [0.0, 1.0, 2.0, 3.0]
+        turn = 2 * pi * spec.frame * step
+        keeps = exp(-FRAME_DAMPING * turn)
+        self._keeps = 2 * keeps * cos(turn), -keeps * keeps
+        # of the autoregression of second order, by its driving noise (G. E. P. Box and others, Time Series Analysis)
+        first, second = self._keeps
+        gain = (1 + second) * ((1 - second) ** 2 - first**2) / (1 - second)
+        self._drive = spec.frame_gyro * sqrt(max(gain, 0.0)) if spec.frame else 0.0
+        self._frame = [(0.0, 0.0)] * 3
+        noise = scenario.random(SHAKING)
+        blocks = (noise.standard_normal(3000) * self._drive for _ in count())
+        self._noise = chain.from_iterable(block.tolist() for block in blocks)
+
+    def at(self, rotors: Four) -> Three:
+        """What the gyro feels beside the rates, rad/s; called once a step, ``rotors`` at rad/s."""
+        spec = self._spec
+        total = 0.0
+        for number, speed in enumerate(rotors if spec.gyro else ()):
+            phase = self._phases[number] = (self._phases[number] + speed * self._step) % (2 * pi)
+            size = spec.gyro * (speed / self._hover) ** 2
+            turning = spec.balance * sin(phase) + (1 - spec.balance) * sin(spec.blades * phase)
+            total += size * turning
+        if not self._drive:
+            return total, total, total
+        first, second = self._keeps
+        self._frame = [
+            (first * now + second * before + next(self._noise), now) for now, before in self._frame
+        ]
+        return tuple(total + now for now, _ in self._frame)
 
 
 def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
-from sitl_scenarios.sensors import Sensing, Unbalance
+from sitl_scenarios.sensors import RotorNoise, Sensing, Unbalance
 from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
@@ -76,6 +76,7 @@ class Simulation:
             (self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)
         ]
         self._unbalance = Unbalance(spec, scenario.propeller, self.cycle)
+        self._shaking = RotorNoise(scenario, self.cycle / self._steps)
         self.armed = False
         self._commanded = False
         self._grounded = True
@@ -159,7 +160,13 @@ class Simulation:
                 state.attitude, state.velocity, state.rates, state.rotors, air
             )
         sticks = reference.demand if reference.by_stick and self.armed else (0.0,) * 3
-        known = estimate.attitude, estimate.rates, estimate.position, estimate.velocity
+        known = (
+            estimate.attitude,
+            estimate.rates,
+            self._gyro.felt,
+            estimate.position,
+            estimate.velocity,
+        )
         columns = (
             *state[:4],
             *known,
@@ -193,7 +200,7 @@ class Simulation:
             lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in shares)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
-        state = self._gyro.fly(self._body, state, targets, air, self._steps)
+        state = self._gyro.fly(self._body, state, targets, air, self._steps, self._shaking)
         # Not a number is not less either.
         if not hypot(*state.rates) < MAX_BODY_RATE:
             fast = f"{self._now * self.cycle:.1f} s after boot, turning at more than {MAX_BODY_RATE:g} rad/s"

@@ -57,6 +57,7 @@ def made_up_motion(seconds=20.0, begin=0.0, autopilot="px4"):
         rates=rates,
         known_attitude=attitude,
         known_rates=rates,
+        gyro=rates,
         known_position=position,
         known_velocity=velocity,
         outputs=outputs,

@@ -26,8 +26,8 @@ AROUND = 0.15  # of a frequency to each side: what is around a line
 NEAR = 0.08  # of a frequency: two lines closer than this are one
 EXPONENTS = np.round(np.arange(-6.0, 6.05, 0.1), 1)
 OF_FRAME = (-0.2, 0.2)
-OF_MOTORS = (0.3, 2.0)
-OF_ALIASES = (-0.3, 3.5)
+OF_MOTORS = (0.4, 2.0)
+OF_ALIASES = (-0.5, 3.5)
 """Exponents of what stays; of speeds, which go with the root of the thrust, and so with the root of the throttle or,
 where that begins above 0, with a little more than the throttle; and below or above which nothing but an alias is."""
 TRIED = (0.0, 0.5, 1.0, -1.0, -2.0)  # along which lines are looked for

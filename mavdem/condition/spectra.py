@@ -31,6 +31,7 @@ STAGES = {
 }
 """The message of each sensor's samples."""
 RATE_MESSAGE = "ATTITUDE"
+FELT = "HIGHRES_IMU"  # which PX4 fills with the gyro before its filters, rad/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,10 @@ def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, S
     messages = signals.telemetry.messages
     for name, message in STAGES.items():
         columns = messages.get(message)
-        unit = "rad/s" if "GYRO" in message else "m/s²"
+        if columns is None and name == "gyro_before":
+            message = FELT
+            columns = _felt(messages.get(message))
+        unit = "rad/s" if "gyro" in name else "m/s²"
         source = signals.telemetry.called(message)
         if columns is not None:
             values = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
@@ -122,6 +126,13 @@ def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, S
         asked = Signal(demand["time"], demand["boot"], demand["controls"][:, :3])
         found |= _spectrum("demand", "1", source, asked, signals, parts)
     return found
+
+
+def _felt(logged: Columns | None) -> Columns | None:
+    """HIGHRES_IMU with the names of samples; None where it has no gyro."""
+    if logged is None or "xgyro" not in logged:
+        return None
+    return {**logged, **{axis: logged[f"{axis}gyro"] for axis in "xyz"}}
 
 
 def _rates(signals: Signals) -> Signal | None:

@@ -25,7 +25,7 @@ from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.vehicles import AIR_DENSITY, CHARGED
+from sitl_scenarios.vehicles import AIR_DENSITY, CHARGED, GRAVITY
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
@@ -123,6 +123,10 @@ def written(
             fields |= (
                 dict(zip(("q1", "q2", "q3", "q4"), motion.known_attitude.T, strict=True)) | rates
             )
+        case "HIGHRES_IMU":
+            # What hover feels: the simulation has no accelerometer.
+            fields = {"time_usec": boot, "zacc": -GRAVITY}
+            fields |= dict(zip(("xgyro", "ygyro", "zgyro"), motion.gyro.T, strict=True))
         case "ATTITUDE_TARGET":
             # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
             # ArduCopter's send_attitude_target).

@@ -1,0 +1,100 @@
+"""Rotor noise and a frame's resonance: at known frequencies, found in the log, and taken by the notch advised."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from mavdem.alignment.align import Segment
+from mavdem.alignment.signals import Signals
+from mavdem.condition.loop.controllers import controller_of
+from mavdem.condition.notches import notch_advice
+from mavdem.condition.peaks import PeakKind, peaks_of
+from mavdem.condition.spectra import spectra_of_flight
+from mavdem.facts.noise import NotchAdvice
+from mavdem.ingest import read_log
+from mavdem.paper.runner import write_log
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.sensors import RotorNoise
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import margins, truth
+from sitl_scenarios.vehicles import airframe
+
+MOVES = [{"up": 6.0, "speed": 3.0}, {"up": -6.0, "speed": 3.0}]
+SHAKING = {"gyro": 0.05, "balance": 0.5, "blades": 2, "frame": 75.0, "frame_gyro": 0.02}
+
+
+def flight(shaking, **parameters):
+    return scenario_of(
+        {
+            "seed": 3,
+            "duration": 40.0,
+            "height": 8.0,
+            "vehicle": {
+                "parameters": {"SCHED_LOOP_RATE": 1000.0, "INS_GYRO_FILTER": 80.0, **parameters}
+            },
+            "shaking": shaking,
+            "excitation": {"kind": "course", "moves": MOVES},
+            "stream": {"autopilot": "ardupilot", "rate": 100.0, "rates": {"HIGHRES_IMU": 1000.0}},
+        }
+    )
+
+
+def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_own_frequency():
+    scenario = flight(SHAKING)
+    noise = RotorNoise(scenario, 1e-3)
+    speed = airframe(scenario.vehicle).hover_speed
+    felt = np.array([noise.at((speed,) * 4) for _ in range(8000)])
+    hertz = np.fft.rfftfreq(8000, 1e-3)
+    power = np.abs(np.fft.rfft(felt[:, 0] * np.hanning(8000)))
+    for multiple in (1, 2):
+        near = np.abs(hertz - multiple * speed / (2 * np.pi)) < 3
+        assert power[near].max() > 20 * np.median(power)
+    # What the axes have apart is the frame's.
+    assert np.std(felt[:, 0] - felt[:, 1]) == approx(2**0.5 * 0.02, rel=0.2)
+    difference = np.abs(np.fft.rfft((felt[:, 0] - felt[:, 1]) * np.hanning(8000)))
+    assert hertz[np.argmax(difference)] == approx(75.0, rel=0.05)
+    still = RotorNoise(flight({}), 1e-3)
+    assert still.at((speed,) * 4) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_path):
+    scenario = flight(SHAKING)
+    motion = fly(scenario)
+    write_log(tmp_path / "flight.tlog", scenario, motion)
+    signals = Signals(read_log(tmp_path / "flight.tlog").vehicles[0])
+    spectra = spectra_of_flight(signals, (Segment(0, 8.0, 36.0),))
+    lines = peaks_of(spectra["gyro_before"])
+    flown = (motion.time > 8) & (motion.time < 36)
+    turns = float(np.median(motion.rotor_speeds[flown].mean(axis=1))) / (2 * np.pi)
+    by_kind = {line.kind: line for line in lines}
+    assert by_kind[PeakKind.MOTOR].frequency == approx(turns, rel=0.02)
+    assert by_kind[PeakKind.MOTOR].harmonics == (1, 2)
+    assert by_kind[PeakKind.FRAME].frequency == approx(75.0, rel=0.02)
+    controller = controller_of(signals.telemetry.parameters, "roll", (1.0,))
+    known = truth(scenario, motion)
+    crossover = float(known["roll_rate_margins"][0])
+    fact = notch_advice(controller, lines, spectra["gyro_before"], spectra.get("gyro"), crossover)
+    assert fact.code is NotchAdvice.SET_NOTCH
+    settings = dict(fact.figures["settings"])
+    again = flight(SHAKING, **settings)
+    other = fly(again)
+    size = 2048
+    hertz = np.fft.rfftfreq(size, 1e-3)
+    near = np.abs(hertz - turns) < 10
+    left = []
+    for one in (motion, other):
+        rates = one.known_rates[flown, 0]
+        windows = np.lib.stride_tricks.sliding_window_view(rates, size)[:: size // 2]
+        power = np.abs(np.fft.rfft(np.hanning(size) * windows, axis=1)) ** 2
+        left.append(power.mean(axis=0)[near].sum())
+    assert left[1] < 0.2 * left[0]
+    # The margin of the true loop falls by the cost, at the crossover of before.
+    after = truth(again, other)
+    here = int(np.argmin(np.abs(known["loop_frequency"] - crossover)))
+    phases = [np.angle(one["roll_rate_loop"][here]) for one in (known, after)]
+    cost = np.degrees(phases[0] - phases[1])
+    assert fact.figures["phase_cost"] == approx(cost, abs=2.0)
+    assert (
+        margins(after["loop_frequency"], after["roll_rate_loop"])[1] < known["roll_rate_margins"][1]
+    )
