@@ -159,7 +159,8 @@ class Dashboard:
     type=Number(1, 1000),
     metavar="HZ",
     help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
-    "for the parameters of its motors; what comes faster already stays as it is. Without it nothing is ever sent.",
+    "for the parameters of its motors and gains; what comes faster already stays as it is. Without it nothing is "
+    "ever sent.",
 )
 @file_option(
     "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -149,7 +150,7 @@ class LiveHistory:
         self._boot = 0
         self.motors: tuple[str, ...] = ()
         self.events: list[Event] = []
-        self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
+        self._rows: list[array[float]] = []  # of the lines, after the number of the segment
         self._stride = 1
         self._taken = 0
         self._segment = 0
@@ -192,7 +193,8 @@ class LiveHistory:
         )
         self._taken += 1
         if self._taken % self._stride == 0:
-            self._rows.append((segment, time, float(outputs[0]), *predicted, *torque, *beside))
+            row = segment, time, float(outputs[0]), *predicted, *torque, *beside
+            self._rows.append(array("d", row))
             if len(self._rows) > MAX_ROWS:
                 self._rows = self._rows[::2]
                 self._stride = 2 * self._stride
@@ -212,7 +214,8 @@ class LiveHistory:
     def disown_torque(self, since: float) -> None:
         """The wind torque from ``since``, s of its time, on was that of a motor: it is unknown."""
         self._rows = [
-            (*row[:5], nan, nan, *row[7:]) if row[1] >= since else row for row in self._rows
+            array("d", (*row[:5], nan, nan, *row[7:])) if row[1] >= since else row
+            for row in self._rows
         ]
 
     def errors(self) -> list[HorizonErrors]:

@@ -28,6 +28,7 @@ from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spe
 from mavdem.facts.watch import Watch
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.decisions import Setup, judged
 from mavdem.live.history import LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
@@ -483,16 +484,19 @@ class LiveSession:
         if setup is None or learned.record.inputs.shape[1] != len(setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
+        known = self.stream.parameters.items()
+        gains = {name: value for name, value in known if CONTROL_PARAMETERS.match(name)}
         record = replace(
             learned.record,
             input_names=setup.layout.names,
             output_names=names,
             input_units=(setup.scale.unit,) * len(setup.layout.names),
             output_units=units,
+            parameters=gains,
         )
         named = replace(learned, record=record)
-        known = None if self._estimate is None else self._estimate.physical
-        return named if known is None else named.with_physical(known)
+        physical = None if self._estimate is None else self._estimate.physical
+        return named if physical is None else named.with_physical(physical)
 
     def _judge(self, now: float) -> None:
         """Takes the findings; judges the latest model again now and then, by the executor."""

@@ -445,6 +445,15 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
     one.end()
 
 
+@pytest.mark.slow
+def test_the_gains_that_the_stream_has_are_those_of_the_model():
+    one, *_ = session_of(batches(9.0))
+    run(one)
+    learned = mavdem.learn(one.learner._memory.record(), COMPLETE)
+    known = one._named(learned).record.parameters
+    assert known["ATC_RAT_RLL_P"] == pytest.approx(0.2) and "SIM_WIND_SPD" not in known
+
+
 def test_a_silent_link_watches_nothing(now):
     one, *_ = session_of(batches(8.0))
     run(one)
