@@ -25,6 +25,7 @@ from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
+from mavdem.ingest.parameter_file import with_parameters
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Value = TypeVar("Value")
@@ -84,6 +85,12 @@ def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
 
 vehicle_option = click.option(
     "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which, of several."
+)
+
+
+params_option = file_option(
+    "--params",
+    "Parameters that the log lacks: a file of QGroundControl (.params) or Mission Planner (.param).",
 )
 
 
@@ -196,11 +203,15 @@ def refuse_link(source: str) -> None:
         raise Unreadable(Fact(Source.LINK_IS_NO_LOG, path=source, name=attach))
 
 
-def read_source(source: str) -> Log:
-    """Returns the log that SOURCE names; raises ``Unreadable`` for a link and for what ``read_log`` cannot read."""
+def read_source(source: str, params: Path | None = None) -> Log:
+    """Returns the log that SOURCE names; raises ``Unreadable`` for a link and for what ``read_log`` cannot read.
+
+    Parameters that it does not have are those of the file ``params``.
+    """
     refuse_link(source)
     with progress(f"Reading {source}") as done:
-        return read_log(source, done)
+        log = read_log(source, done)
+    return log if params is None else with_parameters(log, params)
 
 
 class Refused(NamedTuple):

@@ -8,7 +8,7 @@ from time import perf_counter
 import click
 
 from mavdem.assessment.assess import assess
-from mavdem.cli.options import folder_named, read_source, vehicle_option
+from mavdem.cli.options import folder_named, params_option, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import files_of, named_after, write_results
 from mavdem.documents.review import review_document
@@ -21,6 +21,7 @@ from mavdem.results import RESULT_FILES
 @click.command("review")
 @click.argument("source", type=click.Path())
 @vehicle_option
+@params_option
 @click.option(
     "--out",
     type=click.Path(),
@@ -30,7 +31,12 @@ from mavdem.results import RESULT_FILES
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 @click.option("--verbose", is_flag=True, help="Also print what `mavdem learn` does.")
 def review_command(
-    source: str, vehicle: str | None, out: Path | None, as_json: bool, verbose: bool
+    source: str,
+    vehicle: str | None,
+    params: Path | None,
+    out: Path | None,
+    as_json: bool,
+    verbose: bool,
 ) -> None:
     """Reports everything that a log says: what happened, eight lights, what to do next.
 
@@ -46,7 +52,7 @@ def review_command(
     folder = out or named_after(source)
     check_folder(folder, RESULT_FILES)
     began = perf_counter()
-    assessment = assess(read_source(source), vehicle, progress=progress)
+    assessment = assess(read_source(source, params), vehicle, progress=progress)
     if not as_json:
         print_blocks(map(Sentence, screen_of(assessment).splitlines()), gap="")
         if verbose:

@@ -15,7 +15,7 @@ from mavdem.analysis.figures import ALL
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.grounding import grounds_of
 from mavdem.cli.learn import start_option
-from mavdem.cli.options import folder_named, read_source, source_options
+from mavdem.cli.options import folder_named, params_option, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
 from mavdem.condition.loop.advice import Advice, advise
 from mavdem.condition.loop.filters import gyro_filters
@@ -44,6 +44,7 @@ REAL32 = 9  # MAV_PARAM_TYPE_REAL32
     + ".",
 )
 @click.option("--more", is_flag=True, help="Use the room of loops that have enough margin.")
+@params_option
 @start_option
 @click.option(
     "--out",
@@ -59,6 +60,7 @@ def tune_command(
     as_json: bool,
     margins: str,
     more: bool,
+    params: Path | None,
     start: float,
     out: Path | None,
 ) -> None:
@@ -71,7 +73,7 @@ def tune_command(
     Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param).
     Exit code: 1 if no gains are advised, with the reason.
     """
-    log = read_source(source)
+    log = read_source(source, params)
     telemetry = choose_vehicle(log.vehicles, vehicle)
     names = [
         "tune.html",

@@ -14,7 +14,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.grounding import grounds_of_log
-from mavdem.cli.options import Number, no_option, read_source, vehicle_option
+from mavdem.cli.options import Number, no_option, params_option, read_source, vehicle_option
 from mavdem.cli.output import check_file, print_result, printable, progress, say_aside, write_text
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop.loop import Loop
@@ -59,9 +59,15 @@ FIGURES |= {"peak": " rate's step, largest", "rise": " rate's step, time to half
     help="Mass of the vehicle, kg.  [default: 1.5, with a remark]",
 )
 @vehicle_option
+@params_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def twin_command(
-    source: str, out: tuple[Path, ...], mass: float | None, vehicle: str | None, as_json: bool
+    source: str,
+    out: tuple[Path, ...],
+    mass: float | None,
+    vehicle: str | None,
+    params: Path | None,
+    as_json: bool,
 ) -> None:
     """Makes a vehicle for simulators of a log, and flies the log again with it.
 
@@ -70,7 +76,7 @@ def twin_command(
     """
     for path in out:
         check_file(path, "--out", (".toml", *LEFT_OUT))
-    log = read_source(source)
+    log = read_source(source, params)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
     with progress("Learning the vehicle", measured=False):
         found = loops_of_axes(log, signals)

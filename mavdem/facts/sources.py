@@ -16,6 +16,7 @@ class Source(Code):
     FILE_EMPTY = auto()
     ARCHIVE_DAMAGED = auto()
     FORMAT_UNKNOWN = auto()
+    NO_PARAMETERS_IN_FILE = auto()
     FORMAT_WITHOUT_FRAMES = auto()
     GIT_LFS_POINTER = auto()
     DIALECT_UNKNOWN = auto()
@@ -37,6 +38,7 @@ class Repair(Code):
     """What was odd or damaged in a source, and what was done about it."""
 
     FRAMES_LEFT_OUT = auto()
+    PARAMETERS_ADDED = auto()
     BYTES_SKIPPED = auto()
     CARRIAGE_RETURNS_UNDONE = auto()
     STAMPS_IGNORED = auto()

@@ -1,0 +1,47 @@
+"""Parameter files of ground stations: what a log without its autopilot's parameters lacks.
+
+QGroundControl's .params has a line of vehicle, component, name, value and type, by tabs; the .param of Mission Planner
+and of MAVProxy one of name and value, by a comma or spaces. Lines that begin with # are remarks.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from dataclasses import replace
+from math import isfinite
+
+from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.sources import Repair, Source
+from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.telemetry import Log, repair
+
+
+def read_parameters(path: str | os.PathLike[str]) -> dict[str, float]:
+    """Returns the parameters of a file by name; raises ``Unreadable``: it cannot be opened, or has none."""
+    found = dict[str, float]()
+    for line in file_bytes(path).decode("utf-8", "replace").splitlines():
+        words = re.split(r"[,\s]+", line.strip())
+        if words[0].isdigit():
+            words = words[2:]
+        with suppress(ValueError, IndexError):
+            name, value = words[0], float(words[1])
+            if isfinite(value) and re.fullmatch(r"[A-Z]\w*", name):
+                found[name] = value
+    if not found:
+        raise Unreadable(Fact(Source.NO_PARAMETERS_IN_FILE, path=os.fspath(path)))
+    return found
+
+
+def with_parameters(log: Log, path: str | os.PathLike[str]) -> Log:
+    """Returns a ``log`` whose vehicles have the parameters of the file where they have none of that name."""
+    given = read_parameters(path)
+    vehicles = []
+    for one in log.vehicles:
+        count = len(given.keys() - one.parameters.keys())
+        added = repair(Repair.PARAMETERS_ADDED, count=count, path=os.fspath(path))
+        known = {**given, **one.parameters}
+        vehicles.append(replace(one, parameters=known, repairs=(*one.repairs, *added)))
+    return replace(log, vehicles=tuple(vehicles))
