@@ -23,7 +23,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts import Fact
@@ -126,7 +126,10 @@ class Library:
         try:
             for part in (LOGS, RESULTS, INCOMING, SERVERS):
                 (self.folder / part).mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(self.folder / SERVERS / self.name)
+            # locked before others see it
+            self._lock = (self.folder / INCOMING / self.name).open("w")
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
+            os.rename(self._lock.name, self.folder / SERVERS / self.name)
             self._db.executescript(TABLES)
         except (OSError, sqlite3.Error) as error:
             because = getattr(error, "strerror", None) or str(error)
@@ -355,15 +358,19 @@ class Library:
         with self.store() as store:
             return store.rows_of(sources)
 
+    def dead_servers(self) -> list[str]:
+        """Names of servers of this folder that have ended without saying so."""
+        places = (self.folder / SERVERS).iterdir()
+        return [path.name for path in places if path.name != self.name and not _is_held(path)]
+
     def recover(self) -> None:
         """Gives what dead servers were doing to others, and removes what they left half done."""
         with self._transaction() as db:
-            for path in (self.folder / SERVERS).iterdir():
-                if path.name != self.name and not _is_held(path):
-                    self._release(db, path.name)
-                    for part in (self.folder / INCOMING).glob(f"{path.name}-*"):
-                        part.unlink(missing_ok=True)
-                    path.unlink(missing_ok=True)
+            for server in self.dead_servers():
+                self._release(db, server)
+                for part in (self.folder / INCOMING).glob(f"{server}-*"):
+                    part.unlink(missing_ok=True)
+                (self.folder / SERVERS / server).unlink(missing_ok=True)
             used = {digest for (digest,) in db.execute("select digest from entries")}
             for path in (self.folder / LOGS).iterdir():
                 if path.name not in used:  # it was never acknowledged, or is deleted
@@ -461,13 +468,6 @@ def _insert(db: sqlite3.Connection, entry: Entry) -> None:
     names = ", ".join(COLUMNS)
     places = ", ".join(f":{name}" for name in COLUMNS)
     db.execute(f"insert into entries ({names}) values ({places})", vars(entry))
-
-
-def _locked(path: Path) -> IO[str]:
-    """Makes a file and holds it until the process ends, however it ends."""
-    file = path.open("w")
-    fcntl.flock(file, fcntl.LOCK_EX)
-    return file
 
 
 def _is_held(path: Path) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from itertools import chain
 from multiprocessing.connection import wait
 
-from mavdem.errors import Refusal
+from mavdem.errors import Refusal, Unreadable
+from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.store import STORE
 from mavdem.fleet.workers import Job, Limits, LogReader, Outcome, outcome_of
@@ -68,6 +69,8 @@ class Work:
             if self._library.is_unpublished.is_set():
                 self._library.is_unpublished.clear()
                 yield None
+            if self._library.dead_servers():
+                self._library.recover()
             with self._has_come:
                 self._has_come.wait(PAUSE_SECONDS)
 
@@ -75,44 +78,63 @@ class Work:
         with suppress(Refusal):
             self._library.finish(entry, outcome, self._limits)
 
+    def _give_back(self, entries: Iterable[Entry]) -> None:
+        """Lets logs wait again that nothing could read now, as where a cluster has gone."""
+        for entry in entries:
+            with suppress(Refusal):
+                self._library.change(entry.id, stage=Stage.WAITING, claimed="")
+        self._is_ending.wait(PAUSE_SECONDS)
+
     def _in_process(self) -> None:
         reader = LogReader()
         try:
             # At first what it needs is imported: a log should not wait for that.
             for entry in chain([None], self._claimed()):
-                read = self._read if entry else PUBLISH
-                job = self._job(entry)
-                reader.send(job, self._limits, read)
-                outcome = None
-                while outcome is None and not self._is_ending.is_set():
-                    seconds = min(reader.seconds_left, PAUSE_SECONDS)
-                    answered = bool(wait([reader.connection], seconds))
-                    if answered or not reader.seconds_left:
-                        outcome = reader.outcome(answered)
+                try:
+                    outcome = self._outcome(reader, entry)
+                except Unreadable:
+                    self._give_back([entry] if entry else [])
+                    continue
                 if outcome is not None and entry is not None:
                     self._finish(entry, outcome)
         finally:
             reader.stop()
 
+    def _outcome(self, reader: LogReader, entry: Entry | None) -> Outcome | None:
+        """What became of a log; None at the end."""
+        reader.send(self._job(entry), self._limits, self._read if entry else PUBLISH)
+        while not self._is_ending.is_set():
+            seconds = min(reader.seconds_left, PAUSE_SECONDS)
+            answered = bool(wait([reader.connection], seconds))
+            if answered or not reader.seconds_left:
+                outcome = reader.outcome(answered)
+                if outcome is not None:
+                    return outcome
+        return None
+
     def _on_cluster(self) -> None:
         assert self._cluster is not None
         entries = dict[str, Entry]()
 
-        def jobs() -> Iterator[Job]:
-            while (entry := self._library.claim()) is not None:
+        def jobs(first: Entry) -> Iterator[Job]:
+            entry: Entry | None = first
+            while entry is not None:
                 job = self._job(entry)
                 entries[job.path] = entry
                 yield job
+                entry = self._library.claim()
 
         for first in self._claimed():
             if first is None:
                 outcome_of(self._job(None), publish)
                 continue
-            entries[self._job(first).path] = first
-            ahead = (job for part in ([self._job(first)], jobs()) for job in part)
-            with closing(self._cluster.outcomes(ahead)) as outcomes:
-                for outcome in outcomes:
-                    self._finish(entries.pop(outcome.path), outcome)
+            try:
+                with closing(self._cluster.outcomes(jobs(first))) as outcomes:
+                    for outcome in outcomes:
+                        self._finish(entries.pop(outcome.path), outcome)
+            except Unreadable:
+                self._give_back(entries.values())
+                entries.clear()
 
     def _job(self, entry: Entry | None) -> Job:
         """The job of a log, or of the fleet's table."""

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 from serving import LIMITS, AtOnce, log, read_made_up, serving
-from standin_logs import fleet_of
+from standin_logs import InThisProcess, fleet_of
 
 from mavdem.cli.commands import main
 from mavdem.errors import Refusal, Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Request, Stage, Start
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import read_rows
@@ -173,8 +175,9 @@ def test_the_command_refuses_what_is_not_safe(tmp_path, capsys):
     assert "--token" in capsys.readouterr().err and not (tmp_path / "data").exists()
 
 
-def test_a_log_is_read_with_its_page_rows_and_index(tmp_path):
+def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     """A real one, in this process."""
+    monkeypatch.setattr("os.setpriority", lambda *_: None)
     library = Library(tmp_path)
     entry = library.copied(LOG)
     outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
@@ -187,6 +190,43 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path):
     assert rows[0].headline == entry.headline and rows[0].page.endswith(f"{entry.digest}/{PAGE}")
     page = (library.results_of(entry) / PAGE).read_text()
     assert f"<h1>{LOG.name}</h1>" in page and library.told(entry) == {}
+
+
+def test_a_cluster_reads_all_that_waits_and_the_table_is_made(tmp_path):
+    library = Library(tmp_path)
+    for said in ("One.", "Two.", "damaged"):
+        received(library, said)
+    work = Work(library, 1, LIMITS, cluster=InThisProcess(read_made_up))
+    work.start()
+    while not (tmp_path / "flights" / "flights.parquet").is_file():
+        time.sleep(0.01)
+    work.stop()
+    stages = sorted(entry.stage for entry in library.find(*ALL, 10)[0])
+    assert stages == [Stage.DONE, Stage.DONE, Stage.FAILED]
+    assert {row.headline for row in read_rows(tmp_path)} == {"One.", "Two.", None}
+
+
+def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
+    monkeypatch.setattr("mavdem.serve.work.PAUSE_SECONDS", 0.01)
+    library = Library(tmp_path)
+    received(library)
+    cluster = InThisProcess(read_made_up)
+    there = cluster.outcomes
+    tries = []
+
+    def outcomes(jobs):
+        tries.append(next(jobs))
+        raise Unreadable(Fact(Reading.SCHEDULER_GONE, address="tcp://a:1"))
+
+    cluster.outcomes = outcomes
+    work = Work(library, 1, LIMITS, cluster=cluster)
+    work.start()
+    while len(tries) < 2:
+        time.sleep(0.01)
+    cluster.outcomes = there
+    while not library.find(*condition_of("stage:done"), 1)[1]:
+        time.sleep(0.01)
+    work.stop()
 
 
 @pytest.mark.slow
