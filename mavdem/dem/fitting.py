@@ -33,9 +33,6 @@ from mavdem.dem.priors import (
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 
-# noise beyond these is white in the samples, or constant
-MIN_SMOOTHNESS_STEPS = 1e-3
-MAX_SMOOTHNESS_STEPS = 1e5
 KNOWN_INPUT = float(np.exp(12.0))  # precision of the constant input
 
 
@@ -77,13 +74,7 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
 
 def smoothness_of(settings: CompleteSettings, dt: float) -> float:
     """Kernel width s of the noise by complete settings at a sampling step ``dt``, seconds."""
-    smoothness = dt if settings.smoothness is None else settings.smoothness
-    if not MIN_SMOOTHNESS_STEPS <= smoothness / dt <= MAX_SMOOTHNESS_STEPS:
-        raise ValueError(
-            f"smoothness must be between {MIN_SMOOTHNESS_STEPS * dt:g} and {MAX_SMOOTHNESS_STEPS * dt:g} s "
-            f"where samples are {dt:g} s apart, not {smoothness:g}"
-        )
-    return smoothness
+    return dt if settings.smoothness is None else settings.smoothness
 
 
 def generative_model(

@@ -166,11 +166,8 @@ class Record:
 
     def __post_init__(self) -> None:
         required_step(self.dt)
-        for name, values in (("inputs", self.inputs), ("outputs", self.outputs)):
-            if not np.isfinite(values).all():
-                raise ValueError(f"{name} must be finite")
-            if np.abs(values).max(initial=0.0) > LARGEST:
-                raise ValueError(f"{name} must not be larger than {LARGEST:g}")
+        _require_usable(self.inputs, "inputs")
+        _require_usable(self.outputs, "outputs")
 
     @classmethod
     def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
@@ -251,13 +248,13 @@ class Record:
 
     def following_inputs(self, inputs: ArrayLike) -> Array:
         """The inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do."""
-        return _table(inputs, "inputs", self.inputs.shape[1])
+        return table(inputs, "inputs", self.inputs.shape[1])
 
     def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> tuple[Array, Array]:
         """The inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
         required_number(steps)
         ahead = self.following_inputs(inputs)
-        measured = _table(outputs, "outputs", self.outputs.shape[1])
+        measured = table(outputs, "outputs", self.outputs.shape[1])
         if len(ahead) != len(measured):
             raise ValueError(
                 f"inputs and outputs must be of the same samples, not {len(ahead)} and {len(measured)}"
@@ -309,15 +306,22 @@ def required_number(number: int, name: str = "steps") -> int:
     return int(number)
 
 
-def _table(values: ArrayLike, name: str, columns: int) -> Array:
-    table = real_numbers(values, name)
-    if table.ndim == 1 and columns == 1:
-        table = table[:, None]
-    if table.ndim != 2 or table.shape[1] != columns:
-        raise ValueError(f"{name} must have shape (H, {columns}), not {table.shape}")
-    if not np.isfinite(table).all():
+def table(values: ArrayLike, name: str, columns: int) -> Array:
+    """Samples (H, columns); of one column (H,) will do. ``ValueError`` for others, not finite or too large."""
+    samples = real_numbers(values, name)
+    if samples.ndim == 1 and columns == 1:
+        samples = samples[:, None]
+    if samples.ndim != 2 or samples.shape[1] != columns:
+        raise ValueError(f"{name} must have shape (H, {columns}), not {samples.shape}")
+    _require_usable(samples, name)
+    return samples
+
+
+def _require_usable(samples: Array, name: str) -> None:
+    if not np.isfinite(samples).all():
         raise ValueError(f"{name} must be finite")
-    return table
+    if np.abs(samples).max(initial=0.0) > LARGEST:
+        raise ValueError(f"{name} must not be larger than {LARGEST:g}")
 
 
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,13 +30,12 @@ from mavdem.dem.online.tracker import (
 )
 from mavdem.dem.online.wind import OnlineWind
 from mavdem.dem.record import (
-    LARGEST,
     Record,
     is_number,
-    real_numbers,
     required_directions,
     required_number,
     required_step,
+    table,
 )
 from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable, fact_of
@@ -232,16 +231,12 @@ class OnlineLearner:
     def _checked(
         self, time: float, inputs: ArrayLike, outputs: ArrayLike
     ) -> tuple[float, Array, Array]:
-        given = (("time", time, 1), ("inputs", inputs, self._sizes[0]))
-        checked = []
-        for name, values, size in (*given, ("outputs", outputs, self._sizes[1])):
-            numbers = np.atleast_1d(real_numbers(values, name))
-            if numbers.shape != (size,) or not np.isfinite(numbers).all():
-                raise ValueError(f"{name} must be finite and of shape ({size},), not {numbers}")
-            if np.abs(numbers).max() > LARGEST:
-                raise ValueError(f"{name} must not be larger than {LARGEST:g}")
-            checked.append(numbers)
-        now, u, y = checked
+        r, m = self._sizes
+        given: list[tuple[str, Any, int]] = [("time", time, 1), ("inputs", inputs, r)]
+        now, u, y = (
+            table([values], name, size)[0]
+            for name, values, size in [*given, ("outputs", outputs, m)]
+        )
         return float(now[0]), u, y
 
     def _begin_segment(self) -> None:
