@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,24 +155,6 @@ def of_vehicle(
     A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
     B[:, motors:] = False
     return np.flatnonzero(pack(A, B, C))
-
-
-def held_by_prior(
-    precision: Array,
-    scale: Array,
-    settings: CompleteSettings,
-    record: Record,
-) -> NDArray[np.bool_]:
-    """(k,) which of the vehicle's parameters the prior of ``precision`` (k,) holds, in units of ``scale`` (k,).
-
-    Those with a prior standard deviation below a hundredth of their natural unit, made of the channels' deviations.
-    """
-    natural = Scaling.of(record, replace(settings, scaling="channel"))
-    motors = of_vehicle(
-        settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant
-    )
-    units = natural.parameter_scale(settings.order)[motors] / scale
-    return np.asarray(precision * units**2 >= KINEMATIC)
 
 
 def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) -> tuple[Array, ...]:

@@ -16,7 +16,6 @@ from mavdem.dem.fitting import (
     Fit,
     fit,
     generalized,
-    held_by_prior,
     of_vehicle,
     predictor_of,
 )
@@ -24,6 +23,7 @@ from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
+from mavdem.dem.priors import KINEMATIC
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.errors import NotLearnable
@@ -188,12 +188,11 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
     def physical(covariance: Array) -> Array:
         return np.asarray((covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)])
 
-    held = held_by_prior(np.diag(precision)[vehicle], scale[vehicle], fit.settings, record)
     return Learned(
         settings=fit.settings,
         model=scaling.physical_model(ascent.belief.theta, order),
         theta_covariance=physical(covariance),
-        known=held,
+        known=np.diag(precision)[vehicle] >= KINEMATIC,
         free_energy=ascent.free_energy,
         free_energy_of_samples=free_energy(
             fit.model, data, data @ ascent.state_map.T, ascent.belief

@@ -32,9 +32,7 @@ def checked_values(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name = str(first["loc"][0])
-        said = first["msg"].removeprefix("Value error, ")
-        said = said.replace("Input should", "must", 1).replace("Tuple should", "must", 1)
-        raise ValueError(f"{name} {said}, not {values[name]!r}") from None
+        raise ValueError(f"{name} {_requirement(first)}, not {values[name]!r}") from None
 
 
 @cache
@@ -50,12 +48,15 @@ def first_problem(error: ValidationError) -> str:
     """The first thing that pydantic found, as ``<field> must be …, not <value>``, or ``<field> is missing``."""
     first = error.errors(include_url=False)[0]
     name = ".".join(map(str, first["loc"]))
-    said = first["msg"].removeprefix("Value error, ")
     if first["type"] == "missing":
         return f"{name} is missing"
-    if first["type"] == "value_error":
-        return f"{name} {said}".lstrip()
-    return f"{name} {said.replace('Input should be', 'must be', 1)}, not {SHORT.repr(first['input'])}".lstrip()
+    value = "" if first["type"] == "value_error" else f", not {SHORT.repr(first['input'])}"
+    return f"{name} {_requirement(first)}{value}".lstrip()
+
+
+def _requirement(problem: Mapping[str, Any]) -> str:
+    said = problem["msg"].removeprefix("Value error, ")
+    return str(said).replace("Input should", "must", 1).replace("Tuple should", "must", 1)
 
 
 def real_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
