@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import radians
+from math import inf, radians
 
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.signals import MINIMUM_RATE, usual_rate
@@ -72,6 +72,7 @@ def margins_light(evidence: Evidence) -> Fact:
             turn_rate=radians(oscillation.rate),
         )
     found = [fact for axis in margins_of(evidence) for fact in axis.facts]
+    found.sort(key=lambda fact: fact.figures.get("share", inf))
     if found and (light := worst(found)).level in (Level.BAD, Level.WATCH):
         return light
     enough = [fact for fact in found if fact.level is Level.GOOD]

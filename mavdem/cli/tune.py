@@ -17,7 +17,7 @@ from mavdem.assessment.grounding import grounds_of
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, params_option, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
-from mavdem.condition.loop.advice import Advice, advise
+from mavdem.condition.loop.advice import Advice, advise, lowered
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.errors import NotLearnable
@@ -88,6 +88,8 @@ def tune_command(
     evidence = assessment.evidence
     assert evidence is not None
     grounds = grounds_of(evidence.condition, evidence.events, evidence.ending)
+    if (oscillation := evidence.condition.oscillation) is not None:
+        grounds = (*grounds, lowered(oscillation, telemetry.parameters))
     found = dict[str, Advice | Fact]()
     for one in AXES if axis == ALL else (axis,):
         loop = evidence.loops[one]
@@ -99,7 +101,7 @@ def tune_command(
             raise NotLearnable(loop)
     known = [one for one in found.values() if isinstance(one, Advice)]
     if not known:
-        raise NotLearnable(Fact(Loops.NO_LOOP, reasons=list(found.values())))
+        raise NotLearnable(Fact(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values()))))
     gains = {name: value for one in known for name, value in one.parameters.items()}
     refusal = None if any(one.gains for one in known) else known[0].sentence
     document = {

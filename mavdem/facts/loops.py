@@ -55,6 +55,7 @@ class Gains(Code):
     GAINS_CHANGED = auto()
     MOTOR_AT_LIMIT = auto()
     LOOP_UNSTABLE = auto()
+    LOWER_GAINS = auto()
 
 
 class Twins(Code):

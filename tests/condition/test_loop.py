@@ -23,6 +23,7 @@ from mavdem.condition.loop.advice import (
     SLOWER,
     STEPS,
     advise,
+    lowered,
 )
 from mavdem.condition.loop.controllers import UNMODELLED, controller_of
 from mavdem.condition.loop.from_flight import loop_of
@@ -30,6 +31,7 @@ from mavdem.condition.loop.loop import TARGETS, margin_rating
 from mavdem.condition.loop.margins import OpenLoop, transfer
 from mavdem.condition.loop.response import measured_response
 from mavdem.condition.loop.twin import twin_of
+from mavdem.condition.oscillation import Oscillation
 from mavdem.dem import physical
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.likelihood import smooth
@@ -343,6 +345,36 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level):
     weak = getattr(loop, rating.subject)
     assert (rating.code, rating.level) == (Loops.MARGIN_RATING, level)
     assert rating.figures["phase_margin"] == weak.phase_margin
+    assert (rating.figures["share"] >= 1) == (level == "good")
+
+
+@pytest.mark.parametrize(("factor", "lacking"), [(1.7, "ms"), (2.5, "phase_margin")])
+def test_a_rating_names_the_margin_that_is_lacking_most(factor, lacking):
+    assert margin_rating(made_up(factor)).figures["lacking"] == lacking
+
+
+@pytest.mark.parametrize(
+    ("frequency", "names"),
+    [
+        (23.0, ["MC_ROLLRATE_P", "MC_ROLLRATE_D"]),
+        (None, ["MC_ROLLRATE_P", "MC_ROLLRATE_D"]),
+        (1.5, ["MC_ROLL_P"]),
+        (0.4, ["MC_ROLL_P", "MC_ROLLRATE_I"]),
+    ],
+)
+def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
+    oscillation = Oscillation("roll", frequency, 40.0, 0.9, False, 20.0)
+    pitch = {name.replace("ROLL", "PITCH"): value for name, value in PX4.items()}
+    other = {"MC_PITCH_P": 3.0, "MC_PITCHRATE_P": 0.1}
+    alone = lowered(oscillation, PX4 | pitch | other)
+    assert [name for name, *_ in alone.figures["changes"]] == names
+    for name, now, new in alone.figures["changes"]:
+        assert new == approx(PX4[name] * 2 / 3, rel=1e-3) and now == PX4[name]
+    assert alone.sentence
+    both = lowered(oscillation, PX4 | pitch)
+    assert len(both.figures["changes"]) == 2 * len(names)
+    unknown = lowered(oscillation, {})
+    assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
 
 
 def test_refusals_say_why():

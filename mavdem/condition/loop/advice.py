@@ -8,14 +8,15 @@ vehicle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.condition.loop.controllers import Controller
+from mavdem.alignment.drive import TILT_AXES
+from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.loop import (
     SURE,
     TARGETS,
@@ -26,8 +27,10 @@ from mavdem.condition.loop.loop import (
     scores_of,
 )
 from mavdem.condition.loop.margins import transfer
+from mavdem.condition.oscillation import Oscillation
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Gains
 
@@ -46,6 +49,7 @@ PRICES = np.array([30.0, 30.0, 1.0, 1.0])
 """Of a share that margins, noise and the two bandwidths are beyond their limits, by the logarithm of the lean."""
 PASSES = (0.3, 120), (0.1, 40)
 """First steps of the search, as logarithms of gains, and how many gains it tries."""
+LOWERED = 2 / 3  # times the gains by which a vehicle oscillates: 3.5 dB
 SATURATED = 0.05
 """Share of the samples with an input at a limit, from which on no linear loop describes the vehicle."""
 # 1/s, that PX4 takes; ArduPilot recommends 12 for all
@@ -205,6 +209,31 @@ def _gains_of(loop: Loop) -> dict[str, float]:
     names = (loop.controller.names[gain] for gain in GAINS)
     known = loop.controller.parameters
     return {name: known[name] for name in names if known.get(name)}
+
+
+def lowered(oscillation: Oscillation, parameters: Mapping[str, float]) -> Fact:
+    """Returns which gains to lower by a third, of a vehicle that oscillates by the controller of these ``parameters``.
+
+    They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. The
+    other axis has its gains lowered where they are the same. No values where the parameters have no controller.
+    """
+    try:
+        of_axis = {axis: controller_of(parameters, axis, (1.0,)) for axis in TILT_AXES}
+    except NotLearnable:
+        return Fact(Gains.LOWER_GAINS, changes=[], frequency=oscillation.frequency)
+    own = of_axis[oscillation.axis]
+    turning = 2 * np.pi * (oscillation.frequency or np.inf)
+    corners = {"angle": own.angle, "i": own.i / own.p}
+    acting = [gain for gain, corner in corners.items() if corner > turning / 2] or ["p", "d"]
+    changes = list[tuple[str, float, float]]()
+    for controller in of_axis.values():
+        names = [controller.names[gain] for gain in acting]
+        alike = (getattr(controller, gain) == getattr(own, gain) for gain in acting)
+        if all(alike):
+            values = [parameters[name] for name in names]
+            lower = [float(f"{LOWERED * value:.4g}") for value in values]
+            changes += [one for one in zip(names, values, lower, strict=True) if one[1]]
+    return Fact(Gains.LOWER_GAINS, changes=changes, frequency=oscillation.frequency)
 
 
 def _refusals(loop: Loop) -> tuple[Fact, ...]:

@@ -121,40 +121,53 @@ class Loop(Margins, LoopDownstream):
 def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
     """Returns whether rate and attitude ``loop`` have the margins of ``target``: good, perhaps (watch), or bad.
 
-    Its figures are those of the weaker loop.
+    Its figures are those of the weaker loop: which margin is ``lacking`` most, and what ``share`` of it there is.
     """
     loops = {"rate": loop.rate, "attitude": loop.attitude}
-    name, weak = min(loops.items(), key=lambda item: _worst(target, item[1]))
+    name, weak = min(loops.items(), key=lambda item: _least(scores_of(target, item[1])))
+    share = _least(scores_of(target, *loops.values()))
     level = Level.BAD
-    if _worst(target, *loops.values()) >= 1:
+    if share >= 1:
         level = Level.GOOD
     elif scores_of(target, *loops.values())[0] >= 1:
         level = Level.WATCH
+    shares = _shares(target, weak)
     return Fact(
         Loops.MARGIN_RATING,
         level,
         subject=name,
+        lacking=min(shares, key=lambda figure: _least(shares[figure])),
+        share=max(share, -1.0),
         phase_margin=weak.phase_margin,
         phase_margin_interval=weak.phase_margin_interval,
         gain_margin=weak.gain_margin if isfinite(weak.gain_margin) else None,
+        gain_margin_interval=np.minimum(weak.gain_margin_interval, 99.0),
         ms=weak.ms,
+        ms_interval=weak.ms_interval,
     )
 
 
 def scores_of(target: Target, *loops: OpenLoop) -> Array:
     """Returns (N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
-    scores = []
-    for loop in loops:
-        phase = loop.figures["phase_margin"] / target.phase_margin
-        gain = loop.figures["gain_margin"] / target.gain_margin
-        least = np.min([phase, gain, target.ms / loop.figures["ms"]], axis=0)
-        scores.append(np.where(loop.stable, least, -np.inf))
-    return np.asarray(np.min(scores, axis=0))
+    least = [
+        np.where(loop.stable, np.min([*_shares(target, loop).values()], axis=0), -np.inf)
+        for loop in loops
+    ]
+    return np.asarray(np.min(least, axis=0))
 
 
-def _worst(target: Target, *loops: OpenLoop) -> float:
+def _shares(target: Target, loop: OpenLoop) -> dict[str, Array]:
+    """(N,) of the margins by name, each over that of the target."""
+    return {
+        "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
+        "gain_margin": loop.figures["gain_margin"] / target.gain_margin,
+        "ms": target.ms / loop.figures["ms"],
+    }
+
+
+def _least(scores: Array) -> float:
     """The score that 95 % of the draws have at least."""
-    return float(np.quantile(scores_of(target, *loops), 1 - SURE, method="lower"))
+    return float(np.quantile(scores, 1 - SURE, method="lower"))
 
 
 def changed_in(record: Record, controller: Controller) -> dict[str, float]:
