@@ -20,7 +20,7 @@ from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
-from mavdem.errors import NotLearnable, Refusal
+from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
@@ -30,6 +30,7 @@ from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.decisions import Setup, judged
+from mavdem.live.gusts import LiveGusts
 from mavdem.live.history import LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import (
@@ -290,7 +291,7 @@ class LiveSession:
                         Fact(Session.NOT_LEARNED_IN_TIME, duration=seconds)
                     ) from None
             except (ValueError, RuntimeError) as error:
-                because = _fact_of(error)
+                because = fact_of(error)
                 if not self._models:
                     raise NotLearnable(because) from None
             kept = Fact(Session.FORMER_MODEL_KEPT, because=because, duration=seconds)
@@ -429,6 +430,9 @@ class LiveSession:
             if estimate.unusual and not (self._estimate and self._estimate.unusual):
                 self._log(Fact(Session.MOTION_UNEXPECTED, Level.WATCH, clock=estimate.seen))
             self._estimate = estimate
+            changes = [alarm.since for alarm in self.stream.alarms.latest]
+            for gust in self._gusts.take(estimate, changes):
+                self._log(gust)
         self._shown += estimate is None
         self.history.advance(row.time, setup.boot)
         wind = self.stream.air.row
@@ -466,6 +470,7 @@ class LiveSession:
             self._learners[key] = OnlineLearner(
                 self.settings, *sizes, executor=self.executor, **options
             )
+            self._gusts = LiveGusts(setup.dt)
         if self.learner is not self._learners[key]:
             self.learner = self._learners[key]
             self._estimate = None
@@ -591,10 +596,3 @@ class LiveSession:
         self.history.events.append(Event(self.history.now, fact, since))
         if self._view.display is not None:
             self._view.display.log(self.history.events[-1])
-
-
-def _fact_of(error: Exception) -> Fact:
-    """Why nothing is learned; what is no refusal is of a library or of a process that ended."""
-    if isinstance(error, Refusal):
-        return error.fact
-    return Fact(Session.PROCESS_FAILED, error=str(error).rstrip("."))

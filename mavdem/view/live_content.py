@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -11,13 +10,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.confidence import LEVEL
-from mavdem.dem import Estimate, Learned, LinearModel, Physical
+from mavdem.dem import Estimate, Learned, LinearModel
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts, shortest_gust
-from mavdem.dem.graybox.wind import CHANGE_SECONDS
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
-from mavdem.dem.record import Record
 from mavdem.facts import Level
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
@@ -37,7 +33,7 @@ from mavdem.report.palette import (
 )
 from mavdem.report.screen import verdict_blocks
 from mavdem.report.words import advised, section
-from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, events_view, faint, log
+from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view
 FLIGHT_SECONDS = 20.0
@@ -47,7 +43,6 @@ LEGEND = (
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
     f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )
-GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
 
 
@@ -88,15 +83,9 @@ class LiveWriter:
         self.channels = channels
         self._recording = recording
         self._units = [readable(unit) for unit in channels.output_units]
-        self._torques: deque[tuple[float, float, float]] = deque(
-            maxlen=round(GUST_SECONDS / channels.dt)
-        )
-        self._gusts_until = -np.inf
-        self._physical: Physical | None = None  # of the latest wind torque
         self._segment: int | None = None
         # by plot, the least and most that were measured
         self._seen: dict[str, tuple[float, float]] = {}
-        self._changes: list[float] = []  # times at which a motor changed, s
         self._aired = -np.inf
         self._model: LinearModel | None = None
         self._styled: set[Lines] = set()
@@ -128,7 +117,6 @@ class LiveWriter:
     def mark(self, since: float) -> None:
         """Marks a change of the vehicle at the time ``since`` in every plot; NaN is none."""
         if np.isfinite(since):
-            self._changes.append(since)
             for plot, (low, high) in self._seen.items():
                 line = Lines(f"{plot}/9_changes", ("motor changed",), (BAD,), filled=True)
                 ends = np.array([[np.nan, np.nan], [low, high]])
@@ -184,17 +172,12 @@ class LiveWriter:
         return np.clip(values, low - beyond, high + beyond) if high > low else values
 
     def _wind(self, estimates: Sequence[tuple[Estimate, float]]) -> None:
-        """Draws the wind torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
+        """Draws the wind torque with its band at the times it is of; NaN where it is not known."""
         scale = TORQUE.scale
         torques = []
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
-                self._physical = now.physical
                 torques.append((now.wind_time + shift, now.wind_torque, now.wind_torque_band))
-                self._torques.append(torques[-1])
-                if not np.isfinite(now.wind_torque):
-                    self._torques.clear()
-        self._log_gusts()
         if torques:
             time, torque, half = np.array(torques).T
             edges = np.stack([torque - half, torque + half], axis=-1)
@@ -225,31 +208,8 @@ class LiveWriter:
             self._in_sight("air", speeds, speeds)
             self._draw(lines, np.array([*new]), speeds)
 
-    def _log_gusts(self) -> None:
-        """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
-        dt = self.channels.dt
-        if (
-            len(self._torques) * dt < 2 * LEVEL_SECONDS
-            or self._torques[-1][0] < self._gusts_until + 1.0
-        ):
-            return
-        time, torque, band = np.array(self._torques).T
-        before = self._gusts_until
-        self._gusts_until = time[-1]
-        shortest = 0.0 if self._physical is None else shortest_gust(self._physical, dt)
-        changes = [
-            int(np.searchsorted(time, at)) for at in self._changes if time[0] < at < time[-1]
-        ]
-        series = Record(torque[:, None], torque[:, None], dt, (len(torque),))
-        for gust in gusts(torque, band, series, shortest).found:
-            end = gust.sample + round(gust.length / dt)
-            near = any(abs(gust.sample - at) * dt <= CHANGE_SECONDS for at in changes)
-            if end < len(time) and time[end] > before and not near:
-                text = f"gust: {TORQUE.scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
-                log(self._recording, float(time[gust.sample]), text)
-
     def _judgement(self, estimates: Sequence[tuple[Estimate, float]]) -> None:
-        """Draws F(t) and surprise at the centres of their windows, and logs marks."""
+        """Draws F(t) and surprise at the centres of their windows."""
         if not estimates:
             return
         rows = [

@@ -19,6 +19,7 @@ from mavdem.dem import Estimate, Settings
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
+from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import LinkError, LinkFact, Missing, RateFact, Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch
@@ -163,7 +164,7 @@ def test_every_row_is_shown_however_long_the_analysis_is_blocked(now, monkeypatc
     ("error", "code"),
     [
         (TimeoutError(), Session.NOT_LEARNED_IN_TIME),
-        (RuntimeError("the process ended"), Session.PROCESS_FAILED),
+        (RuntimeError("the process ended"), Forecasts.FAILED),
         (NotLearnable(TOO_FEW), TOO_FEW.code),
     ],
 )
@@ -194,7 +195,8 @@ def test_rates_are_asked_for_and_given_back(now):
     one.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or []
     one.end()
     sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
-    asked = [(each.command, int(each.param1), each.param2) for each in sent]
+    commands = [each for each in sent if each.get_type() == "COMMAND_LONG"]
+    asked = [(each.command, int(each.param1), each.param2) for each in commands]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
     # Nobody confirms it: it is sent again, and said.
     assert asked[-3:] == 3 * [(511, 30, 250_000)]

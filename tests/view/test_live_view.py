@@ -243,41 +243,6 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     assert set(levels.values()) <= {"INFO"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("changed", [False, True])
-def test_what_happens_is_logged_with_its_time_and_size_and_a_motor_s_step_is_no_gust(
-    tmp_path, changed
-):
-    path = tmp_path / "flight.rrd"
-    torque = np.random.default_rng(1).normal(size=4000)
-    torque[3200:3250] = 20.0
-    with showing(RecordingFile(path)) as view:
-        for i, one in enumerate(torque):
-            now = estimate(20, 50.0 + DT * i)
-            now = now._replace(
-                wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0
-            )
-            view.put(now.time, 0.0, 0, OUTPUTS[0], INPUTS[0], now)
-            if changed and i == 100:
-                until(lambda: not view._threads[0]._rows)
-                view.log(Occurrence(now.time, prose("Alarm").but(Level.BAD), 50.0 + DT * 3200))
-                until(lambda: not view._threads[0]._lines)
-    gusts = [text for text in texts(path) if text != "Alarm."]
-    if changed:
-        assert gusts == []
-        return
-    (gust,) = gusts
-    assert gust.endswith(" °/s² for 0.5 s")
-    # beside the torque so far
-    assert float(gust.split()[1]) == pytest.approx(np.degrees(20.0), rel=0.01)
-    stamps = [
-        np.array(batch.column("boot clock").cast("int64"))
-        for name, _, batch in chunks(path)
-        if name == "log"
-    ]
-    assert sorted(np.concatenate(stamps) / 1e9) == pytest.approx([81.75], abs=0.02)
-
-
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     path = tmp_path / "flight.rrd"
     demand = CHANNELS._replace(

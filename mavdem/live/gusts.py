@@ -1,0 +1,55 @@
+"""LiveGusts: gusts of the wind torque of a live flight, once each, soon after they have ended."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mavdem.dem import Estimate
+from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts, shortest_gust
+from mavdem.dem.graybox.wind import CHANGE_SECONDS
+from mavdem.dem.record import Record
+from mavdem.facts import Fact, Level
+from mavdem.facts.session import Session
+
+GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
+
+
+class LiveGusts:
+    """The latest torque of samples ``dt`` s apart, and the gusts in it."""
+
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
+        self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / dt))
+        self._until = -np.inf
+
+    def take(self, now: Estimate, changes: Sequence[float]) -> Iterator[Fact]:
+        """Yields gusts that have ended since the last time, about once a second.
+
+        None of them is near the times, s, of ``changes`` of a motor.
+        """
+        if not np.isfinite(now.wind_torque):
+            self._torques.clear()
+            return
+        self._torques.append((now.wind_time, now.wind_torque, now.wind_torque_band))
+        long = len(self._torques) * self._dt >= 2 * LEVEL_SECONDS
+        if not long or now.wind_time < self._until + 1.0:
+            return
+        time, torque, band = np.array(self._torques).T
+        before = self._until
+        self._until = time[-1]
+        shortest = 0.0 if now.physical is None else shortest_gust(now.physical, self._dt)
+        series = Record(torque[:, None], torque[:, None], self._dt, (len(torque),))
+        for gust in gusts(torque, band, series, shortest).found:
+            start = time[gust.sample]
+            is_motor = any(abs(start - at) <= CHANGE_SECONDS for at in changes)
+            if before < start + gust.length < time[-1] and not is_motor:
+                yield Fact(
+                    Session.GUST_FELT,
+                    Level.GOOD,
+                    clock=start,
+                    torque=gust.size,
+                    duration=gust.length,
+                )
