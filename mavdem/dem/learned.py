@@ -328,19 +328,14 @@ class Learned(LearnedDownstream):
 
         It is the wind and everything else outside the model.
         """
-        data = np.concatenate(generalized(self.settings, self.scaling, self.record))
-        return self.places, data @ self.disturbance_map.T
-
-    @cached_property
-    def disturbance_map(self) -> Array:
-        """(n, dim [ỹ; η̃]) of the generalized data, in the engine's units, to the process noise in units per second."""
         n, r = self.model.B.shape
         p = self.settings.p
         A, B, _ = unpack(self.theta, n, r + self.scaling.constant, len(self.model.C))
         noise = np.eye(n, len(self.state_map), k=n) if p else np.zeros((n, len(self.state_map)))
         noise[:, :n] -= A
         noise[:, n * (p + 1) :][:, : B.shape[1]] -= B
-        return self.scaling.state_scale(n)[:, None] * noise @ self.state_map
+        data = np.concatenate(generalized(self.settings, self.scaling, self.record))
+        return self.places, data @ self.state_map.T @ noise.T * self.scaling.state_scale(n)
 
     def to_json(self) -> str:
         """Returns everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""

@@ -72,7 +72,6 @@ def estimate(i, time):
         ahead_band=rng.normal(size=(3, 2)),
         ahead_times=time + DT * np.array(HORIZONS),
         ahead_ratio=np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]]),
-        disturbance=rng.normal(size=3),
     )
 
 

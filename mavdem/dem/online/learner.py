@@ -61,9 +61,7 @@ class _Result(NamedTuple):
 
 def _learn(record: Record, settings: Settings, until: float) -> _Result:
     learned, fit = learn_with_fit(record, settings)
-    # here, not where samples come
-    learned.joint  # noqa: B018
-    learned.disturbance_map  # noqa: B018
+    learned.joint  # noqa: B018  here, not where samples come
     return _Result(learned, Tracking.of(learned, fit), until)
 
 
@@ -260,7 +258,7 @@ class OnlineLearner:
         estimate = Estimate(time, expected, expected_band, *later)
         if tracker is None:
             return estimate
-        energy, disturbance = tracker.evaluate(self._memory)
+        energy = tracker.evaluate(self._memory)
         surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
         delay = (tracker.window - 1 - tracker.window // 2) * self._dt
         learned = tracker.learned
@@ -268,7 +266,6 @@ class OnlineLearner:
             seen=time - delay,
             free_energy=energy,
             surprise=surprise,
-            disturbance=disturbance,
             free_energy_action=float(learned.free_energy[-1]),
             model=learned.model,
             log_precisions=tracker.tracking.log_precisions,

@@ -66,12 +66,11 @@ class Estimate(NamedTuple):
         ahead_band: (H, m) likewise, of the errors of ``ahead``.
         ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, over that of the better of the last
             sample held and the mean so far; NaN before errors are known.
-        seen: time of the next three, s: the centre of the latest embedding window.
+        seen: time of the next two, s: the centre of the latest embedding window.
         free_energy: F(t) without the prior and entropy terms of θ and λ, which are the same at every sample and change
             only with the model.
         surprise: standardised drop of F(t) below the median of its last 10 s, in units of its 5 % quantile's: above 1
             in about one of 20 samples without a change; tens to thousands of units with a failing motor.
-        disturbance: (n,) w of each state, in its unit per second; of a rate, rad/s².
         free_energy_action: F̄ᵒ of the memory.
         model: the current one.
         log_precisions: (g,) λ of the noises.
@@ -95,7 +94,6 @@ class Estimate(NamedTuple):
     seen: float = np.nan
     free_energy: float = np.nan
     surprise: float = np.nan
-    disturbance: Array = np.empty(0)
     free_energy_action: float = np.nan
     model: LinearModel | None = None
     log_precisions: Array = np.empty(0)
@@ -154,13 +152,12 @@ class Tracker:
             taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders
         ]
 
-    def evaluate(self, memory: Memory) -> tuple[float, Array]:
-        """Returns F(t) less its priors, and the disturbance, at the centre of the latest window; NaN without one."""
+    def evaluate(self, memory: Memory) -> float:
+        """Returns F(t) less its priors at the centre of the latest window; NaN without one."""
         (inputs, outputs) = memory.latest(self.window)
         energy = self.tracking.energy
-        disturbance = self.learned.disturbance_map
         if len(outputs) < self.window:
-            return np.nan, np.full(len(disturbance), np.nan)
+            return np.nan
         scaling = self.learned.scaling
         scaled = scaling.scale_outputs(outputs), scaling.scale_inputs(inputs)
         data = np.concatenate(
@@ -170,7 +167,7 @@ class Tracker:
             ]
         )
         states = self.learned.state_map @ data
-        return float(energy.at(data[None], states[None])[0]) - energy.priors, disturbance @ data
+        return float(energy.at(data[None], states[None])[0]) - energy.priors
 
 
 class ErrorBands:
