@@ -41,7 +41,7 @@ def check_parameters(scenario: Scenario) -> None:
     foreign = (
         ("ATC_", "MOT_", "SCHED_", "INS_")
         if scenario.stream.autopilot == "px4"
-        else ("MC_", "THR_", "IMU_", "CA_")
+        else ("MC_", "THR_MDL", "IMU_", "CA_")
     )
     for name, value in given.items():
         if name.startswith(foreign) or not CONTROL_PARAMETERS.match(name):
@@ -64,6 +64,8 @@ def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
     rate = round(1 / cycle)
     gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
     own = (_px4 if kind == "px4" else _ardupilot)(scenario.vehicle, gains)
+    if "RATE_RLL_P" in scenario.vehicle.parameters:  # as gains were called before ArduCopter 3.4
+        own = {name: value for name, value in own.items() if not name.startswith("ATC_")}
     return own | {LOOP_RATES[kind]: rate} | scenario.vehicle.parameters
 
 

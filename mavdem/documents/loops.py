@@ -220,6 +220,8 @@ class TwinVehicle(Document):
     """distance of the motors forward and to the right of the centre of mass"""
     hover: float
     """share of the motors' range in hover"""
+    spin: list[float]
+    """shares of that range at which thrust begins and ends"""
     expo: float
     """share of a motor's thrust that is quadratic in its command"""
     moment: Metres

@@ -42,6 +42,7 @@ from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.paper.runner import logged
 from mavdem.report.vehicle_files import vehicle_text
 from sitl_scenarios.files import scenario_of
+from sitl_scenarios.gains import SetController
 from sitl_scenarios.scenario import SteadyWind
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -447,6 +448,17 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
         found = truth(scenario, fly(scenario))["roll_rate_margins"]
         known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
         assert found == approx(known, rel=0.02)
+
+
+def test_a_twin_flies_gains_named_as_before_arducopter_34():
+    old = {"MOT_THST_MAX": 0.95, "THR_MIN": 130.0, "FRAME": 1.0}
+    for axis in ("RLL", "PIT", "YAW"):
+        old |= {f"RATE_{axis}_{letter}": 0.1 for letter in "PID"} | {f"STB_{axis}_P": 4.5}
+        old[f"RATE_{axis}_FILT_HZ"] = 20.0
+    table = {"stream": {"autopilot": "ardupilot"}, "vehicle": {"parameters": old}}
+    controller = SetController(scenario_of(table), 0.0025)
+    assert controller.axes[0].names["p"] == "RATE_RLL_P"
+    assert controller.axes[0].spin == (0.13, 0.95)
 
 
 @pytest.mark.parametrize("known", [True, False])

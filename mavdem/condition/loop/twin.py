@@ -44,6 +44,7 @@ class Twin:
     inertia: tuple[float, ...]  # (3,) about forward, right and down, kg m²
     arm: tuple[float, float]  # how far forward, and right, of the centre of mass its motors are, m
     hover: float  # share of the motors' range in hover
+    spin: tuple[float, float]  # shares of that range at which thrust begins and ends
     expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
     moment: float  # torque of a propeller by its thrust, m
     damping: tuple[float, ...]  # (3,) of the rates, 1/s
@@ -55,11 +56,6 @@ class Twin:
     wind_direction: float | None  # degrees that it comes from
     parameters: Mapping[str, float]  # of the autopilot's rate and attitude control, by name
     notes: Mapping[str, Fact]
-
-    @property
-    def spin(self) -> tuple[float, float]:
-        """Shares of the motors' range at which thrust begins and ends; ArduPilot's parameters have them."""
-        return self.parameters.get("MOT_SPIN_MIN", 0.0), self.parameters.get("MOT_SPIN_MAX", 1.0)
 
     @property
     def command(self) -> float:
@@ -85,9 +81,10 @@ def twin_of(
     and 1/inertia only: the ``mass``, kg, is assumed unless given, and the arm by it, unless PX4's parameters have it.
     Raises ``NotLearnable``: no hover.
     """
-    if not 0.1 < hover < 1:
-        raise NotLearnable(Fact(Twins.NO_HOVER, share=hover))
     roll = loops["roll"]
+    begin, end = roll.controller.spin
+    if not max(0.1, begin) < hover < end:
+        raise NotLearnable(Fact(Twins.NO_HOVER, share=hover))
     drag = None if air is None else air.drag
     wind = air if air is not None and air.sized and air.directed else None
     weight = mass or MASS
@@ -100,6 +97,7 @@ def twin_of(
         inertia=(),
         arm=arm,
         hover=hover,
+        spin=roll.controller.spin,
         expo=min(max(roll.controller.expo, 0.0), 1.0),
         moment=MOMENT * arm[1],
         damping=(),
