@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import parse_qs
@@ -25,7 +25,6 @@ from starlette.responses import (
     StreamingResponse,
 )
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mavdem.documents import whole
 from mavdem.documents.document import Document
@@ -67,6 +66,7 @@ POLICY = (
     "default-src 'none'; script-src 'self' {scripts}; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
+"""No script but the server's own and those of a flight's page, no frame, nothing from elsewhere."""
 STATUS = {
     Request.NO_RIGHT: 401,
     Request.OTHER_SITE: 403,
@@ -106,7 +106,7 @@ class Server:
         self._uploads = 0
 
     @cached_property
-    def app(self) -> ASGIApp:
+    def app(self) -> Starlette:
         """The application."""
         routes = {
             "GET /": self._list_page,
@@ -135,11 +135,11 @@ class Server:
             Route(path, self._guarded(endpoint), methods=[method])
             for (method, path), endpoint in ((key.split(), value) for key, value in routes.items())
         ]
-        starlette = Starlette(routes=made, lifespan=self._lifespan)
-        return _WithHeaders(starlette)
+        return Starlette(routes=made, lifespan=self._lifespan)
 
     @asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
+        _headers()  # compiles the pages, too: whoever asks first should not wait for that
         self.work.start()
         yield
         await run_in_threadpool(self.work.stop)
@@ -153,12 +153,14 @@ class Server:
                 self.rights.check_site(request)
                 if asyncio.iscoroutinefunction(endpoint):
                     response: Response = await endpoint(request)
-                    return response
-                return await run_in_threadpool(endpoint, request)
+                else:
+                    response = await run_in_threadpool(endpoint, request)
             except Refusal as error:
-                return await run_in_threadpool(self._refused, request, error.fact)
+                response = await run_in_threadpool(self._refused, request, error.fact)
             except ClientDisconnect:
-                return Response(status_code=400)
+                response = Response(status_code=400)
+            response.headers.update(_headers())
+            return response
 
         return answer
 
@@ -500,29 +502,18 @@ class Server:
         )
 
 
-class _WithHeaders:
-    """Gives every answer its policy: no script but the server's own, no frame, nothing sniffed, nothing kept."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-        headers: Mapping[str, str] = {
-            "content-security-policy": POLICY.format(scripts=" ".join(script_hashes())),
-            "x-content-type-options": "nosniff",
-            "referrer-policy": "same-origin",
-            "cross-origin-opener-policy": "same-origin",
-            "cross-origin-resource-policy": "same-origin",
-            "cache-control": "no-cache, private",
-            "x-robots-tag": "noindex",
-        }
-        self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async def with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], *self._headers]
-            await send(message)
-
-        await self._app(scope, receive, with_headers)
+@cache
+def _headers() -> dict[str, str]:
+    """Of every answer: its policy, nothing sniffed, nothing kept."""
+    return {
+        "content-security-policy": POLICY.format(scripts=" ".join(script_hashes())),
+        "x-content-type-options": "nosniff",
+        "referrer-policy": "same-origin",
+        "cross-origin-opener-policy": "same-origin",
+        "cross-origin-resource-policy": "same-origin",
+        "cache-control": "no-cache, private",
+        "x-robots-tag": "noindex",
+    }
 
 
 def _answer(document: Document) -> Response:

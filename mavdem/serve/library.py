@@ -193,8 +193,10 @@ class Library:
 
     def room_for(self, size: int) -> None:
         """Raises ``Refusal`` where a log of this ``size`` has no room."""
-        coming = [path.stat().st_size for path in (self.folder / INCOMING).iterdir()]
-        used = self.used + sum(coming)
+        used = self.used
+        for path in (self.folder / INCOMING).iterdir():
+            with suppress(FileNotFoundError):
+                used += path.stat().st_size
         if self.quota is not None and used + size > self.quota:
             raise Refusal(Fact(Request.QUOTA_REACHED, size=used + size, size_limit=self.quota))
         if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
@@ -227,7 +229,7 @@ class Library:
                 received=time.time(),
                 **columns,
             )
-            _insert(db, entry)
+            insert(db, entry)
             (self.folder / path).parent.mkdir(exist_ok=True)
             os.replace(part, self.folder / path)
             _sync((self.folder / path).parent)
@@ -395,7 +397,7 @@ class Library:
         with self._transaction() as db:
             known = {str(self.folder / path) for (path,) in db.execute("select path from entries")}
             for file in rows.keys() - known:
-                _insert(db, _of_rows(file, rows[file]))
+                insert(db, _of_rows(file, rows[file]))
 
 
 def new_id() -> str:
@@ -464,7 +466,8 @@ def _entry(row: sqlite3.Row) -> Entry:
     return Entry(**{name: row[name] for name in COLUMNS})
 
 
-def _insert(db: sqlite3.Connection, entry: Entry) -> None:
+def insert(db: sqlite3.Connection, entry: Entry) -> None:
+    """Enters a row."""
     names = ", ".join(COLUMNS)
     places = ", ".join(f":{name}" for name in COLUMNS)
     db.execute(f"insert into entries ({names}) values ({places})", vars(entry))

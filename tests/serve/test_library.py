@@ -61,7 +61,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
 
-@pytest.mark.parametrize("moment", ["os.replace", "_sync", "_insert"])
+@pytest.mark.parametrize("moment", ["os.replace", "_sync", "insert"])
 def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     tmp_path, monkeypatch, moment
 ):

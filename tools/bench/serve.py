@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import click
 
 from mavdem.facts.serve import Stage
-from mavdem.serve.library import Entry, Library, words_of
+from mavdem.serve.library import Entry, Library, insert
 
 BOUNDARY = "boundary"
 PATIENCE_SECONDS = 600.0
@@ -118,31 +118,26 @@ def list_command() -> None:
     chance = random.Random(1)
     with TemporaryDirectory() as place:
         library = Library(Path(place))
-        columns = ", ".join(vars(Entry("", "")))
-        rows = []
-        for number in range(10_000):
-            motors, margins = chance.choices(("good", "watch", "bad"), k=2)
-            entry = Entry(
-                f"{number:022}",
-                f"flight_{number}.bin",
-                digest=f"{number:064}",
-                path=f"logs/{number}",
-                stage=Stage.DONE,
-                vehicle=f"quad-{number % 50}",
-                date=f"2026-{1 + number % 12:02}-{1 + number % 28:02}T10:00:00",
-                headline="Little margin: the roll rate loop has 56° of phase and 6.4 dB of gain margin.",
-                level="watch",
-                wind_speed=chance.uniform(0, 12),
-                gains=json.dumps({f"ATC_RAT_RLL_{one}": chance.random() for one in "PID"}),
-                modes="Loiter,Land",
-                motors=motors,
-                margins=margins,
-            )
-            rows.append({**vars(entry), "words": words_of(entry)})
-        marks = ", ".join(f":{name}" for name in vars(Entry("", "")))
-        with library._db as db:
-            db.execute("begin")
-            db.executemany(f"insert into entries ({columns}) values ({marks})", rows)
+        with library._transaction() as db:
+            for number in range(10_000):
+                motors, margins = chance.choices(("good", "watch", "bad"), k=2)
+                entry = Entry(
+                    f"{number:022}",
+                    f"flight_{number}.bin",
+                    digest=f"{number:064}",
+                    path=f"logs/{number}",
+                    stage=Stage.DONE,
+                    vehicle=f"quad-{number % 50}",
+                    date=f"2026-{1 + number % 12:02}-{1 + number % 28:02}T10:00:00",
+                    headline="Little margin: the roll rate loop has 56° of phase and 6.4 dB of gain margin.",
+                    level="watch",
+                    wind_speed=chance.uniform(0, 12),
+                    gains=json.dumps({f"ATC_RAT_RLL_{one}": chance.random() for one in "PID"}),
+                    motors=motors,
+                    margins=margins,
+                    words=f"flight_{number}.bin quad-{number % 50} little margin",
+                )
+                insert(db, entry)
         library.close()
         figures = []
         with served(Path(place)) as server:
