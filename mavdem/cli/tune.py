@@ -24,6 +24,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 from mavdem.report.screen import conclusion
@@ -45,6 +46,7 @@ REAL32 = 9  # MAV_PARAM_TYPE_REAL32
 )
 @click.option("--more", is_flag=True, help="Use the room of loops that have enough margin.")
 @params_option
+@click.option("--filters", is_flag=True, help="Advise a notch filter too, and gains with it.")
 @start_option
 @click.option(
     "--out",
@@ -61,6 +63,7 @@ def tune_command(
     margins: str,
     more: bool,
     params: Path | None,
+    filters: bool,
     start: float,
     out: Path | None,
 ) -> None:
@@ -70,6 +73,8 @@ def tune_command(
     the controller is that of the gains and filters in the parameters. The gains that are advised have the --margins in
     95 % of the plants that fit the flight, with up to a fifth more or less control effectiveness, and of such gains
     those with which wind moves the vehicle least. Loops with enough margin keep their gains, unless --more is asked.
+    With --filters a notch filter is advised on the motors' line in the gyro's spectrum, and gains have the margins with
+    it.
     Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param).
     Exit code: 1 if no gains are advised, with the reason.
     """
@@ -90,11 +95,16 @@ def tune_command(
     grounds = grounds_of(evidence.condition, evidence.events, evidence.ending)
     if (oscillation := evidence.condition.oscillation) is not None:
         grounds = (*grounds, lowered(oscillation, telemetry.parameters))
+    notch = assessment.noise.notch if filters and not grounds else None
+    settings = dict(notch.figures.get("settings", ())) if notch else {}
     found = dict[str, Advice | Fact]()
     for one in AXES if axis == ALL else (axis,):
         loop = evidence.loops[one]
         if isinstance(loop, Loop):
-            found[one] = advise(loop, margins, grounds, more=more)
+            advice = advise(loop, margins, grounds, more=more)
+            if settings and not advice.refusals:
+                advice = advise(loop.changed(settings), margins, more=more)
+            found[one] = advice
         elif grounds or axis == ALL:
             found[one] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
         else:
@@ -102,17 +112,20 @@ def tune_command(
     known = [one for one in found.values() if isinstance(one, Advice)]
     if not known:
         raise NotLearnable(Fact(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values()))))
-    gains = {name: value for one in known for name, value in one.parameters.items()}
+    gains = {name: value for one in known for name, value in one.parameters.items()} | settings
     refusal = None if any(one.gains for one in known) else known[0].sentence
     document = {
         "source": source,
         "margins": margins,
         "axes": {name: axis_document(one) for name, one in found.items()},
         "parameters": gains,
+        "notch": notch,
     }
     document |= assessment.judgement._asdict()
     document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
     blocks = [*conclusion(assessment.judgement), *tune_blocks(found)]
+    if notch:
+        blocks.append(Sentence(notch.advised, "Notch filter:"))
     print_result(document, blocks, as_json)
     if out is not None:
         texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)

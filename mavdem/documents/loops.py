@@ -203,6 +203,8 @@ class Tune(Judged):
     """loops and gains of each axis"""
     parameters: dict[str, OfParameter]
     """gains to set, where they change"""
+    notch: OneFact = None
+    """with --filters, the notch filter to set or why there is none"""
     error: Error | None = None
     """why no gains are advised"""
 

@@ -39,3 +39,35 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
         and all(name in page for name in gains)
         and "Nothing was sent" in page
     )
+
+
+SHAKEN = """
+seed = 5
+duration = 45.0
+height = 8.0
+vehicle = { parameters = { INS_GYRO_FILTER = 100.0 } }
+shaking = { gyro = 0.03, balance = 1.0 }
+wind = [{ kind = "dryden", speed = 4.0 }]
+excitation = { kind = "doublets", amplitude = 6.0 }
+stream = { autopilot = "ardupilot", rates = { HIGHRES_IMU = 400, ATTITUDE_TARGET = 100 } }
+"""
+
+
+@pytest.mark.slow
+def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
+    (tmp_path / "shaken.toml").write_text(SHAKEN)
+    log = str(tmp_path / "flight.tlog")
+    assert run("fly", tmp_path / "shaken.toml", "--out", log) == 0
+    capsys.readouterr()
+    out = tmp_path / "out"
+    assert run("tune", log, "--filters", "--json", "--out", out) == 0
+    found = strict_json(capsys.readouterr().out)
+    settings = dict(found["notch"]["figures"]["settings"])
+    assert settings["INS_HNTCH_ENABLE"] == 1 and settings.items() <= found["parameters"].items()
+    assert 0 < found["notch"]["figures"]["phase_cost"] < 3
+    assert "INS_HNTCH_FREQ" in (out / "gains.params").read_text()
+    assert run("tune", log, "--json") == 0
+    without = strict_json(capsys.readouterr().out)
+    assert without["notch"] is None and "INS_HNTCH_FREQ" not in without["parameters"]
+    rows = found["axes"]["roll"]["filters"]["notches"]
+    assert rows and not without["axes"]["roll"]["filters"]["notches"]
