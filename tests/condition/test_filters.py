@@ -7,9 +7,13 @@ import pytest
 from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.testing import assert_allclose
 from pytest import approx
+from recorded_flights import recorded
 
+from mavdem.alignment.align import settled_segments
+from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.controllers import Controller, Notch, controller_of
 from mavdem.condition.loop.filters import equivalent_cutoff, gyro_filters, gyro_response
+from mavdem.condition.spectra import spectra_of_flight
 from mavdem.facts.loops import Controllers
 
 FREQUENCY = np.array([1.0, 20.0, 80.0, 130.0, 180.0])
@@ -120,3 +124,20 @@ def test_notches_that_follow_motors_are_named():
     assert caution.code is Controllers.NOTCHES_UNMODELLED
     (caution,) = ardupilot(NOTCH | {"MODE": 3.0}).cautions
     assert caution.code is Controllers.NOTCHES_MOVING
+
+
+def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
+    """Of a simulated ArduCopter, where it is above its rounding: in the loop's band, and in the line of the motors."""
+    signals = Signals(recorded("sitl_raw/ap_raw_on.BIN.xz"))
+    found = spectra_of_flight(signals, settled_segments(signals))
+    raw, filtered = (
+        np.median(found[name].density[:, 0], axis=0) for name in ("gyro_before", "gyro")
+    )
+    frequency = found["gyro"].frequency
+    controller = controller_of(signals.telemetry.parameters, "roll", X_ROLL)
+    assert_allclose(frequency, found["gyro_before"].frequency, rtol=1e-3)
+    response = np.abs(gyro_response(controller, frequency)) ** 2
+    for low, high, decibels in ((4, 15, 1.5), (15, 40, 1.5), (125, 145, 4.0)):
+        band = (frequency > low) & (frequency < high)
+        ratio = filtered[band].sum() / (raw * response)[band].sum()
+        assert abs(10 * np.log10(ratio)) < decibels, (low, high, 10 * np.log10(ratio))
