@@ -218,13 +218,14 @@ def assess_signals(
     loops = dict[str, Loop | Fact]()
     for one in analyses.values():
         for name, figures in one.axis_figures.items():
-            if _has_one_set_of_gains(figures.flights, signals.about(name)):
-                record = Record.of(figures.flights) if figures.flights else None
-                loops[name] = loop_by(figures, record)
+            flights = _with_gains_flown(figures.flights, signals.about(name))
+            if flights is not None:
+                loops[name] = loop_by(figures, Record.of(flights) if flights else None)
     options = options or Options()
     with progress("Identifying the loops", measured=False):
         rest = [name for name in AXES if name not in loops]
         loops |= loops_of_axes(log, signals.about(AXES[0], options.inputs), rest, options.start)
+    loops = {name: loops[name] for name in AXES}
     events = [*reported_events(signals), *motion_events(signals)]
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
@@ -246,12 +247,15 @@ def assess_signals(
     return Assessment(log, judgement, evidence, analyses)
 
 
-def _has_one_set_of_gains(flights: Sequence[Flight], signals: Signals) -> bool:
-    """Whether nothing of it is to be left out for another set of gains."""
+def _with_gains_flown(flights: Sequence[Flight], signals: Signals) -> Sequence[Flight] | None:
+    """The ``flights`` with the gains that were flown; None where something is to be left out for other gains."""
+    if not flights:
+        return flights
     try:
-        return not flights or with_one_set_of_gains(flights, signals)[1] is None
+        kept, caution = with_one_set_of_gains(flights, signals)
     except NotLearnable:
-        return False
+        return None
+    return kept if caution is None else None
 
 
 def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:
