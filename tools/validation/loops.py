@@ -164,9 +164,8 @@ def simulated(seed: int, cache: Path) -> tuple[Log, Truth]:
         name: {**columns, "time": np.round(columns["time"] * RATE) / RATE}
         for name, columns in log.vehicles[0].messages.items()
     }
-    own = replace(log.vehicles[0], messages=exact, translated_from="autopilot")
     known = json.loads((folder / "truth.json").read_text("utf-8"))
-    return replace(log, vehicles=(own,)), known
+    return replace(log, vehicles=(replace(log.vehicles[0], messages=exact),)), known
 
 
 def loops_in(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Physical parameters, and advised gains, compared with the truth of simulated flights, and of a Crazyflie.
+"""Physical parameters compared with the truth of simulated flights, and of a Crazyflie.
 
 "Inside" is the share of 90 % intervals that hold the truth. Progress and what is refused go to standard error.
 
