@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import click
 
 import mavdem
 from mavdem.cli.options import Number, folder_named, no_option
-from mavdem.cli.output import say_aside
+from mavdem.cli.output import printable, say_aside
 from mavdem.cli.track import MOST
 from mavdem.dem.parallel import spare_cores
 from mavdem.extras import require
@@ -94,4 +96,11 @@ def serve_command(
         scheduler,
         SAMPLE if SAMPLE.is_file() else None,
     )
-    serve(options, lambda address: say_aside(f"Serving {folder} at {address}"), not no_browser)
+    has_screen = sys.platform == "darwin" or bool(
+        {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+    )
+
+    def say(address: str) -> None:
+        say_aside(f"Serving {printable(folder)} at {address}; Ctrl-C ends it.")
+
+    serve(options, say, is_shown=has_screen and not no_browser)

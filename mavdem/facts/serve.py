@@ -66,3 +66,4 @@ class Crowd(StrEnum):
     FILES = auto()
     UPLOADS = auto()
     LOGS = auto()
+    WATCHERS = auto()

@@ -60,6 +60,7 @@ from mavdem.serve.work import Work
 PAGE_LENGTH = 100  # flights
 MOST_LISTED = 1000  # that a program may ask for at once
 MOST_UPLOADS = 32  # at a time: each has a file open
+MOST_WATCHERS = 100  # of progress: each asks the index three times a second
 MOST_WAITING = 5000  # logs: hours of work
 LOOK_SECONDS = 0.3  # between looks at how far logs are
 POLICY = (
@@ -104,6 +105,7 @@ class Server:
         self._sample = sample
         self._show = show
         self._uploads = 0
+        self._watchers = 0
 
     @cached_property
     def app(self) -> Starlette:
@@ -458,10 +460,21 @@ class Server:
             request.path_params["id"] = id
             await run_in_threadpool(self._seen, request)
             condition = Condition("id = ?", (id,))
+        if self._watchers >= MOST_WATCHERS:
+            fact = Fact(Request.UPLOADS_TOO_MANY, count=self._watchers, name=Crowd.WATCHERS)
+            raise Refusal(fact)
         return StreamingResponse(self._told(request, condition), media_type="text/event-stream")
 
     async def _told(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
         """Events while flights are being read, those that were done meanwhile too."""
+        self._watchers += 1
+        try:
+            async for text in self._changes(request, condition):
+                yield text
+        finally:
+            self._watchers -= 1
+
+    async def _changes(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
         watched = list[str]()
         before = dict[str, Progress]()
         while not await request.is_disconnected():

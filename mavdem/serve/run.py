@@ -6,7 +6,7 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,7 +77,7 @@ def serve(options: Options, say: Callable[[str], None], is_shown: bool) -> None:
     say(address)
     if is_shown:
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-    with closing(viewers):
+    with closing(viewers), suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])
 
 

@@ -106,10 +106,14 @@ def test_what_is_no_log_is_refused_with_its_name(served):
     assert list((served.library.folder / "incoming").iterdir()) == []
 
 
-def test_progress_is_told_until_all_is_done(tmp_path):
+def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
         assert words()["stages"][Stage.WAITING] in server.ask("GET", f"/f/{id}").text
+        with monkeypatch.context() as patch:
+            patch.setattr(app, "MOST_WATCHERS", 0)
+            full = server.ask("GET", f"/api/progress?id={id}")
+            assert (full.status, full.code) == (503, Request.UPLOADS_TOO_MANY)
         server.work.run()
         told = server.ask("GET", f"/api/progress?id={id}")
         assert told.headers["Content-Type"].startswith("text/event-stream")
