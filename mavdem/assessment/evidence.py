@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.signals import Signals
@@ -11,6 +11,7 @@ from mavdem.condition.condition import Condition
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.facts import Fact
+from mavdem.facts.lights import Unjudged
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import Log
 
@@ -34,8 +35,8 @@ class Evidence:
     signals: Signals
     verdict: Learnability
     condition: Condition
-    alarms: tuple[MotorAlarm, ...]
-    air: Air
-    events: tuple[Fact, ...]
-    ending: Fact | None
-    loops: Mapping[str, Loop | Fact]
+    alarms: tuple[MotorAlarm, ...] = ()
+    air: Air = (None, None, Fact(Unjudged.NOT_JUDGED, because=None))
+    events: tuple[Fact, ...] = ()
+    ending: Fact | None = None
+    loops: Mapping[str, Loop | Fact] = field(default_factory=dict)

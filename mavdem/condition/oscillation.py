@@ -84,7 +84,10 @@ def begun_oscillation(
     found: list[Oscillation] = []
     for (axis, tilt), seconds in product(tilts.items(), BEGUN_WINDOWS):
         part = Segment(boot, max(since, now - 2.2 * seconds), now)
-        found += _limit_cycles(axis, tilt, motors, part, seconds, np.inf, 1.9 * seconds)
+        turned = tilt.rate[within(tilt, part)]
+        # Spectra take their time, and in most of a flight nothing turns so fast.
+        if len(turned) and np.degrees(turned.std()) >= LEAST_RATE:
+            found += _limit_cycles(axis, tilt, motors, part, seconds, np.inf, 1.9 * seconds)
     strong = [one for one in found if one.at_limit >= LIMITED_SHARE and one.rate >= LEAST_RATE]
     return max(strong, key=lambda one: one.rate, default=None)
 

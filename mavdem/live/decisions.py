@@ -12,17 +12,17 @@ when its motors fall far below their level in flight.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
-from mavdem.alignment.align import Segment
+from mavdem.alignment.align import Segment, mean_rate
 from mavdem.alignment.drive import AXES, DEMAND_FORM, DEMAND_MESSAGE, Motors, Signal
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import (
@@ -40,6 +40,7 @@ from mavdem.assessment.assess import loop_by
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
 from mavdem.condition.condition import Condition, hover_figures
+from mavdem.condition.loop.loop import Loop
 from mavdem.condition.oscillation import oscillation_of
 from mavdem.dem import Learned
 from mavdem.facts import Fact
@@ -48,7 +49,7 @@ from mavdem.facts.session import Session
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
-from mavdem.ingest.telemetry import Columns, Telemetry, joined, log_of_vehicles
+from mavdem.ingest.telemetry import Array, Columns, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import (
     ACTIVE,
     ARMED,
@@ -392,10 +393,61 @@ class Phase:
 
 
 @dataclass(frozen=True, eq=False)
-class RowSignals(Signals):
-    """Signals of the rows that a model was trained on."""
+class LiveSignals(Signals):
+    """Signals of a live flight, of which these two are not read from messages."""
 
     motors: Motors | None = None
+    landed_state: Signal | None = None
+
+
+class Motion(NamedTuple):
+    """The ``motors`` of some seconds, and the attitude by axis."""
+
+    motors: Motors
+    tilts: Mapping[str, Attitude]
+
+    @classmethod
+    def of(
+        cls,
+        names: tuple[str, str],
+        known: Setup | Inputs,
+        boot: int,
+        outputs: tuple[Array, Array],
+        at: Array,
+        angles: Mapping[str, Iterable[Array]],
+    ) -> Motion:
+        """Takes it from arrays.
+
+        ``names`` are of the messages of attitude and motors; ``outputs`` their times and values (N, k), as ``known``;
+        ``at`` the times of angle and body rate (M,) of each axis in ``angles``.
+        """
+        attitude, message = names
+        time, values = outputs
+        count = len(time)
+        boots = np.full(count, boot)
+        motors = Motors(message, time, boots, values, known.layout, known.scale, count, 0)
+        there = np.full(len(at), boot)
+        tilts = {
+            axis: Attitude(attitude, at, there, angle, rate, rate, len(at), 0, 0)
+            for axis, (angle, rate) in angles.items()
+        }
+        return cls(motors, tilts)
+
+    @property
+    def rate(self) -> float:
+        """Hz of the slower of both."""
+        times = [self.motors.time, *(tilt.time for tilt in self.tilts.values())]
+        return min(mean_rate(time) if len(time) > 1 else 0.0 for time in times)
+
+
+def evidence_of(signals: Signals, condition: Condition, **known: Any) -> Evidence:
+    """Returns what a live vehicle is judged by, in flight for as long as its ``condition`` says."""
+    unknown = Fact(Unjudged.NOT_JUDGED, because=None)
+    figures = QualityFigures(armed=condition.duration, airborne=condition.duration)
+    verdict = Learnability(signals.axis, True, unknown, figures=figures)
+    return Evidence(
+        log_of_vehicles((signals.telemetry,), 0, 0), signals, verdict, condition, **known
+    )
 
 
 def judged(
@@ -413,31 +465,18 @@ def judged(
     duration = flight.duration
     condition = Condition(duration=duration, settled=duration)
     telemetry = Telemetry(1, 1, UNNAMED, "", {}, learned.record.parameters)
-    signals = RowSignals(telemetry, axis)
+    signals = LiveSignals(telemetry, axis)
     if setup.motors != DEMAND_MESSAGE:
-        boot = np.zeros(len(time), dtype=np.int64)
-        angle, rate = flight.outputs.T
-        tilt = Attitude(setup.attitude, time, boot, angle, rate, rate, len(time), 0, 0)
-        motors = Motors(
-            setup.motors, time, boot, flight.inputs, setup.layout, setup.scale, len(time), 0
-        )
-        signals = RowSignals(telemetry, axis, motors=motors)
-        swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
+        messages = setup.attitude, setup.motors
+        moved = (time, flight.inputs), time, {axis: flight.outputs.T}
+        motion = Motion.of(messages, setup, 0, *moved)
+        signals = LiveSignals(telemetry, axis, motors=motion.motors)
+        swing = oscillation_of(*motion, [Segment(0, 0.0, duration)])
         condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
     learned = disown_torque(learned, condition.oscillation is not None)
-    unknown = Fact(Unjudged.NOT_JUDGED, because=None)
-    figures = QualityFigures(armed=duration, airborne=duration)
     physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)
-    evidence = Evidence(
-        log_of_vehicles((telemetry,), 0, 0),
-        signals,
-        Learnability(axis, True, unknown, figures=figures),
-        condition,
-        tuple(alarms),
-        (None, None, unknown),
-        (),
-        None,
-        dict.fromkeys(AXES, unknown) | {axis: loop_by(physical, learned.record)},
-    )
+    loops: dict[str, Loop | Fact] = dict.fromkeys(AXES, Fact(Unjudged.NOT_JUDGED, because=None))
+    loops |= {axis: loop_by(physical, learned.record)}
+    evidence = evidence_of(signals, condition, alarms=tuple(alarms), loops=loops)
     found = findings_of(learned, None, condition, alarms, flights=[flight])
     return found, judge(evidence, found.purposes)

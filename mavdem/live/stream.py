@@ -41,7 +41,7 @@ from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.decisions import InputChoice, Inputs, Phase, Setup
+from mavdem.live.decisions import InputChoice, Inputs, Motion, Phase, Setup
 from mavdem.live.history import SessionStatus
 from mavdem.live.messages import (
     OF_ITSELF,
@@ -58,7 +58,7 @@ from mavdem.live.messages import (
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
-from mavdem.live.watchdog import Motion, Watchdog, motion_of
+from mavdem.live.watchdog import Watchdog, motion_of
 from mavdem.live.wind import LiveWind
 
 # Events, and replies, kept until they are fetched

@@ -7,18 +7,14 @@ those of ``assessment`` on the messages so far; a limit cycle is that of ``condi
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, radians
-from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import mean_rate
-from mavdem.alignment.drive import TILT_AXES, Motors, Signal
-from mavdem.alignment.learnability import Learnability
-from mavdem.alignment.quality import QualityFigures, at_limits
-from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Attitude, Signals
-from mavdem.assessment.evidence import Evidence
+from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.quality import at_limits
+from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
 from mavdem.assessment.flown import worst
 from mavdem.assessment.power import power_light
 from mavdem.assessment.reported import reported_events
@@ -27,14 +23,14 @@ from mavdem.condition.condition import Condition
 from mavdem.condition.oscillation import begun_oscillation
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
-from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.session import Rows, Session
 from mavdem.facts.watch import Watch, Watched
-from mavdem.ingest.telemetry import Columns, Telemetry, log_of_vehicles
+from mavdem.ingest.telemetry import Columns, Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
-from mavdem.live.decisions import Inputs
+from mavdem.live.decisions import Inputs, LiveSignals, Motion, evidence_of
 from mavdem.live.messages import FIELDS, Values
 from mavdem.live.rows import Samples
 
@@ -53,19 +49,6 @@ LIMITED_SHARE = 0.7
 CALM_SECONDS = 10.0  # Without what an alarm was about, after which it is over
 
 
-class Motion(NamedTuple):
-    """The last seconds of the ``motors``, and of roll and pitch by axis."""
-
-    motors: Motors
-    tilts: Mapping[str, Attitude]
-
-    @property
-    def rate(self) -> float:
-        """Hz of the slower of both."""
-        times = [self.motors.time, *(tilt.time for tilt in self.tilts.values())]
-        return min(mean_rate(time) if len(time) > 1 else 0.0 for time in times)
-
-
 def motion_of(
     name: str, attitude: Samples, inputs: Inputs, ports: Mapping[int, Samples], boot: int
 ) -> Motion:
@@ -75,25 +58,10 @@ def motion_of(
         np.interp(time, ports[port].time, [values[channel] for values in ports[port].values])
         for port, channel in inputs.picks
     ]
-    boots = np.full(len(time), boot)
-    sent = len(time), 0
-    known = inputs.layout, inputs.scale
-    motors = Motors(inputs.message, time, boots, np.column_stack(outputs), *known, *sent)
-    at = np.array(attitude.time)
     roll, pitch, p, q = np.array(attitude.values).T
-    tilts = {
-        axis: Attitude(name, at, np.full(len(at), boot), angle, rate, rate, len(at), 0, 0)
-        for axis, angle, rate in zip(TILT_AXES, (roll, pitch), (p, q), strict=True)
-    }
-    return Motion(motors, tilts)
-
-
-@dataclass(frozen=True, eq=False)
-class SlowSignals(Signals):
-    """Signals of a live flight without its attitude and motors, off the ground as the live path decided."""
-
-    motors: Motors | None = None
-    landed_state: Signal | None = None
+    angles = dict(zip(TILT_AXES, ((roll, p), (pitch, q)), strict=True))
+    moved = (time, np.column_stack(outputs)), np.array(attitude.time), angles
+    return Motion.of((name, inputs.message), inputs, boot, *moved)
 
 
 class Watchdog:
@@ -151,10 +119,11 @@ class Watchdog:
         found = dict[Watched, Fact]()
         if is_flying:
             whole = self._signals(vehicle, now, -inf)
-            found[Watched.BATTERY] = power_light(_evidence(whole, now - since))
+            condition = Condition(duration=now - since)
+            found[Watched.BATTERY] = power_light(evidence_of(whole, condition))
             if settled_since is not None:
                 recent.settled[self._boot] = [(settled_since, now)]
-                found[Watched.VIBRATION] = vibration_light(_evidence(recent, now - since))
+                found[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
             found |= dict(self._of_motion(motion, since, now))
         self._note(found, motion, is_flying, now)
         yield from self._changes(found, now)
@@ -169,7 +138,7 @@ class Watchdog:
         time, states = zip(*self._phases, (now, self._phases[-1][1]), strict=True)
         boots = np.full(len(time), self._boot)
         landed = Signal(np.array(time), boots, np.array(states))
-        return SlowSignals(replace(vehicle, messages=columns), landed_state=landed)
+        return LiveSignals(replace(vehicle, messages=columns), landed_state=landed)
 
     def _reported(self, signals: Signals, now: float) -> Iterator[Fact]:
         """What the autopilot has reported since the last review."""
@@ -289,20 +258,3 @@ def _columns(name: str, rows: Sequence[tuple[float, Values]], boot: int) -> Colu
     fields = zip(FIELDS[name], zip(*values, strict=True), strict=True)
     table = {field: np.array(column) for field, column in fields}
     return {"time": np.array(time), "boot": np.full(len(time), boot), **table}
-
-
-def _evidence(signals: Signals, airborne: float) -> Evidence:
-    """What lights of one vehicle are judged by that need no model, after so many s in the air."""
-    unknown = Fact(Unjudged.NOT_JUDGED, because=None)
-    figures = QualityFigures(armed=airborne, airborne=airborne)
-    return Evidence(
-        log_of_vehicles((signals.telemetry,), 0, 0),
-        signals,
-        Learnability(signals.axis, True, unknown, figures=figures),
-        Condition(duration=airborne),
-        (),
-        (None, None, unknown),
-        (),
-        None,
-        {},
-    )
