@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavdem.downstream import FlightDownstream
 from mavdem.facts import Fact
-from mavdem.unit_slips import unit_slip
+from mavdem.unit_slips import real_numbers, unit_slip
 
 Floats = NDArray[np.float64]
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
@@ -236,17 +236,7 @@ def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> 
 
 def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Floats:
     """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
-    if np.ma.is_masked(values):
-        raise ValueError(
-            f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments"
-        )
-    try:
-        if (kind := np.asarray(values).dtype).kind not in "biufO":
-            raise TypeError(f"{kind} are none")
-        # products round otherwise in another order
-        array = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be real numbers: {error}") from None
+    array = real_numbers(values, name)
     wrong = ~(np.abs(array) <= MAX_VALUE) & ~(missing & np.isnan(array))
     if wrong.any():
         raise ValueError(

@@ -1,11 +1,11 @@
-"""Unit slips: arrays whose angle, rate or time seem to be in degrees or milliseconds."""
+"""Arrays that are given: real numbers, and whether angle, rate or time seem to be in degrees or milliseconds."""
 
 from __future__ import annotations
 
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mavdem.facts import Fact, Level
 from mavdem.facts.sources import Arrays, Slip
@@ -18,6 +18,24 @@ SLIPS = {
     1e-6: Slip.TIME_IN_MICROSECONDS,
 }
 """What is likely by how many times as much an angle changes as its rate says; 1.0 only of angles beyond π."""
+
+
+def real_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Returns a new float64 array in C order; ``ValueError``, which names the argument, for all but real numbers.
+
+    Masked values and dates are refused: the mask would be lost, and a date would become a plain number.
+    """
+    if np.ma.is_masked(values):
+        raise ValueError(
+            f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments"
+        )
+    try:
+        if (kind := np.asarray(values).dtype).kind not in "biufO":
+            raise TypeError(f"{kind} are none")
+        # products round otherwise in another order
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
 def unit_slip(outputs: NDArray[np.float64], dt: float) -> Fact | None:

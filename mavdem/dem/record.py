@@ -16,7 +16,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, ModelRefusal
-from mavdem.unit_slips import unit_slip
+from mavdem.unit_slips import real_numbers, unit_slip
 
 # no text for a number, no ``True`` for 1, no infinity and no NaN
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -57,22 +57,6 @@ def first_problem(error: ValidationError) -> str:
 def _requirement(problem: Mapping[str, Any]) -> str:
     said = problem["msg"].removeprefix("Value error, ")
     return str(said).replace("Input should", "must", 1).replace("Tuple should", "must", 1)
-
-
-def real_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """A new float64 array in C order; ``ValueError``, which names the argument, for anything but real numbers.
-
-    Masked values and dates are refused: the mask would be lost, and a date would become a plain number.
-    """
-    if np.ma.isMaskedArray(values) and np.ma.is_masked(values):
-        raise ValueError(f"{name} must not be masked: fill or leave out what is missing")
-    try:
-        array = np.asarray(values)
-        if array.dtype.kind not in "biufO":
-            raise TypeError(f"{array.dtype} is not a real number")
-        return np.array(array, dtype=np.float64, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
-from mavdem.dem.record import checked_values, real_numbers
+from mavdem.dem.record import checked_values
+from mavdem.unit_slips import real_numbers
 
 FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
