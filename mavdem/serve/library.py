@@ -18,10 +18,10 @@ import secrets
 import shutil
 import sqlite3
 import threading
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ RESULTS = "results"
 INCOMING = "incoming"
 SERVERS = "servers"
 PROGRESS = "progress.json"
-TABLES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
+INDEXES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 # left free, so that flights can still be deleted, which SQLite writes down
 RESERVED_BYTES = 64 << 20
 MAX_NAME = 150  # bytes, of 255 that file systems allow
@@ -86,6 +86,7 @@ class Entry:
     gains: str = "{}"
     files: str = ""  # of the results, by commas
     words: str = ""  # that a search finds it by
+    sorted_by: str = ""  # its date or, where that is not known, when it was received
 
     @property
     def lights(self) -> dict[str, str]:
@@ -130,12 +131,22 @@ class Library:
             self._lock = (self.folder / INCOMING / self.name).open("w")
             fcntl.flock(self._lock, fcntl.LOCK_EX)
             os.rename(self._lock.name, self.folder / SERVERS / self.name)
-            self._db.executescript(TABLES)
+            self._migrate()
         except (OSError, sqlite3.Error) as error:
             because = getattr(error, "strerror", None) or str(error)
             wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=str(folder), because=because)
             raise Unreadable(wrong) from None
         self.recover()
+
+    def _migrate(self) -> None:
+        """Makes the table, or adds the columns that an earlier version had not."""
+        db = self._db
+        db.execute(f"create table if not exists entries ({', '.join(COLUMNS)})")
+        there = {row["name"] for row in db.execute("pragma table_info(entries)")}
+        for name in COLUMNS:
+            if name not in there:
+                db.execute(f"alter table entries add column {name} default ''")
+        db.executescript(INDEXES)
 
     def close(self) -> None:
         """Gives back what it was doing."""
@@ -220,13 +231,16 @@ class Library:
                 return _entry(known), False
             if known is not None:
                 db.execute("delete from entries where digest = ?", [digest])
+            now = datetime.now(UTC)
             entry = Entry(
                 known["id"] if known else new_id(),
                 name,
                 digest,
                 str(path),
                 part.stat().st_size,
-                received=time.time(),
+                received=now.timestamp(),
+                sorted_by=now.isoformat(),
+                words=name.lower(),
                 **columns,
             )
             insert(db, entry)
@@ -263,7 +277,7 @@ class Library:
     ) -> tuple[list[Entry], int]:
         """Returns the entries ``where`` a condition with ``values`` holds, the newest first, and their number."""
         values = [*values]
-        listed = f"select * from entries where {where} order by date desc, received desc limit ? offset ?"
+        listed = f"select * from entries where {where} order by sorted_by desc limit ? offset ?"
         rows = self._db.execute(listed, [*values, limit, offset]).fetchall()
         counted = f"select count(*) from entries where {where}"
         (total,) = self._db.execute(counted, values).fetchone()
@@ -307,6 +321,7 @@ class Library:
         results = self.results_of(entry)
         has_page = (results / PAGE).is_file()
         told = {name: value for name, value in self.told(entry).items() if name in COLUMNS}
+        told |= {"sorted_by": told["date"]} if told.get("date") else {}
         try:
             self.entry(entry.id)
         except Refusal:  # it was deleted meanwhile
@@ -325,10 +340,10 @@ class Library:
                 self.change(entry.id, **(told | made | {"claimed": "", "problem": ""}))
                 return
             why = outcome.rows[0].status
-            failed = {"claimed": "", "stage": Stage.FAILED, "problem": why}
+            failed: dict[str, Any] = {"claimed": "", "stage": Stage.FAILED, "problem": why}
             if not entry.keep:
                 self._forget(entry)
-                failed |= {"size": "0", "path": entry.id}
+                failed |= {"size": 0, "path": entry.id}
             self.change(entry.id, **(told | failed))
 
     def delete(self, id: str) -> None:
@@ -425,6 +440,7 @@ def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
         stage=Stage.DONE if first.status == OK else Stage.FAILED,
         problem="" if first.status == OK else first.status,
         date=date,
+        sorted_by=date,
         files=first.page or "",
         **columns_of(rows),
     )

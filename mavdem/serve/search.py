@@ -46,7 +46,7 @@ def _term(name: str, sign: str, value: str) -> Condition | None:
     if sign == ":" and known in LISTS:
         return _contains(f"',' || {LISTS[known]} || ','", f",{value},")
     if sign == ":" and known == "motor":
-        return Condition("motor = ?", (value,))
+        return Condition("motor = cast(? as integer)", (value,))
     if sign != ":" and known == "date":
         return Condition(f"date {sign} ?", (value,))
     try:

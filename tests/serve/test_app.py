@@ -135,6 +135,8 @@ def test_a_flight_is_changed_found_and_deleted(served):
     assert changed.json["tags"] == ["race", "new"]
     searches = ("gusty", "tag:race", "mode:loiter one", "motors:bad", "MC_ROLL_P>6", "date>2026-11")
     assert [total(served, search) for search in searches] == [1, 1, 1, 2, 2, 2]
+    served.library.change(id, motor=3, wind_speed=4.5)
+    assert [total(served, one) for one in ("motor:3", "motor:2", "wind<5")] == [1, 0, 1]
     assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0
     assert served.ask("DELETE", f"/api/flights/{id}").status == 204
     assert served.ask("GET", f"/f/{id}").status == 404

@@ -129,9 +129,21 @@ def test_ten_thousand_flights_are_searched_by_their_index(tmp_path):
     library = Library(tmp_path)
     received(library)
     plan = library._db.execute(
-        "explain query plan select * from entries order by date desc, received desc limit 100"
+        "explain query plan select * from entries order by sorted_by desc limit 100"
     )
-    assert "by_date" in plan.fetchone()["detail"]
+    assert "by_order" in plan.fetchone()["detail"]
+
+
+def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(tmp_path):
+    library = Library(tmp_path)
+    first = received(library)
+    AtOnce(library).run()
+    library._db.execute("alter table entries drop column next_step")
+    library.close()
+    again = Library(tmp_path)
+    second = received(again, "Two.")
+    assert [entry.id for entry in again.find(*ALL, 2)[0]] == [second.id, first.id]
+    assert again.entry(first.id).next_step == ""
 
 
 def test_names_of_logs_lead_nowhere():

@@ -128,7 +128,7 @@ def list_command() -> None:
                     path=f"logs/{number}",
                     stage=Stage.DONE,
                     vehicle=f"quad-{number % 50}",
-                    date=f"2026-{1 + number % 12:02}-{1 + number % 28:02}T10:00:00",
+                    sorted_by=f"2026-{1 + number % 12:02}-{1 + number % 28:02}T10:00:00",
                     headline="Little margin: the roll rate loop has 56° of phase and 6.4 dB of gain margin.",
                     level="watch",
                     wind_speed=chance.uniform(0, 12),
