@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, radians
+from math import inf, isfinite, radians
 
+from mavdem.alignment.align import recorded_parts
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.signals import MINIMUM_RATE, usual_rate
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import INJECTED, settled, worst
-from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating
+from mavdem.condition.injected import injected_loop
+from mavdem.condition.loop.loop import TARGETS, Loop, Target, margin_rating
+from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.resonance import Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
 from mavdem.facts import Fact, Level
@@ -31,12 +34,16 @@ class AxisMargins:
     """The largest response of the rate to its setpoint."""
     peak: Resonance | None
     """A peak of the rate's own spectrum, which the motors share."""
+    injected: OpenLoop | None = None
+    """The rate loop by system identification, without a model of the vehicle."""
 
     @property
     def facts(self) -> list[Fact]:
         """What is known of it: of the loops or else of the spectrum, and of the response."""
         found = []
-        if isinstance(self.loop, Loop) and self.loop.agrees is not False:
+        if self.injected is not None:
+            found.append(_of_injected(self.axis, self.injected))
+        elif isinstance(self.loop, Loop) and self.loop.agrees is not False:
             found.append(_of_loop(self.loop))
         elif self.peak is not None:
             found.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
@@ -55,6 +62,7 @@ def margins_of(evidence: Evidence) -> tuple[AxisMargins, ...]:
             evidence.loops.get(one.axis),
             response_of(one, parts),
             peak_of(one, parts),
+            injected_loop(one, recorded_parts(one)),
         )
         for one in axes
     )
@@ -101,6 +109,33 @@ def _of_loop(loop: Loop) -> Fact:
         level = Level.BAD
     return Fact(
         MarginsLight.LOOP_MARGINS, level, subject=rating.subject, axis=loop.axis, **rating.figures
+    )
+
+
+def _of_injected(axis: str, loop: OpenLoop) -> Fact:
+    """Good with the usual margins, bad without the least."""
+    level = Level.WATCH
+    if _has(loop, USUAL):
+        level = Level.GOOD
+    elif not _has(loop, LEAST):
+        level = Level.BAD
+    return Fact(
+        MarginsLight.LOOP_MEASURED,
+        level,
+        axis=axis,
+        frequency=loop.crossover,
+        phase_margin=loop.phase_margin,
+        gain_margin=loop.gain_margin if isfinite(loop.gain_margin) else None,
+        ms=loop.ms,
+    )
+
+
+def _has(loop: OpenLoop, target: Target) -> bool:
+    """Whether the loop has the margins, as far as it was seen."""
+    return (
+        loop.phase_margin >= target.phase_margin
+        and loop.gain_margin >= target.gain_margin
+        and loop.ms <= target.ms
     )
 
 

@@ -10,6 +10,7 @@ class MarginsLight(Code):
 
     OSCILLATES = auto()
     LOOP_MARGINS = auto()
+    LOOP_MEASURED = auto()
     RESONATES = auto()
     NO_RESONANCE = auto()
     RATE_STANDS_OUT = auto()

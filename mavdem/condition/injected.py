@@ -1,0 +1,58 @@
+"""Injected: the rate loop as a flight in system identification shows it, without a model of the vehicle.
+
+A signal that the autopilot adds to a command depends on neither wind nor noise. So the ratio of its cross-spectra with
+the rate and with the demand is the vehicle's response without the bias of a closed loop (it is an instrument: L. Ljung,
+System Identification, 2nd ed., sec. 7.6), and times the known controller it is the open loop. Rate and demand come in
+one message, so that neither is late.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import isfinite
+
+import numpy as np
+
+from mavdem.alignment.align import Segment
+from mavdem.alignment.signals import Signals
+from mavdem.condition.loop.controllers import controller_of
+from mavdem.condition.loop.margins import OpenLoop, transfer
+from mavdem.condition.resonance import LOWEST, spectra
+from mavdem.errors import NotLearnable
+
+SEEN = 0.6  # coherence of the rate with what was injected, from which on a frequency counts
+DEGREES = 10.0  # times the rate of the attitude, from which on one is in degrees
+
+
+def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None:
+    """Returns the rate loop of the axis where a signal was injected in ``parts`` of a flight, at its frequencies.
+
+    None without a signal, the gains, or a crossover among the frequencies.
+    """
+    demand = signals.demand
+    if demand is None or signals.rates is None or signals.attitude is None or not signals.injected:
+        return None
+    try:
+        controller = controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
+    except NotLearnable:
+        return None
+    injected = max((one.signal for one in signals.injected), key=lambda one: len(one.time))
+    acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])
+    turned = signals.rates[0]
+    if np.std(turned.values) > DEGREES * np.std(signals.attitude.rate):
+        turned = replace(turned, values=np.radians(turned.values))
+    by_demand = spectra(injected, acted, parts)
+    by_rate = spectra(injected, turned, parts)
+    if by_demand is None or by_rate is None or len(by_rate.across) != len(by_demand.across):
+        return None
+    known = (by_rate.coherence >= SEEN) & (by_rate.frequency >= LOWEST)
+    if np.count_nonzero(known) < 2:
+        return None
+    frequency = by_rate.frequency[known]
+    plant = by_rate.across[known] / by_demand.across[known]
+    forward, back = transfer(controller, frequency)
+    response = back * plant
+    closed = forward * plant / (1 + response)
+    found = OpenLoop(frequency, response[None], closed[None], 0 * closed[None])
+    return found if isfinite(found.crossover) else None
