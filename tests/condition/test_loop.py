@@ -30,7 +30,7 @@ from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import TARGETS, margin_rating
 from mavdem.condition.loop.margins import OpenLoop, transfer
 from mavdem.condition.loop.response import measured_response
-from mavdem.condition.loop.twin import twin_of
+from mavdem.condition.loop.twin import again_of, twin_of
 from mavdem.condition.oscillation import Oscillation
 from mavdem.dem import physical
 from mavdem.dem.graybox import Physical
@@ -448,6 +448,25 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
         found = truth(scenario, fly(scenario))["roll_rate_margins"]
         known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
         assert found == approx(known, rel=0.02)
+
+
+@pytest.mark.parametrize(("with_correction", "with_ahead"), [(0, 1), (1, 1), (1, 0)])
+def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
+    with_correction, with_ahead
+):
+    """ArduPilot's ATTITUDE_TARGET, its RATE, and rates without what the attitude's own turn needs."""
+    loop = made_up()
+    loop = replace(loop, controller=replace(loop.controller, derivative_of_error=True))
+    time = 0.005 * np.arange(2000)
+    angle = 0.2 * np.sin(3 * time)
+    ahead = 0.6 * np.cos(3 * time)
+    asked = with_correction * loop.controller.angle * (angle - loop.record.outputs[:, 0])
+    setpoints = np.column_stack([angle, asked + with_ahead * ahead])
+    names = ("roll setpoint", "roll rate setpoint")
+    record = replace(loop.record, setpoints=setpoints, setpoint_names=names)
+    again = again_of({"roll": replace(loop, record=record)})["roll"]
+    assert_allclose(again.setpoints[1:-1, 1], with_ahead * ahead[1:-1], atol=0.01)
+    assert again_of({"roll": loop}) == {}
 
 
 def test_a_twin_flies_gains_named_as_before_arducopter_34():

@@ -253,12 +253,13 @@ def _again(loop: Loop, segment: slice) -> Again | None:
     )
     if not angles:
         # A heading that is only held is turned by roll and pitch of a leaned vehicle.
-        is_steered = 2 * rate.std() > flown.outputs.std()
+        is_steered = rate.std() > 0.8 * flown.outputs.std()
         return Again(flown, np.column_stack([0 * rate, rate])) if is_steered else None
     # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
     corrected = loop.controller.angle * (angles[0] - flown.outputs[:, 0])
-    twice = 2 * corrected @ (rate - np.gradient(angles[0], record.dt))
-    inside = not loop.controller.derivative_of_error or twice > corrected @ corrected
+    ahead = np.gradient(angles[0], record.dt)
+    apart = [np.std(rate - one) for one in (ahead, corrected + ahead, corrected)]
+    inside = not loop.controller.derivative_of_error or np.argmin(apart) > 0
     return Again(flown, np.column_stack([angles[0], rate - inside * corrected]))
 
 
