@@ -1,0 +1,105 @@
+"""Spectra of messages, each at its own stamps: what the likelihood of a closed loop needs of a flight.
+
+Windows of a few seconds are weighted and transformed at the stamps of the messages, without interpolation; what is
+sampled at a rate is folded about its half, which the model's densities are likewise. Source: D. R. Brillinger, Time
+Series: Data Analysis and Theory, secs. 4.3 and 5.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.engine.linalg import Array
+
+Complex = NDArray[np.complex128]
+WINDOW_SECONDS = 8.0
+FINE_SECONDS = 2.5e-4
+"""To which stamps are split between two neighbours: a tenth of a control cycle, so that 100 Hz lose 0.2 %."""
+LOWEST = 0.8
+"""Hz: what is slower is of position control and drag, which the model of one axis does not have."""
+HIGHEST = 100.0  # Hz
+BAND = 0.04  # of a frequency, over which densities are averaged
+MAX_SHARE = 0.48  # of the messages' rate
+
+
+class Messages(NamedTuple):
+    """One quantity at the stamps of its messages."""
+
+    time: Array  # (N,) s
+    values: Array  # (N,)
+
+
+class Spectra(NamedTuple):
+    """Averaged cross-spectral densities of C quantities in J bands of W windows."""
+
+    frequency: Array  # (J,) Hz
+    counts: Array  # (J,) independent values of a window in each band
+    densities: Complex  # (W, J, C, C), two-sided, of a window each
+    late: tuple[Array, ...]  # of each quantity: stamps after those of the first, s
+    rate: float  # of the messages, Hz
+
+    @property
+    def mean(self) -> Complex:
+        """(J, C, C) of all windows."""
+        return np.asarray(self.densities.mean(axis=0))
+
+    def of(self, some: Sequence[int]) -> Spectra:
+        """Returns the spectra of some of the quantities."""
+        densities = self.densities[:, :, some][:, :, :, some]
+        return self._replace(densities=densities, late=tuple(self.late[one] for one in some))
+
+
+def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
+    """Returns the spectra of ``streams`` in windows that begin at ``starts`` (W,) s, at the rate of the slowest one."""
+    slowest = min(streams, key=lambda one: len(one.time))
+    matched = [_nearest(one, slowest.time) for one in streams]
+    rate = (len(slowest.time) - 1) / float(np.diff(slowest.time).clip(max=1.0).sum())
+    count = int(min(MAX_SHARE * rate, HIGHEST) * WINDOW_SECONDS)
+    frequency = np.arange(1, count + 1) / WINDOW_SECONDS
+    transforms = np.array(
+        [[_transform(one, start)[1 : count + 1] for one in matched] for start in starts]
+    )
+    kept = frequency >= LOWEST
+    frequency = frequency[kept]
+    transforms = transforms[:, :, kept]
+    begins = [0]
+    while begins[-1] < len(frequency):
+        width = max(1, round(BAND * frequency[begins[-1]] * WINDOW_SECONDS))
+        begins.append(min(begins[-1] + width, len(frequency)))
+    counts = np.diff(begins)
+    products = np.einsum("wcf,wdf->wfcd", transforms, transforms.conj())
+    densities = np.add.reduceat(products, begins[:-1], axis=1) / counts[:, None, None]
+    middle = np.add.reduceat(frequency, begins[:-1]) / counts
+    # windows overlap by half
+    late = tuple(one.time - matched[0].time for one in matched)
+    return Spectra(middle, counts / 2, densities, late, rate)
+
+
+def _nearest(stream: Messages, stamps: Array) -> Messages:
+    """The messages of a stream that are nearest to the ``stamps`` (N,) of another."""
+    after = np.searchsorted(stream.time, stamps).clip(1, len(stream.time) - 1)
+    before_is_nearer = stamps - stream.time[after - 1] < stream.time[after] - stamps
+    rows = after - before_is_nearer
+    return Messages(stream.time[rows], stream.values[rows])
+
+
+def _transform(stream: Messages, start: float) -> Complex:
+    """Of a window from ``start`` on, s, without its trend, such that its square's mean is the density."""
+    rows = slice(*np.searchsorted(stream.time, [start, start + WINDOW_SECONDS]))
+    time = stream.time[rows] - start
+    steps = np.gradient(time)
+    # what is lost counts no more than what came
+    steps = steps.clip(max=2.5 * float(np.median(steps)))
+    values = stream.values[rows]
+    values = values - np.polyval(np.polyfit(time, values, 1), time)
+    weights = np.sqrt(8 / 3 / WINDOW_SECONDS) * np.sin(np.pi * time / WINDOW_SECONDS) ** 2 * steps
+    length = round(WINDOW_SECONDS / FINE_SECONDS)
+    place, share = np.divmod(time / FINE_SECONDS, 1.0)
+    whole = place.astype(np.intp)
+    fine = np.bincount(whole, weights * values * (1 - share), length)
+    fine += np.bincount((whole + 1) % length, weights * values * share, length)
+    return np.asarray(np.fft.rfft(fine))
