@@ -7,17 +7,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import usable_segments
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
+from mavdem.analysis.figures import AxisFigures
 from mavdem.condition.loop.from_flight import loop_of
+from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.condition.loop.loop import Loop
-from mavdem.dem import NotIdentifiable, physical
+from mavdem.dem import Physical, physical
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -40,17 +43,36 @@ class GainsSet(NamedTuple):
     values: Mapping[str, float]
 
 
-def loops_of_log(signals: Signals, log: Log, start: float = 0.0) -> Loop:
-    """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none."""
+def loops_of_log(
+    signals: Signals, log: Log, start: float = 0.0, known: AxisFigures | None = None
+) -> Loop:
+    """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none.
+
+    The plant is identified in its loop or, where that tells too little, from inputs and outputs alone, as ``known``
+    figures of the whole flight may have it.
+    """
     segments, verdict = usable_segments(signals, log.components)
+    is_slow = not segments
+    if is_slow:
+        segments, _ = usable_segments(signals, log.components, SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    plant = physical(flights)
-    if isinstance(plant, NotIdentifiable):
-        raise NotLearnable(plant.reason)
+    plant: Physical | None
+    try:
+        plant = plant_in_loop(signals, flights)
+    except NotLearnable as unsure:
+        plant = None if is_slow else unlooped(flights, known if caution is None else None)
+        if plant is None or not plant.identifiable:
+            raise NotLearnable(unsure.fact) from None
     loop = loop_of(plant, Record.of(flights))
     return loop if caution is None else replace(loop, cautions=(caution, *loop.cautions))
+
+
+def unlooped(flights: Sequence[Flight], known: AxisFigures | None) -> Physical | None:
+    """Returns the plant that inputs and outputs alone tell, which may be ``known``."""
+    found = physical(flights) if known is None else known.physical
+    return found if isinstance(found, Physical) else None
 
 
 def with_one_set_of_gains(
@@ -133,12 +155,15 @@ def loops_of_axes(
     signals: Signals,
     axes: Sequence[str] = AXES,
     start: float = 0.0,
+    known: Mapping[str, AxisFigures] = MappingProxyType({}),
 ) -> dict[str, Loop | Fact]:
-    """Returns the loops of each of the ``axes``, or why there are none."""
+    """Returns the loops of each of the ``axes``, or why there are none; ``known`` are figures by axis."""
     found = dict[str, Loop | Fact]()
     for axis in axes:
         try:
-            found[axis] = loops_of_log(signals.about(axis, signals.inputs), log, start)
+            found[axis] = loops_of_log(
+                signals.about(axis, signals.inputs), log, start, known.get(axis)
+            )
         except NotLearnable as error:
             found[axis] = error.fact
     return found

@@ -18,7 +18,7 @@ from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.analysis.analysis import StepProgress, silent
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
-from mavdem.analysis.loops import loops_of_axes, with_one_set_of_gains
+from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.grounding import grounded_air, grounds_of
@@ -39,7 +39,6 @@ from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NoModel
-from mavdem.flight import Flight
 from mavdem.health.in_flight import losses_of
 from mavdem.ingest import Log, read_log
 
@@ -215,17 +214,13 @@ def assess_signals(
     analyses = {analysis.verdict.axis: analysis}
     for name in further:
         analyses[name] = analyse(log, name, options, signals=signals, other_axis=analysis)
-    loops = dict[str, Loop | Fact]()
+    known = dict[str, AxisFigures]()
     for one in analyses.values():
-        for name, figures in one.axis_figures.items():
-            flights = _with_gains_flown(figures.flights, signals.about(name))
-            if flights is not None:
-                loops[name] = loop_by(figures, Record.of(flights) if flights else None)
+        known |= one.axis_figures
     options = options or Options()
     with progress("Identifying the loops", measured=False):
-        rest = [name for name in AXES if name not in loops]
-        loops |= loops_of_axes(log, signals.about(AXES[0], options.inputs), rest, options.start)
-    loops = {name: loops[name] for name in AXES}
+        about = signals.about(AXES[0], options.inputs)
+        loops = loops_of_axes(log, about, AXES, options.start, known)
     events = [*reported_events(signals), *motion_events(signals)]
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
@@ -245,17 +240,6 @@ def assess_signals(
     )
     judgement = judge(evidence, analysis.findings.purposes)
     return Assessment(log, judgement, evidence, analyses)
-
-
-def _with_gains_flown(flights: Sequence[Flight], signals: Signals) -> Sequence[Flight] | None:
-    """The ``flights`` with the gains that were flown; None where something is to be left out for other gains."""
-    if not flights:
-        return flights
-    try:
-        kept, caution = with_one_set_of_gains(flights, signals)
-    except NotLearnable:
-        return None
-    return kept if caution is None else None
 
 
 def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:

@@ -18,6 +18,12 @@ class Loops(Code):
     PARAMETERS_CHANGED = auto()
     GAINS_OF_PART = auto()
     GAINS_OF_AUTOTUNE = auto()
+    LOOP_TOO_SHORT = auto()
+    MOTORS_LIMITED = auto()
+    LOOP_NOT_FOUND = auto()
+    NOT_STEERED = auto()
+    MARGIN_UNCERTAIN = auto()
+    GAIN_MARGIN_EXTRAPOLATED = auto()
 
 
 class Controllers(Code):

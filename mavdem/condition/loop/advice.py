@@ -255,9 +255,7 @@ def _limited_share(controller: Controller, record: Record) -> float:
     if len(record.input_range) != 2:
         return 0.0
     low, high = record.input_range
-    share = (record.inputs - low) / (high - low)
-    begin, end = (0.0, 1.0) if record.inputs.shape[1] == 1 else controller.spin
-    return float(np.mean(np.any((share <= begin + 0.005) | (share >= end - 0.005), axis=1)))
+    return float(controller.limited((record.inputs - low) / (high - low)).mean())
 
 
 def _noise(loop: Loop, after: Controller) -> Noise | None:

@@ -13,7 +13,9 @@ from math import inf, isfinite, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers
@@ -124,6 +126,12 @@ class Controller:
         # The curve is nowhere flatter than a tenth of the straight one.
         slopes = (end - begin) / np.maximum(1 - self.expo + 2 * self.expo * thrust, 0.1)
         return tuple((slopes * self.mixer).tolist())
+
+    def limited(self, shares: Array, stop: float = 1.0) -> NDArray[np.bool_]:
+        """Returns (T,) whether some output, at ``shares`` (T, r) of the range, is within 0.5 % of an end or ``stop``."""
+        begin, end = (0.0, 1.0) if shares.shape[1] == 1 else self.spin
+        at_limit = (shares <= begin + 0.005) | (shares >= min(end, stop) - 0.005)
+        return np.asarray(at_limit.any(axis=1))
 
     def changed(self, parameters: Mapping[str, float]) -> Controller:
         """Returns the controller with other values of some ``parameters``, by name."""

@@ -7,7 +7,7 @@ import numpy as np
 from mavdem.condition.loop.controllers import MOTORS, Controller, controller_of
 from mavdem.condition.loop.filters import equivalent_cutoff
 from mavdem.condition.loop.loop import Loop, changed_in
-from mavdem.condition.loop.margins import loops_of
+from mavdem.condition.loop.margins import OpenLoop, loops_of
 from mavdem.condition.loop.response import measured_response
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -46,17 +46,17 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
         )
     if plant.caution is not None:
         raise NotLearnable(Fact(Loops.NO_MARGINS, because=plant.caution))
-    axis = record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
-    if controller is None:
-        if not record.parameters:
-            raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
-        weights = [] if record.effect_directions is None else record.effect_directions.tolist()
-        controller = controller_of(record.parameters, axis, weights)
+    axis = axis_of(record)
+    controller = controller or known_controller(record)
     if not controller.p > 0:
         name = controller.names["p"]
         raise NotLearnable(Fact(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p))
-    drawn = _drawn(plant, equivalent_cutoff(controller), record.dt)
-    per_demand = _per_demand(controller, record)
+    drawn = (
+        _drawn(plant, equivalent_cutoff(controller), record.dt)
+        if plant.filtered
+        else plant.draws(DRAWS, seed=31)
+    )
+    per_demand = demand_directions(controller, record)
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:
         raise NotLearnable(Fact(Loops.MIXER_REVERSED))
@@ -66,6 +66,8 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if plant.bias:
         because = plant.reasons["effect"]
         cautions.append(Fact(Loops.EFFECT_BIASED, Level.WATCH, because=because))
+    if not plant.filtered:
+        cautions += _extrapolated(rate, record.dt)
     measured = None
     if earlier := changed_in(record, controller):
         changes = [(name, old, record.parameters[name]) for name, old in earlier.items()]
@@ -84,6 +86,27 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
         (*cautions, *controller.cautions),
         measured,
     )
+
+
+def _extrapolated(rate: OpenLoop, dt: float) -> list[Fact]:
+    """That the gain margin is of a frequency beyond half of the messages' rate, if it is."""
+    nearest = np.argmin(np.abs(rate.response[0] + 10 ** (-rate.gain_margin / 20)))
+    if rate.frequency[nearest] < 0.5 / dt or not np.isfinite(rate.gain_margin):
+        return []
+    return [Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, Level.WATCH, rate=0.5 / dt)]
+
+
+def axis_of(record: Record) -> str:
+    """Returns the axis of a record."""
+    return record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
+
+
+def known_controller(record: Record) -> Controller:
+    """Returns the controller of a record's parameters; raises ``NotLearnable``: they do not say it."""
+    if not record.parameters:
+        raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
+    weights = [] if record.effect_directions is None else record.effect_directions.tolist()
+    return controller_of(record.parameters, axis_of(record), weights)
 
 
 def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
@@ -118,8 +141,8 @@ def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
     return np.asarray(drawn[0] + SPREAD * (drawn - drawn[0]))
 
 
-def _per_demand(controller: Controller, record: Record) -> Array:
-    """(r,) of the inputs, in their unit, by a demand of 1 about the trim; a demand itself is one."""
+def demand_directions(controller: Controller, record: Record) -> Array:
+    """Returns (r,) of the inputs, in their unit, by a demand of 1 about the trim; a demand itself is one."""
     trim = record.inputs.mean(axis=0)
     if len(trim) == 1 and record.input_range == (-1.0, 1.0):
         return np.ones(1)

@@ -16,10 +16,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.dem.closed_loop.spectra import Complex, Spectra
 from mavdem.dem.engine.linalg import Array
 
+Flags = NDArray[np.bool_]
 RATE, OUTPUT, SETPOINT, ASKED = range(4)
 """Quantities of the spectra: the gyro's rate, rad/s; the output, as a demand; the rate setpoint, rad/s; and what was
 asked, that is the setpoint plus what the angle takes off it, of which the density alone counts."""
@@ -51,7 +53,7 @@ PRIORS = {
     "lag": Prior(np.log(0.03), 1.0),
     "delay": Prior(np.log(0.006), 0.8),
     "controller": Prior(0.0, 0.1),
-    "output_late": Prior(0.0, 1.5e-3),
+    "output_late": Prior(0.0, 3e-4),
     "setpoint_late": Prior(0.0, 1.5e-3),
     "drift_size": Prior(np.log(3.0), 2.0),
     "drift_time": Prior(0.0, 1.0),
@@ -66,16 +68,14 @@ rad/s and rad, all times in s. The controller's is its gain over the parameters'
 output. Widths as of common multirotors and their autopilots; a message is at most a few milliseconds late."""
 NAMES = tuple(PRIORS)
 PLANT = NAMES.index("effect"), NAMES.index("damping"), NAMES.index("lag"), NAMES.index("delay")
-SHARED = tuple(map(NAMES.index, ("lag", "delay", "output_late", "setpoint_late")))
-"""What motors and messages of roll and pitch have in common."""
 
 
 class Axis:
     """Densities of one axis's spectra as its controller, and parameters in the order of ``NAMES``, have them."""
 
     def __init__(self, spectra: Spectra, known: KnownController, rounding: float) -> None:
-        """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand."""
-        self.spectra = spectra.of((RATE, OUTPUT, SETPOINT))
+        """Prepares for the spectra of all four quantities, or the first two; ``rounding`` is the output's step."""
+        self.spectra = spectra.of((RATE, OUTPUT, SETPOINT)[: len(spectra.late)])
         self.known = known
         highest = 0.5 / known.cycle
         folds = np.arange(-np.ceil(highest / spectra.rate), np.ceil(highest / spectra.rate) + 1)
@@ -86,23 +86,28 @@ class Axis:
         mean = spectra.mean
         seen = mean[:, OUTPUT, OUTPUT].real
         self.output = np.interp(size, spectra.frequency, seen)
-        self.read = np.array([0.0, READ_SHARE**2 / 4, READ_SHARE**2])[:, None] * np.array(
-            [seen, seen, mean[:, SETPOINT, SETPOINT].real]
+        self.read = np.array(
+            [np.full_like(seen, 1e-8), rounding**2 / 12 / spectra.rate + seen * READ_SHARE**2 / 4]
         )
-        self.read += np.array([1e-8, rounding**2 / 12 / spectra.rate, 0.0])[:, None]
-        asked = mean[:, ASKED, ASKED].real
-        self.asked = _unfolded(asked, spectra.frequency, size, folds == 0, self.inside)
         self.forward = known.forward(self.frequency)
         self.back = known.back(self.frequency)
         self.gyro = known.gyro(self.frequency)
+        if len(spectra.late) > ASKED:
+            self.read = np.vstack([self.read, READ_SHARE**2 * mean[:, SETPOINT, SETPOINT].real])
+            asked = mean[:, ASKED, ASKED].real
+        else:
+            asked = _solved(spectra, known)
+        self.asked = _unfolded(asked, size, folds == 0, self.inside)
         late = np.array(self.spectra.late)
         turns = 2j * np.pi * spectra.rate * folds[:, None, None, None]
         self.turned = np.exp(turns * (late[:, None] - late[None])).mean(axis=-1)
 
-    def densities(self, theta: Array) -> Complex:
-        """Returns (J, 3, 3) of parameters θ."""
+    def densities(self, theta: Array, is_asked: bool = True) -> Complex:
+        """Returns (J, C, C) of parameters θ; of a vehicle of which something ``is_asked``, or nothing."""
         values = dict(zip(NAMES, np.exp(theta), strict=True))
-        values |= {name: float(theta[NAMES.index(name)]) for name in ("output_late", "setpoint_late")}
+        values |= {
+            name: float(theta[NAMES.index(name)]) for name in ("output_late", "setpoint_late")
+        }
         s = 2j * np.pi * self.frequency
         turned = 1 / (s + values["damping"])
         effect = values["effect"] / (values["lag"] * s + 1)
@@ -137,14 +142,14 @@ class Axis:
         cycle = self.known.cycle
         sources = np.array(
             [
-                self.asked,
+                self.asked * is_asked,
                 wind,
                 np.full_like(turn, values["noise"] ** 2 * cycle),
                 np.full_like(turn, values["angle_noise"] ** 2 * cycle),
                 values["actuation"] ** 2 * self.output,
             ]
         )
-        seen = np.where(self.inside, np.array([gyro, output, setpoint]), 0.0)
+        seen = np.where(self.inside, np.array([gyro, output, setpoint][: len(self.read)]), 0.0)
         whole = np.einsum("isjk,tsjk,sjk,kit->jit", seen, seen.conj(), sources, self.turned)
         diagonal = np.arange(len(seen))
         whole[:, diagonal, diagonal] += self.read.T
@@ -191,38 +196,49 @@ class Axis:
 
     def steered_share(self, theta: Array) -> float:
         """Returns the share of the rate's variance that follows what was asked, by parameters θ."""
-        own = self.asked
-        whole = self.densities(theta)[:, RATE, RATE].real
-        self.asked = np.zeros_like(own)
-        unasked = self.densities(theta)[:, RATE, RATE].real
-        self.asked = own
+        whole, unasked = (
+            self.densities(theta, is_asked)[:, RATE, RATE].real for is_asked in (True, False)
+        )
         width = np.gradient(self.spectra.frequency)
         return 1 - float(width @ unasked) / float(width @ whole)
 
 
 def _drift(turn: Array, size: float, time: float) -> Array:
     """The density of noise of first order, with this standard deviation and time, at rad/s."""
-    return 2 * size**2 * time / (1 + (turn * time) ** 2)
+    return np.asarray(2 * size**2 * time / (1 + (turn * time) ** 2))
 
 
 def _gusts(turn: Array, size: float, time: float) -> Array:
     """Likewise of smooth noise, with the autocorrelation exp(−τ²/4 time²)."""
-    return 2 * np.sqrt(np.pi) * size**2 * time * np.exp(-((turn * time) ** 2))
+    return np.asarray(2 * np.sqrt(np.pi) * size**2 * time * np.exp(-((turn * time) ** 2)))
 
 
-def _unfolded(seen: Array, frequency: Array, at: Array, first: Array, inside: Array) -> Array:
+def _solved(spectra: Spectra, known: KnownController) -> Array:
+    """The density (J,) of what was asked where it was not logged: that which the controller made this output of."""
+    at = spectra.frequency
+    forward = known.forward(at)
+    corrects = known.angle / (2j * np.pi * at * known.gyro(at))
+    weights = np.stack([known.back(at) / forward + corrects, 1 / forward], axis=1)
+    return np.asarray(np.einsum("ja,jab,jb->j", weights, spectra.mean, weights.conj()).real)
+
+
+def _unfolded(seen: Array, at: Array, first: Flags, inside: Flags) -> Array:
     """The density of what was asked: a power law with white noise where it is folded, what was seen less that, else."""
     from scipy.optimize import minimize  # it takes half a second to import
 
     def law(values: Array) -> Array:
         size, corner, slope, white = values.clip(-50.0, 50.0)
-        return np.exp(size) * (1 + (at / np.exp(corner)) ** 2) ** -np.exp(min(slope, 2.0)) + np.exp(white)
+        return np.exp(size) * (1 + (at / np.exp(corner)) ** 2) ** -np.exp(min(slope, 2.0)) + np.exp(
+            white
+        )
 
     def cost(values: Array) -> float:
         folded = np.where(inside, law(values), 0.0).sum(axis=1)
         return float((np.log(folded) + seen / folded).sum())
 
-    start = np.array([np.log(seen[:5].mean()), 0.0, -0.35, np.log(np.median(seen[-5:]) / len(first))])
+    start = np.array(
+        [np.log(seen[:5].mean()), 0.0, -0.35, np.log(np.median(seen[-5:]) / len(first))]
+    )
     found = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 600}).x
     whole = np.where(inside, law(found), 0.0)
     folded = whole[:, ~first].sum(axis=1)

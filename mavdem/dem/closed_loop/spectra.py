@@ -76,7 +76,7 @@ def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     middle = np.add.reduceat(frequency, begins[:-1]) / counts
     # windows overlap by half
     late = tuple(one.time - matched[0].time for one in matched)
-    return Spectra(middle, counts / 2, densities, late, rate)
+    return Spectra(middle, counts / 2, np.asarray(densities, np.complex128), late, rate)
 
 
 def _nearest(stream: Messages, stamps: Array) -> Messages:

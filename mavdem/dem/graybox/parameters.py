@@ -69,6 +69,7 @@ class Physical(NamedTuple):
         noise: standard deviation of the measured rate's white noise, rad/s.
         refinements: parameters that predict unseen windows better, by name (docs/physical.md).
         windows: a table over time.
+        filtered: whether lag and delay have the gyro's filters in them.
     """
 
     effect: Array
@@ -85,6 +86,7 @@ class Physical(NamedTuple):
     noise: float
     refinements: dict[Refinement, float]
     windows: WindowTable
+    filtered: bool = True
 
     def __repr__(self) -> str:
         (mean, sure) = self.mean_effect()

@@ -1,0 +1,206 @@
+"""The plant of a loop as it flies: from messages at their own stamps, with the controller of the parameters."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from mavdem.alignment.drive import Signal
+from mavdem.alignment.signals import Signals
+from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.filters import gyro_response
+from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
+from mavdem.condition.loop.margins import Complex, loops_of, transfer
+from mavdem.dem.closed_loop.identification import Identified, identified
+from mavdem.dem.closed_loop.likelihood import NAMES, OUTPUT, PLANT, RATE, Axis, KnownController
+from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, Spectra, spectra
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.graybox import Physical
+from mavdem.dem.graybox.identifiability import PARAMETERS
+from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS
+from mavdem.dem.graybox.parameters import WindComponent, WindowTable
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.identifiability import Status
+from mavdem.facts.loops import Loops
+from mavdem.flight import Flight
+
+FEWEST_WINDOWS = 4
+MOST_LIMITED = 0.1  # of a window's outputs, at a limit
+OWN = 2.5
+MODEL_ERRORS = {"effect": 0.08, "damping": 0.3, "lag": 0.08, "delay": 0.12}
+"""Times the likelihood's standard deviation, and of the logarithm of each parameter: winds differ from window to
+window, rotors spin up faster than they slow down, and what is sampled does not change evenly between its stamps. Chosen
+on half of the flights of ``tools/validation/loops.py``."""
+WIDEST = 15.0  # degrees, of the phase margin's 90 % interval to each side
+LEAST_STEERED = 0.1  # of the rate's variance, by what was asked
+SLOW = 4.0  # Hz, up to which a setpoint must explain the output
+
+
+def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
+    """Returns the plant of the axis of ``signals`` in ``flights``, identified with the controller that flew it.
+
+    Its lag and delay are without the gyro's filters. Raises ``NotLearnable``: no controller or no setpoints, too few
+    seconds, motors at their limits, too little was asked of it, or the phase margin stays unknown.
+    """
+    record = Record.of(flights)
+    controller = known_controller(record)
+    directions = demand_directions(controller, record)
+    streams, limited, rounding = _streams(signals, flights, controller, record, directions)
+    starts = np.array(list(_windows(flights, streams)))
+    shares = [limited.values[_inside(limited, start)].mean() for start in starts]
+    free = starts[np.array(shares, float) <= MOST_LIMITED]
+    if len(free) < FEWEST_WINDOWS:
+        code = Loops.MOTORS_LIMITED if len(starts) >= FEWEST_WINDOWS else Loops.LOOP_TOO_SHORT
+        raise NotLearnable(Fact(code, least_duration=(FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2))
+    known = _known(controller)
+    with one_thread(), np.errstate(all="ignore"):
+        axis = Axis(_used(spectra(streams, free), known), known, rounding)
+        try:
+            found = identified(axis)
+        except np.linalg.LinAlgError:
+            raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
+        plant = _physical(found, directions)
+        _check(plant, directions, controller)
+        return plant
+
+
+def _streams(
+    signals: Signals,
+    flights: Sequence[Flight],
+    controller: Controller,
+    record: Record,
+    directions: Array,
+) -> tuple[list[Messages], Messages, float]:
+    """Rate, output as a demand, each setpoint with what was asked; whether an output was at a limit; its steps."""
+    attitude, drive = signals.attitude, signals.drive
+    assert attitude is not None and drive is not None
+    boots = Counter(flight.provenance["segment"]["boot"] for flight in flights)
+    boot = max(boots, key=lambda one: boots[one])
+
+    def here(signal: Signal) -> Messages:
+        rows = signal.boot == boot
+        return Messages(signal.time[rows], signal.values[rows])
+
+    outputs = here(Signal(drive.time, drive.boot, drive.outputs))
+    share = directions / (directions @ directions)
+    demand = (outputs.values - record.inputs.mean(axis=0)) @ share
+    angle = here(attitude.angles)
+    asked = {one.unit: here(one.signal) for one in signals.setpoints}
+    streams = [here(attitude.rates), Messages(outputs.time, demand)]
+    candidates = []
+    turned: Array | float = 0.0
+    setpoint = asked.get("rad/s", streams[0])
+    if "rad/s" in asked:
+        turned = controller.angle * np.interp(setpoint.time, *angle)
+        candidates.append(setpoint.values)
+        if controller.derivative_of_error and "rad" in asked:
+            # ArduPilot's ATTITUDE_TARGET lacks the correction of the angle's error, its RATE has it
+            wanted = controller.angle * np.interp(setpoint.time, *asked["rad"])
+            candidates.append(setpoint.values + wanted - turned)
+    for values in candidates:
+        streams += [Messages(setpoint.time, one) for one in (values, values + turned)]
+    limited = controller.limited(drive.scale.fraction(outputs.values), drive.scale.stop)
+    rounding = drive.scale.step / float(np.linalg.norm(directions))
+    return streams, Messages(outputs.time, limited.astype(np.float64)), rounding
+
+
+def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
+    """Where windows begin, s: every half of one, in settled flight, where all messages come."""
+    begin = max(one.time[0] for one in streams)
+    end = min(one.time[-1] for one in streams)
+    for flight in flights:
+        first = max(float(flight.time[0]), begin)
+        last = min(float(flight.time[-1]), end) - WINDOW_SECONDS
+        for start in np.arange(first, last + 1e-6, WINDOW_SECONDS / 2):
+            if all(
+                np.diff(one.time[_inside(one, start)], prepend=start).max() < 1 for one in streams
+            ):
+                yield float(start)
+
+
+def _inside(stream: Messages, start: float) -> slice:
+    return slice(*np.searchsorted(stream.time, [start, start + WINDOW_SECONDS]).tolist())
+
+
+def _known(controller: Controller) -> KnownController:
+    def whole(response: Callable[[Array], Complex]) -> Callable[[Array], Complex]:
+        return lambda at: response(np.ravel(at)).reshape(np.shape(at))
+
+    return KnownController(
+        whole(lambda at: transfer(controller, at)[0]),
+        whole(lambda at: transfer(controller, at)[1]),
+        whole(lambda at: gyro_response(controller, at)),
+        controller.angle,
+        controller.cycle,
+    )
+
+
+def _used(found: Spectra, known: KnownController) -> Spectra:
+    """Of rate, output and that setpoint, if any, which explains the output best by the controller."""
+    if len(found.late) == 2:
+        return found
+    slow = found.frequency < SLOW
+    back = known.back(found.frequency)
+    forward = known.forward(found.frequency)
+    left = {}
+    for setpoint in range(2, len(found.late), 2):
+        unlike = np.zeros((len(back), len(found.late)), complex)
+        unlike[:, RATE], unlike[:, OUTPUT], unlike[:, setpoint] = back, 1.0, -forward
+        power = np.einsum("ja,jab,jb->j", unlike, found.mean, unlike.conj()).real
+        left[setpoint] = float((found.counts * power)[slow].sum())
+    best = min(left, key=lambda one: left[one])
+    return found.of((RATE, OUTPUT, best, best + 1))
+
+
+def _check(plant: Physical, directions: Array, controller: Controller) -> None:
+    """Raises ``NotLearnable`` where too little was asked of the vehicle, or its phase margin stays unknown."""
+    steered = 1 - plant.wind_share
+    if not steered >= LEAST_STEERED:
+        raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
+    drawn = plant.draws(100)
+    rate, _ = loops_of(controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], LEAST))
+    low, high = rate.phase_margin_interval
+    if not high - low <= 2 * WIDEST:
+        raise NotLearnable(Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=(low, high)))
+
+
+def _plant(found: Identified) -> tuple[Array, Array]:
+    """The logarithms (4,) of effect, damping, lag and delay, and their covariance (4, 4) with what the model lacks."""
+    chosen = np.array(PLANT)
+    errors = np.diag(np.square(list(MODEL_ERRORS.values())))
+    return found.theta[chosen], OWN**2 * found.covariance[np.ix_(chosen, chosen)] + errors
+
+
+def _physical(found: Identified, directions: Array) -> Physical:
+    theta, covariance = _plant(found)
+    effect, damping, lag, delay = np.exp(theta).tolist()
+    motors = effect * directions / (directions @ directions)
+    slopes = np.zeros((len(motors) + 3, 4))
+    slopes[:-3, 0] = motors
+    slopes[-3:, 1:] = np.diag([damping, lag, delay])
+    values = dict(zip(NAMES, np.exp(found.theta).tolist(), strict=True))
+    components = (
+        WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
+        WindComponent(GUSTS, values["gust_size"], values["gust_time"]),
+    )
+    return Physical(
+        effect=motors,
+        damping=damping,
+        lag=lag,
+        delay=delay,
+        covariance=slopes @ covariance @ slopes.T,
+        status=dict.fromkeys(PARAMETERS, Status.REPORTED),
+        reasons=dict.fromkeys(PARAMETERS),
+        bias=0.0,
+        wind=float(np.hypot(components[0].size, components[1].size)),
+        wind_share=1 - found.axis.steered_share(found.theta),
+        components=components,
+        noise=values["noise"],
+        refinements={},
+        windows=WindowTable(*np.empty((8, 0))),
+        filtered=False,
+    )
