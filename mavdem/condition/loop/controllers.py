@@ -128,7 +128,7 @@ class Controller:
         return tuple((slopes * self.mixer).tolist())
 
     def limited(self, shares: Array, stop: float = 1.0) -> NDArray[np.bool_]:
-        """Returns (T,) whether some output, at ``shares`` (T, r) of the range, is within 0.5 % of an end or ``stop``."""
+        """Returns (T,) whether some output, at ``shares`` (T, r) of the range, is within 0.5 % of its end or stop."""
         begin, end = (0.0, 1.0) if shares.shape[1] == 1 else self.spin
         at_limit = (shares <= begin + 0.005) | (shares >= min(end, stop) - 0.005)
         return np.asarray(at_limit.any(axis=1))

@@ -90,17 +90,16 @@ def _streams(
     demand = (outputs.values - record.inputs.mean(axis=0)) @ share
     angle = here(attitude.angles)
     asked = {one.unit: here(one.signal) for one in signals.setpoints}
+    if "rad/s" not in asked:
+        raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
+    setpoint = asked["rad/s"]
+    turned = controller.angle * np.interp(setpoint.time, *angle)
+    candidates = [setpoint.values]
+    if controller.derivative_of_error and "rad" in asked:
+        # ArduPilot's ATTITUDE_TARGET lacks the correction of the angle's error, its RATE has it
+        wanted = controller.angle * np.interp(setpoint.time, *asked["rad"])
+        candidates.append(setpoint.values + wanted - turned)
     streams = [here(attitude.rates), Messages(outputs.time, demand)]
-    candidates = []
-    turned: Array | float = 0.0
-    setpoint = asked.get("rad/s", streams[0])
-    if "rad/s" in asked:
-        turned = controller.angle * np.interp(setpoint.time, *angle)
-        candidates.append(setpoint.values)
-        if controller.derivative_of_error and "rad" in asked:
-            # ArduPilot's ATTITUDE_TARGET lacks the correction of the angle's error, its RATE has it
-            wanted = controller.angle * np.interp(setpoint.time, *asked["rad"])
-            candidates.append(setpoint.values + wanted - turned)
     for values in candidates:
         streams += [Messages(setpoint.time, one) for one in (values, values + turned)]
     limited = controller.limited(drive.scale.fraction(outputs.values), drive.scale.stop)
@@ -140,9 +139,7 @@ def _known(controller: Controller) -> KnownController:
 
 
 def _used(found: Spectra, known: KnownController) -> Spectra:
-    """Of rate, output and that setpoint, if any, which explains the output best by the controller."""
-    if len(found.late) == 2:
-        return found
+    """Of rate, output and that setpoint which explains the output better by the controller."""
     slow = found.frequency < SLOW
     back = known.back(found.frequency)
     forward = known.forward(found.frequency)

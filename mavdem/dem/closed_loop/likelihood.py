@@ -74,8 +74,8 @@ class Axis:
     """Densities of one axis's spectra as its controller, and parameters in the order of ``NAMES``, have them."""
 
     def __init__(self, spectra: Spectra, known: KnownController, rounding: float) -> None:
-        """Prepares for the spectra of all four quantities, or the first two; ``rounding`` is the output's step."""
-        self.spectra = spectra.of((RATE, OUTPUT, SETPOINT)[: len(spectra.late)])
+        """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand."""
+        self.spectra = spectra.of((RATE, OUTPUT, SETPOINT))
         self.known = known
         highest = 0.5 / known.cycle
         folds = np.arange(-np.ceil(highest / spectra.rate), np.ceil(highest / spectra.rate) + 1)
@@ -86,17 +86,18 @@ class Axis:
         mean = spectra.mean
         seen = mean[:, OUTPUT, OUTPUT].real
         self.output = np.interp(size, spectra.frequency, seen)
-        self.read = np.array(
-            [np.full_like(seen, 1e-8), rounding**2 / 12 / spectra.rate + seen * READ_SHARE**2 / 4]
-        )
+        asked_for = mean[:, SETPOINT, SETPOINT].real
+        rounded = rounding**2 / 12 / spectra.rate
+        own = [
+            np.full_like(seen, 1e-8),
+            READ_SHARE**2 / 4 * seen + rounded,
+            READ_SHARE**2 * asked_for,
+        ]
+        self.read = np.array(own)
         self.forward = known.forward(self.frequency)
         self.back = known.back(self.frequency)
         self.gyro = known.gyro(self.frequency)
-        if len(spectra.late) > ASKED:
-            self.read = np.vstack([self.read, READ_SHARE**2 * mean[:, SETPOINT, SETPOINT].real])
-            asked = mean[:, ASKED, ASKED].real
-        else:
-            asked = _solved(spectra, known)
+        asked = mean[:, ASKED, ASKED].real
         self.asked = _unfolded(asked, size, folds == 0, self.inside)
         late = np.array(self.spectra.late)
         turns = 2j * np.pi * spectra.rate * folds[:, None, None, None]
@@ -149,7 +150,7 @@ class Axis:
                 values["actuation"] ** 2 * self.output,
             ]
         )
-        seen = np.where(self.inside, np.array([gyro, output, setpoint][: len(self.read)]), 0.0)
+        seen = np.where(self.inside, np.array([gyro, output, setpoint]), 0.0)
         whole = np.einsum("isjk,tsjk,sjk,kit->jit", seen, seen.conj(), sources, self.turned)
         diagonal = np.arange(len(seen))
         whole[:, diagonal, diagonal] += self.read.T
@@ -213,24 +214,13 @@ def _gusts(turn: Array, size: float, time: float) -> Array:
     return np.asarray(2 * np.sqrt(np.pi) * size**2 * time * np.exp(-((turn * time) ** 2)))
 
 
-def _solved(spectra: Spectra, known: KnownController) -> Array:
-    """The density (J,) of what was asked where it was not logged: that which the controller made this output of."""
-    at = spectra.frequency
-    forward = known.forward(at)
-    corrects = known.angle / (2j * np.pi * at * known.gyro(at))
-    weights = np.stack([known.back(at) / forward + corrects, 1 / forward], axis=1)
-    return np.asarray(np.einsum("ja,jab,jb->j", weights, spectra.mean, weights.conj()).real)
-
-
 def _unfolded(seen: Array, at: Array, first: Flags, inside: Flags) -> Array:
     """The density of what was asked: a power law with white noise where it is folded, what was seen less that, else."""
     from scipy.optimize import minimize  # it takes half a second to import
 
     def law(values: Array) -> Array:
-        size, corner, slope, white = values.clip(-50.0, 50.0)
-        return np.exp(size) * (1 + (at / np.exp(corner)) ** 2) ** -np.exp(min(slope, 2.0)) + np.exp(
-            white
-        )
+        size, corner, slope, white = np.exp(values.clip(-50.0, [50.0, 50.0, 2.0, 50.0]))
+        return np.asarray(size * (1 + (at / corner) ** 2) ** -slope + white)
 
     def cost(values: Array) -> float:
         folded = np.where(inside, law(values), 0.0).sum(axis=1)
