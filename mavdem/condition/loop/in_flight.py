@@ -35,7 +35,10 @@ MODEL_ERRORS = {"effect": 0.08, "damping": 0.3, "lag": 0.08, "delay": 0.12}
 """Times the likelihood's standard deviation, and of the logarithm of each parameter: winds differ from window to
 window, rotors spin up faster than they slow down, and what is sampled does not change evenly between its stamps. Chosen
 on half of the flights of ``tools/validation/loops.py``."""
-WIDEST = 15.0  # degrees, of the phase margin's 90 % interval to each side
+BETWEEN = 1 / 8
+"""Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
+there; half of it of the delay by itself."""
+WIDEST = 20.0  # degrees, of the phase margin's 90 % interval to each side
 LEAST_STEERED = 0.1  # of the rate's variance, by what was asked
 SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 
@@ -179,6 +182,9 @@ def _physical(found: Identified, directions: Array) -> Physical:
     slopes = np.zeros((len(motors) + 3, 4))
     slopes[:-3, 0] = motors
     slopes[-3:, 1:] = np.diag([damping, lag, delay])
+    whole = slopes @ covariance @ slopes.T
+    unseen = BETWEEN * max(1 / found.axis.spectra.rate - found.axis.known.cycle, 0.0)
+    whole[-2:, -2:] += unseen**2 * np.array([[1.0, -1.0], [-1.0, 1.25]])
     values = dict(zip(NAMES, np.exp(found.theta).tolist(), strict=True))
     components = (
         WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
@@ -189,7 +195,7 @@ def _physical(found: Identified, directions: Array) -> Physical:
         damping=damping,
         lag=lag,
         delay=delay,
-        covariance=slopes @ covariance @ slopes.T,
+        covariance=whole,
         status=dict.fromkeys(PARAMETERS, Status.REPORTED),
         reasons=dict.fromkeys(PARAMETERS),
         bias=0.0,

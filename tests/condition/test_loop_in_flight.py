@@ -1,0 +1,133 @@
+"""The plant in its loop: from the messages of simulated flights at any rate, and why there is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mavdem.alignment.read import usable_segments
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
+from mavdem.analysis.loops import loops_of_log
+from mavdem.condition.loop import in_flight
+from mavdem.condition.loop.from_flight import loop_of
+from mavdem.condition.loop.in_flight import plant_in_loop
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.facts.loops import Loops
+from mavdem.ingest import read_log
+from mavdem.paper.runner import write_log
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth
+
+SCENARIO = scenario_of(
+    {
+        "seed": 11,
+        "duration": 70,
+        "vehicle": {
+            "model": "iris",
+            "rate_gain": 2.0,
+            "lag_up": 0.02,
+            "lag_down": 0.02,
+            "parameters": {"IMU_GYRO_RATEMAX": 400},
+        },
+        "wind": [{"kind": "gaussian", "sd": 0.5, "s": 0.3}],
+        "excitation": {"kind": "doublets", "amplitude": 8.0, "width": 0.13, "period": 2.7},
+        "stream": {"rate": 400, "rates": {"ATTITUDE_TARGET": 400}},
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("flown") / "flight.tlog"
+    write_log(path, SCENARIO, fly(SCENARIO))
+    return read_log(path)
+
+
+def thinned(log, every):
+    """The log with every so many messages of each kind."""
+    (vehicle,) = log.vehicles
+    messages = {
+        name: {
+            key: one[:: 1 if name in ("PARAM_VALUE", "HEARTBEAT") else every]
+            for key, one in columns.items()
+        }
+        for name, columns in vehicle.messages.items()
+    }
+    return replace(log, vehicles=(replace(vehicle, messages=messages),))
+
+
+def flown(log):
+    signals = Signals(log.vehicles[0])
+    segments, _ = usable_segments(signals, log.components, SLOW_MOTION_RATE)
+    return signals, segments
+
+
+@pytest.mark.parametrize(("every", "within"), [(1, (5.0, 1.5)), (16, (12.0, np.inf))])
+def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(log, every, within):
+    """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
+    known = truth(SCENARIO, fly(SCENARIO))
+    loop = loops_of_log(Signals(thinned(log, every).vehicles[0]), log)
+    _, phase, gain, _ = known["roll_rate_margins"]
+    assert not loop.plant.filtered
+    assert abs(loop.phase_margin - phase) < within[0] and abs(loop.gain_margin - gain) < within[1]
+    for name, true in (("phase_margin", phase), ("gain_margin", gain)):
+        low, high = getattr(loop, f"{name}_interval")
+        assert low <= true <= high
+    codes = [caution.code for caution in loop.cautions]
+    assert (Loops.GAIN_MARGIN_EXTRAPOLATED in codes) == (every == 16)
+
+
+def refusal(signals, flights):
+    with pytest.raises(NotLearnable) as refused:
+        plant_in_loop(signals, flights)
+    return refused.value.fact.code
+
+
+def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
+    signals, flights = flown(thinned(log, 4))
+    (flight,) = flights
+    assert refusal(signals, [flight[:1000]]) is Loops.LOOP_TOO_SHORT
+    without = {k: v for k, v in signals.telemetry.messages.items() if k != "ATTITUDE_TARGET"}
+    blind = Signals(replace(signals.telemetry, messages=without))
+    assert refusal(blind, flights) is Loops.NO_RATE_SETPOINT
+    with monkeypatch.context() as patch:
+        patch.setattr(in_flight, "LEAST_STEERED", 1.0)
+        assert refusal(signals, flights) is Loops.NOT_STEERED
+    with monkeypatch.context() as patch:
+        patch.setattr(in_flight, "WIDEST", 0.1)
+        assert refusal(signals, flights) is Loops.MARGIN_UNCERTAIN
+    with monkeypatch.context() as patch:
+        patch.setattr(in_flight, "MOST_LIMITED", -1.0)
+        assert refusal(signals, flights) is Loops.MOTORS_LIMITED
+    with monkeypatch.context() as patch:
+        patch.setattr(in_flight, "identified", failing)
+        assert refusal(signals, flights) is Loops.LOOP_NOT_FOUND
+
+
+def failing(axis):
+    raise np.linalg.LinAlgError
+
+
+def test_a_controller_of_half_the_gain_does_not_move_the_plant(log):
+    """The output is beside it, and is what turned the vehicle."""
+    signals, flights = flown(log)
+    plant = plant_in_loop(signals, flights)
+    mean, _ = plant.mean_effect()
+    half = [
+        replace(
+            flight,
+            provenance={
+                **flight.provenance,
+                "parameters": {
+                    **flight.provenance["parameters"],
+                    "MC_ROLLRATE_K": 0.5,
+                },
+            },
+        )
+        for flight in flights
+    ]
+    other, _ = plant_in_loop(signals, half).mean_effect()
+    assert other == pytest.approx(mean, rel=0.1)
+    assert loop_of(plant, Record.of(flights)).gains[0] > 0

@@ -1,0 +1,143 @@
+"""The closed loop: spectra against simulation at any rate, slopes against differences, plants given back."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.signal import cont2discrete
+
+from mavdem.dem.closed_loop.identification import identified
+from mavdem.dem.closed_loop.likelihood import NAMES, PLANT, Axis, KnownController
+from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, spectra
+
+CYCLE = 0.0025
+SECONDS = 90.0
+EFFECT, DAMPING, LAG, LATE = 150.0, 1.0, 0.03, 2  # cycles from the rate to the output that acts
+P, D, ANGLE = 0.1, 0.002, 5.0
+NOISE, ANGLE_NOISE = 0.005, 2e-4
+
+
+class Flown(NamedTuple):
+    """A linear loop, a value a cycle."""
+
+    rate: np.ndarray
+    output: np.ndarray
+    setpoint: np.ndarray
+    asked: np.ndarray
+
+
+def fly(seed, steered=1.0):
+    """Rate, output, setpoint and what was asked of a plant in turbulence that steps are asked of."""
+    rng = np.random.default_rng(seed)
+    count = round(SECONDS / CYCLE)
+    A = np.array([[0, 1, 0], [0, -DAMPING, 1], [0, 0, -1 / LAG]])
+    B = np.array([[0, 0], [0, 1], [EFFECT / LAG, 0]])
+    A, B, *_ = cont2discrete((A, B, np.eye(3), np.zeros((3, 2))), CYCLE)
+    holds = rng.integers(40, 200, count // 40)  # cycles: no step keeps time with the messages
+    asked = steered * np.repeat(rng.normal(0, 1, len(holds)), holds)[:count]
+    wind = np.zeros(count)
+    for k in range(1, count):
+        wind[k] = wind[k - 1] * np.exp(-CYCLE / 0.5) + rng.normal(0, 2 * (2 * CYCLE / 0.5) ** 0.5)
+    noise, shaken = rng.normal(0, [[NOISE], [ANGLE_NOISE]], (2, count))
+    state, held, before = np.zeros(3), [0.0] * LATE, 0.0
+    rows = np.empty((count, 3))
+    for k in range(count):
+        rate = state[1] + noise[k]
+        setpoint = asked[k] - ANGLE * (state[0] + shaken[k])
+        output = P * (setpoint - rate) - D * (rate - before) / CYCLE
+        before = rate
+        held.append(output)
+        rows[k] = rate, output, setpoint
+        state = A @ state + B @ [held[k], wind[k]]
+    return Flown(*rows.T, asked)
+
+
+def back(frequency):
+    """Of the controller that flies."""
+    return P + D * (1 - np.exp(-2j * np.pi * frequency * CYCLE)) / CYCLE
+
+
+KNOWN = KnownController(
+    lambda f: np.full(np.shape(f), P, complex),
+    back,
+    lambda f: np.ones(np.shape(f), complex),
+    ANGLE,
+    CYCLE,
+)
+STAMPS = 7.0 + CYCLE * np.arange(round(SECONDS / CYCLE))
+STARTS = np.arange(STAMPS[0], STAMPS[-1] - WINDOW_SECONDS, WINDOW_SECONDS / 2)
+
+
+def axis(flown, every=1):
+    """As spectra, of every so many messages."""
+    streams = [Messages(STAMPS[::every], one[::every]) for one in flown]
+    return Axis(spectra(streams, STARTS), KNOWN, 0.0)
+
+
+FLOWN = fly(3)
+TRUE = {
+    "effect": np.log(EFFECT),
+    "damping": np.log(DAMPING),
+    "lag": np.log(LAG),
+    "delay": np.log((LATE + 0.5) * CYCLE),
+}
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_a_plant_is_given_back(every):
+    """With its delay, which has half a cycle of hold, within three standard deviations and a share of the truth."""
+    found = identified(axis(FLOWN, every))
+    sd = np.sqrt(found.covariance.diagonal())
+    for name in TRUE:
+        at = NAMES.index(name)
+        slack = {"effect": 0.03, "damping": 0.3, "lag": 0.05, "delay": 0.05}[name]
+        assert found.theta[at] == approx(TRUE[name], abs=3 * sd[at] + slack), name
+    assert found.axis.steered_share(found.theta) > 0.5
+
+
+def test_messages_at_25_hz_tell_how_late_the_motors_are():
+    """Lag and delay together, of which neither alone is told apart well below 40 Hz."""
+    found = np.exp(identified(axis(FLOWN, 16)).theta)
+    assert found[2] + found[3] == approx(LAG + (LATE + 0.5) * CYCLE, rel=0.2)
+    assert found[0] == approx(EFFECT, rel=0.2)
+
+
+def test_the_densities_are_those_of_the_flight():
+    """Whitened by the model, the spectra of rate and output are one."""
+    found = identified(axis(FLOWN, 4))
+    model = found.axis.densities(found.theta)
+    for quantity in (0, 1):
+        ratio = found.axis.spectra.mean[:, quantity, quantity] / model[:, quantity, quantity]
+        assert np.mean(ratio.real) == approx(1.0, abs=0.1)
+
+
+def test_the_slopes_are_those_of_the_value():
+    one = axis(FLOWN, 4)
+    mean, sd = one.prior
+    theta = mean.copy()
+    theta[list(PLANT)] = list(TRUE.values())
+    score, information = one.scores(theta, 1e-4 * sd)
+    for k, name in enumerate(NAMES):
+        step = np.eye(len(NAMES))[k] * 1e-4 * sd[k]
+        slope = (one.value(theta + step) - one.value(theta - step)) / (2 * step[k])
+        assert score[k] == approx(slope, rel=1e-2, abs=1e-2 * np.sqrt(information[k, k])), name
+
+
+def test_nothing_asked_is_nothing_steered():
+    still = axis(fly(4, steered=1e-6), 4)
+    mean, _ = still.prior
+    mean[list(PLANT)] = list(TRUE.values())
+    assert still.steered_share(mean) < 0.05
+
+
+def test_messages_of_several_rates_count_at_the_slowest():
+    """And what is lost of them is not made up."""
+    streams = [Messages(STAMPS[::4], FLOWN.rate[::4]), Messages(STAMPS[::10], FLOWN.output[::10])]
+    found = spectra(streams, STARTS)
+    assert found.rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
+    kept = np.random.default_rng(1).random(len(STAMPS[::4])) > 0.2
+    lossy = spectra([Messages(STAMPS[::4][kept], FLOWN.rate[::4][kept])], STARTS)
+    whole = spectra([Messages(STAMPS[::4], FLOWN.rate[::4])], STARTS)
+    few = min(len(lossy.frequency), len(whole.frequency), 10)
+    assert np.log(lossy.mean[:few] / whole.mean[:few]).real == approx(0.0, abs=0.3)
