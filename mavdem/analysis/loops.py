@@ -48,8 +48,8 @@ def loops_of_log(
 ) -> Loop:
     """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none.
 
-    The plant is identified in its loop or, where that tells too little, from inputs and outputs alone, as ``known``
-    figures of the whole flight may have it.
+    The plant is the one that inputs and outputs alone tell, which may be ``known``, where they tell it without a bias;
+    else the one that is identified in its loop.
     """
     segments, verdict = usable_segments(signals, log.components)
     is_slow = not segments
@@ -58,13 +58,13 @@ def loops_of_log(
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    plant: Physical | None
-    try:
-        plant = plant_in_loop(signals, flights)
-    except NotLearnable as unsure:
-        plant = None if is_slow else unlooped(flights, known if caution is None else None)
-        if plant is None or not plant.identifiable:
-            raise NotLearnable(unsure.fact) from None
+    plant = None if is_slow else unlooped(flights, known if caution is None else None)
+    if plant is None or not plant.identifiable or plant.bias:
+        try:
+            plant = plant_in_loop(signals, flights)
+        except NotLearnable:
+            if plant is None or not plant.identifiable:
+                raise
     loop = loop_of(plant, Record.of(flights))
     return loop if caution is None else replace(loop, cautions=(caution, *loop.cautions))
 
