@@ -68,15 +68,20 @@ def flown(log):
 def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(log, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
     known = truth(SCENARIO, fly(SCENARIO))
-    loop = loops_of_log(Signals(thinned(log, every).vehicles[0]), log)
+    signals, flights = flown(thinned(log, every))
+    loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
     _, phase, gain, _ = known["roll_rate_margins"]
-    assert not loop.plant.filtered
     assert abs(loop.phase_margin - phase) < within[0] and abs(loop.gain_margin - gain) < within[1]
     for name, true in (("phase_margin", phase), ("gain_margin", gain)):
         low, high = getattr(loop, f"{name}_interval")
         assert low <= true <= high
     codes = [caution.code for caution in loop.cautions]
     assert (Loops.GAIN_MARGIN_EXTRAPOLATED in codes) == (every == 16)
+
+
+def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
+    slow = thinned(log, 16)
+    assert not loops_of_log(Signals(slow.vehicles[0]), slow).plant.filtered
 
 
 def refusal(signals, flights):
