@@ -21,7 +21,7 @@ from mavdem.condition.loop.advice import (
     LARGEST_ANGLE,
     LOUDER,
     SLOWER,
-    STEPS,
+    STEP,
     advise,
     lowered,
 )
@@ -301,10 +301,8 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
         have.append(phase[crossing].min() + 0.1 >= least_phase and bears >= least_gain)
         have[-1] &= np.abs(1 / (1 + open_loop)).max() * 0.999 <= most
     assert (found.sure >= 0.95) == (factor < 4) and np.mean(have) >= found.sure - 0.01
-    least, largest = STEPS
-    assert all(
-        least * 0.999 <= gain.set / gain.now <= largest * 1.001 for gain in found.gains.values()
-    )
+    steps = [abs(np.log(gain.set / gain.now)) for gain in found.gains.values()]
+    assert max(steps) <= np.log(STEP) + 1e-3
     assert all(gain.set == float(f"{gain.set:.4g}") for gain in found.gains.values())
     assert found.gains["MC_ROLL_P"].set <= LARGEST_ANGLE["roll"]
     code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS
@@ -330,7 +328,6 @@ def test_a_second_step_stays_at_the_margins():
     third = advise(second.after, more=True)
     assert first.sentence.code is Gains.STEP_TOWARDS_MARGINS and second.sure >= 0.95
     assert third.after.lean_in_wind < 1.1 * second.after.lean_in_wind
-    assert all(0.5 < gain.set / gain.now <= 2.0 for gain in third.gains.values())
 
 
 def test_a_gain_of_0_stays_0():
@@ -346,10 +343,10 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level):
     weak = getattr(loop, rating.subject)
     assert (rating.code, rating.level) == (Loops.MARGIN_RATING, level)
     assert rating.figures["phase_margin"] == weak.phase_margin
-    assert (rating.figures["share"] >= 1) == (level == "good")
+    assert (rating.figures["share"] >= 1) == (level != "bad")
 
 
-@pytest.mark.parametrize(("factor", "lacking"), [(1.7, "ms"), (2.5, "phase_margin")])
+@pytest.mark.parametrize(("factor", "lacking"), [(2.5, "phase_margin"), (6.0, "gain_margin")])
 def test_a_rating_names_the_margin_that_is_lacking_most(factor, lacking):
     assert margin_rating(made_up(factor)).figures["lacking"] == lacking
 

@@ -35,8 +35,8 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Gains
 
 GAINS = "p", "i", "d", "angle"
-STEPS = 1 / 3, 2.0
-"""Times the gain of the log, from and to, that a gain is set at once."""
+STEP = 3.0
+"""Times, that a gain grows or falls at most at once: with 2, wind leans simulated vehicles a tenth more."""
 EFFECTS = 1.0, 0.8, 1.2
 """Of the flight's control effectiveness: a full battery raises it by up to a fifth, an empty one or load lowers it."""
 LOUDER = 1.25
@@ -170,7 +170,7 @@ def _best(loop: Loop, target: Target) -> dict[str, float]:
     slowest = [SLOWER * one.bandwidth for one in (few.rate, few.attitude)]
 
     def stepped(steps: Array) -> dict[str, float]:
-        factors = np.exp(steps).clip(*STEPS)
+        factors = np.exp(steps).clip(1 / STEP, STEP)
         new = np.minimum(factors * list(known.values()), most)
         return {name: float(f"{value:.4g}") for name, value in zip(known, new, strict=True)}
 
@@ -185,7 +185,7 @@ def _best(loop: Loop, target: Target) -> dict[str, float]:
         crossed = [1 - margins(now) / aim, noise - 1, *(1 - np.nan_to_num(faster, nan=1.0))]
         return float(np.log(now.lean_in_wind) + np.maximum(crossed, 0.0) @ PRICES)
 
-    corners = map(np.array, product((0.0, np.log(STEPS[0])), repeat=len(known)))
+    corners = map(np.array, product((0.0, -np.log(STEP)), repeat=len(known)))
     steps = min(corners, key=lambda corner: cost(corner, 1.0))
     aim = 1.0
     for size, tries in PASSES:

@@ -124,20 +124,20 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
     Its figures are those of the weaker loop: which margin is ``lacking`` most, and what ``share`` of it there is.
     """
     loops = {"rate": loop.rate, "attitude": loop.attitude}
-    name, weak = min(loops.items(), key=lambda item: _least(scores_of(target, item[1])))
-    share = _least(scores_of(target, *loops.values()))
+    name, weak = min(loops.items(), key=lambda item: scores_of(target, item[1])[0])
+    scores = scores_of(target, *loops.values())
     level = Level.BAD
-    if share >= 1:
+    if np.quantile(scores, 1 - SURE, method="lower") >= 1:
         level = Level.GOOD
-    elif scores_of(target, *loops.values())[0] >= 1:
+    elif scores[0] >= 1:
         level = Level.WATCH
     shares = _shares(target, weak)
     return Fact(
         Loops.MARGIN_RATING,
         level,
         subject=name,
-        lacking=min(shares, key=lambda figure: _least(shares[figure])),
-        share=max(share, -1.0),
+        lacking=min(shares, key=lambda figure: shares[figure][0]),
+        share=max(scores[0], -1.0),
         phase_margin=weak.phase_margin,
         phase_margin_interval=weak.phase_margin_interval,
         gain_margin=weak.gain_margin if isfinite(weak.gain_margin) else None,
@@ -163,11 +163,6 @@ def _shares(target: Target, loop: OpenLoop) -> dict[str, Array]:
         "gain_margin": loop.figures["gain_margin"] / target.gain_margin,
         "ms": target.ms / loop.figures["ms"],
     }
-
-
-def _least(scores: Array) -> float:
-    """The score that 95 % of the draws have at least."""
-    return float(np.quantile(scores, 1 - SURE, method="lower"))
 
 
 def changed_in(record: Record, controller: Controller) -> dict[str, float]:
