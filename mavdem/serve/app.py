@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -153,7 +154,7 @@ class Server:
         async def answer(request: HttpRequest) -> Response:
             try:
                 self.rights.check_site(request)
-                if asyncio.iscoroutinefunction(endpoint):
+                if inspect.iscoroutinefunction(endpoint):
                     response: Response = await endpoint(request)
                 else:
                     response = await run_in_threadpool(endpoint, request)

@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,8 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
             file.write(json.dumps(told).encode())
 
     tell(Stage.READING)
-    log = read_log(path)
+    with chdir(path.parent):  # where the server has its logs is nobody's business
+        log = read_log(path.name)
     if not log.vehicles:
         raise Unreadable(Fact(Reading.NO_VEHICLE))
     # Of several vehicles the page is of the one that flew, the first of them.

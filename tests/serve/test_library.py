@@ -200,6 +200,8 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     rows = library.rows_of([entry])
     assert [row.axis for row in rows] == ["roll", "pitch"]
     assert rows[0].headline == entry.headline and rows[0].page.endswith(f"{entry.digest}/{PAGE}")
+    written = [path.read_bytes() for path in library.results_of(entry).iterdir()]
+    assert not any(str(tmp_path).encode() in text for text in written)
     page = (library.results_of(entry) / PAGE).read_text()
     assert f"<h1>{LOG.name}</h1>" in page and library.told(entry) == {}
 
