@@ -14,6 +14,7 @@ from mavdem.analysis import Options
 from mavdem.analysis.figures import ALL
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.grounding import grounds_of
+from mavdem.assessment.margins import margins_of
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import folder_named, params_option, read_source, source_options
 from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
@@ -97,9 +98,12 @@ def tune_command(
         grounds = (*grounds, lowered(oscillation, telemetry.parameters))
     notch = assessment.noise.notch if filters and not grounds else None
     settings = dict(notch.figures.get("settings", ())) if notch else {}
+    measured = {one.axis: one.facts[0] for one in margins_of(evidence) if one.injected}
     found = dict[str, Advice | Fact]()
     for one in AXES if axis == ALL else (axis,):
         loop = evidence.loops[one]
+        if isinstance(loop, Fact) and one in measured:
+            loop = Fact(Loops.NO_LOOP, reasons=(measured[one], loop))
         if isinstance(loop, Loop):
             advice = advise(loop, margins, grounds, more=more)
             if settings and not advice.refusals:

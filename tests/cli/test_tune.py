@@ -2,6 +2,7 @@
 
 import pytest
 from command_line import FLIGHT, SLOW, refused, run, strict_json
+from recorded_flights import shared
 
 
 @pytest.mark.slow
@@ -71,3 +72,9 @@ def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
     assert without["notch"] is None and "INS_HNTCH_FREQ" not in without["parameters"]
     rows = found["axes"]["roll"]["filters"]["notches"]
     assert rows and not without["axes"]["roll"]["filters"]["notches"]
+
+
+@pytest.mark.slow
+def test_without_a_plant_the_measured_margins_are_shown(capsys):
+    log = shared("sitl_raw/ap_sid.BIN.xz")
+    assert "by system identification" in refused(capsys, 1, "tune", log, "--axis", "pitch")
