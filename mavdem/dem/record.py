@@ -151,8 +151,8 @@ class Record:
 
     def __post_init__(self) -> None:
         required_step(self.dt)
-        _require_usable(self.inputs, "inputs")
-        _require_usable(self.outputs, "outputs")
+        require_usable(self.inputs, "inputs")
+        require_usable(self.outputs, "outputs")
 
     @classmethod
     def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
@@ -292,17 +292,19 @@ def required_number(number: int, name: str = "steps") -> int:
 
 
 def table(values: ArrayLike, name: str, columns: int) -> Array:
-    """Samples (H, columns); of one column (H,) will do. ``ValueError`` for others, not finite or too large."""
+    """Samples (H, columns); of one column (H,) will do. ``ValueError`` for others, or not finite."""
     samples = real_numbers(values, name)
     if samples.ndim == 1 and columns == 1:
         samples = samples[:, None]
     if samples.ndim != 2 or samples.shape[1] != columns:
         raise ValueError(f"{name} must have shape (H, {columns}), not {samples.shape}")
-    _require_usable(samples, name)
+    if not np.isfinite(samples).all():
+        raise ValueError(f"{name} must be finite")
     return samples
 
 
-def _require_usable(samples: Array, name: str) -> None:
+def require_usable(samples: Array, name: str) -> None:
+    """Raises ``ValueError`` for samples to learn from that are not finite, or too large to square."""
     if not np.isfinite(samples).all():
         raise ValueError(f"{name} must be finite")
     if np.abs(samples).max(initial=0.0) > LARGEST:

@@ -32,6 +32,7 @@ from mavdem.dem.online.wind import OnlineWind
 from mavdem.dem.record import (
     Record,
     is_number,
+    require_usable,
     required_directions,
     required_number,
     required_step,
@@ -231,10 +232,11 @@ class OnlineLearner:
     ) -> tuple[float, Array, Array]:
         r, m = self._sizes
         given: list[tuple[str, Any, int]] = [("time", time, 1), ("inputs", inputs, r)]
-        now, u, y = (
-            table([values], name, size)[0]
-            for name, values, size in [*given, ("outputs", outputs, m)]
-        )
+        rows = []
+        for name, values, size in [*given, ("outputs", outputs, m)]:
+            rows.append(table([values], name, size)[0])
+            require_usable(rows[-1], name)
+        now, u, y = rows
         return float(now[0]), u, y
 
     def _begin_segment(self) -> None:
