@@ -175,7 +175,8 @@ class Watchdog:
         shares = motors.scale.fraction(motors.outputs[latest])
         limited = at_limits(shares, motors.scale)[0].mean(axis=0)
         motor = int(limited.argmax())
-        if limited[motor] >= LIMITED_SHARE:
+        # All of them: a climb at full throttle.
+        if limited[motor] >= LIMITED_SHARE > limited.min():
             name = motors.layout.names[motor]
             share = limited[motor]
             yield (

@@ -227,13 +227,16 @@ def test_a_bad_link_hides_no_weak_motor():
 class Topped(Hover):
     """Motors stay at one output in the climb, and reach none so high later."""
 
+    top: float = 1800.0
+
     def motors(self, t):
         outputs = super().motors(t)
-        outputs[(outputs[:, 0] > 1200) & (t < 9.0)] = 1800.0
+        outputs[(outputs[:, 0] > 1200) & (t < 9.0)] = self.top
         return outputs
 
 
-def test_a_climb_at_one_throttle_is_no_stop_of_the_motors():
-    made = replay(Flight(Topped(hovering=12.0)).frames(end=16.0))
+@pytest.mark.parametrize("top", [1800.0, 2000.0])
+def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
+    made = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))
     assert {setup.scale.stop for setup in made.setups.values()} == {1.0}
     assert not said(made, MotorsLight.MOTOR_LIMITED)
