@@ -57,6 +57,9 @@ that length, its decay, and its share of the variance."""
 DECAYS = np.geomspace(0.06, 2.0, 6)
 SIZES = np.geomspace(0.1, 1e5, 13)
 STEADY = 0.03
+LEAST_POWER = (
+    1e-4  # of the setpoint's largest density: interpolation between samples leaves as much
+)
 LEAST_KNOWN = 0.25  # standard deviation of |T| beyond which it is not known
 SETTLED = 0.05  # of the step: the band of the settling time
 DRAWS = 300
@@ -235,9 +238,12 @@ def _angle_gain(signals: Signals) -> float:
 def _coherence(
     used: Sequence[Signal], parts: Sequence[Segment], least: float
 ) -> tuple[Array, Array]:
-    """Frequencies, Hz, and the coherence of both signals there."""
+    """Frequencies, Hz, and the coherence of both signals there; 0 where nothing is asked."""
     found = spectra(used[0], used[1], parts, least_rate=least)
-    return (np.zeros(1), np.zeros(1)) if found is None else (found.frequency, found.coherence)
+    if found is None:
+        return np.zeros(1), np.zeros(1)
+    asked = found.driver >= LEAST_POWER * found.driver.max()
+    return found.frequency, np.where(asked, found.coherence, 0.0)
 
 
 class _Fit(NamedTuple):
@@ -390,7 +396,9 @@ def _described(
     """Figures of a fit, with intervals of draws; or that too little is known at any frequency."""
     taps = len(fit.weights)
     time = np.arange(1, taps + 1) / fit.sampled
-    hertz = np.linspace(0.5, HIGHEST * fit.sampled / 2, 2 * taps)
+    # Setpoints of the angle may come without stamps of their own.
+    highest = HIGHEST * fit.sampled / (2 if loop == "rate" else 4)
+    hertz = np.linspace(0.5, highest, 2 * taps)
     drawn = np.random.default_rng(31).multivariate_normal(
         fit.weights, fit.covariance, DRAWS, method="eigh"
     )
@@ -399,7 +407,9 @@ def _described(
     responses = every @ np.exp(-2j * np.pi * np.outer(time, hertz))
     gains = np.abs(responses)
     unknown = np.append(np.flatnonzero(gains[1:].std(axis=0) > LEAST_KNOWN), len(hertz))[0]
-    if unknown < 2 or coherence[1].max() < LEAST_COHERENCE:
+    asked = coherence[0][coherence[1] >= LEAST_COHERENCE].max(initial=0.0)
+    unknown = min(unknown, np.searchsorted(hertz, asked))
+    if unknown < 2:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
     shown = gains[:, :unknown]
     largest = shown.argmax(axis=1)
