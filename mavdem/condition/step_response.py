@@ -215,7 +215,7 @@ def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepRespons
 def _known(
     signals: Signals, loop: str, used: Sequence[Signal], parts: Sequence[Segment], least: float
 ) -> tuple[float, list[Array]] | Fact:
-    """Stretches of at least one window in which something was asked, or why there are too few."""
+    """Parts of at least one window in which something was asked, or why there are too few."""
     seconds = SECONDS[loop]
     found = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
     if found is None:
