@@ -70,3 +70,12 @@ def test_a_grounded_fact_says_nothing_that_is_to_be_flown():
     assert faster.grounded.grounded == faster.grounded
     lean = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=0.2)
     assert "turn of yaw" in str(lean) and "turn of yaw" not in str(lean.grounded)
+
+
+def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():
+    wind = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=0.14)
+    short = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=0.3)
+    slow = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1)
+    for doubts, remedy in (((wind, short), wind.remedy), ((wind, slow), slow.remedy)):
+        assert Fact(ParameterDoubt.SEVERAL_DOUBTS, because=doubts).remedy == remedy
+    assert not Fact(ParameterDoubt.SEVERAL_DOUBTS, because=(wind, short)).grounded.remedy

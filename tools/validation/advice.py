@@ -11,8 +11,10 @@ Usage: tools/validation/advice.py [--seed N] [--vehicles N] [--margins NAME]
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -34,44 +36,7 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import loops, truth
 
-STEERED = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
-BODIES: tuple[dict[str, Any], ...] = (
-    {"model": "iris"},
-    {"model": "ardrone2"},
-    {
-        "body": {
-            "mass": 5.0,
-            "inertia": (0.12, 0.14, 0.22),
-            "arm": (0.3, 0.3),
-            "hover": 0.5,
-            "torque": 0.02,
-        }
-    },
-)
-USUAL = {
-    "ardupilot": {
-        "ATC_RAT_RLL_": (1.0, 1.0, 0.027),
-        "ATC_RAT_PIT_": (1.0, 1.0, 0.027),
-        "ATC_RAT_YAW_": (1.0, 0.1, 0.0),
-    },
-    "px4": {
-        "MC_ROLLRATE_": (1.0, 1.33, 0.02),
-        "MC_PITCHRATE_": (1.0, 1.33, 0.02),
-        "MC_YAWRATE_": (1.0, 0.5, 0.0),
-    },
-}
-"""P, I and D by P, as the autopilots' defaults have them."""
-ANGLES = {
-    "ardupilot": {"ATC_ANG_RLL_P": 4.5, "ATC_ANG_PIT_P": 4.5, "ATC_ANG_YAW_P": 4.5},
-    "px4": {"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5, "MC_YAW_P": 2.8},
-}
-FILTERS = {
-    "ardupilot": {
-        f"ATC_RAT_{axis}_{name}": 20.0 for axis in ("RLL", "PIT") for name in ("FLTT", "FLTD")
-    },
-    "px4": {"IMU_DGYRO_CUTOFF": 30.0},
-}
-"""Hz, by default."""
+FLOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 EFFECTS = 1.0, 1.2, 1.44
 """Of the flight's control effectiveness: 1.44 is by 20 % more volts."""
 SPLITS = {50.0: 4e-3, 100.0: 2.4e-3, 200.0: 0.7e-3, 400.0: 0.7e-3}
@@ -116,32 +81,29 @@ def scenarios(seed: int, vehicles: int) -> Iterator[Scenario]:
     """Steered flights whose gains are about those that suit the vehicle."""
     for number in range(vehicles):
         rng = np.random.default_rng([seed, number])
-        up = float(rng.uniform(0.015, 0.06))
-        rate = float(rng.choice(list(SPLITS)))
-        body = BODIES[number % 3]
-        vehicle = {**body, "lag_up": up, "lag_down": up * float(rng.uniform(1.0, 1.3))}
+        lag = rng.uniform(0.015, 0.06)
+        rate = rng.choice(list(SPLITS))
+        flown = FLOWN["vehicles"][number % 3]
+        lags = {"lag_up": lag, "lag_down": lag * rng.uniform(1.0, 1.3)}
         autopilot = ("px4", "ardupilot")[number % 2]
-        size = {"iris": 0.05, "ardrone2": 0.006}.get(body.get("model", ""), 0.5)
-        values = {
-            "duration": 45.0,
+        values = FLOWN["flight"] | {
             "seed": int(rng.integers(1_000_000)),
-            "excitation": STEERED,
-            "sensors": {"delay": float(rng.uniform(0.0, 0.012))},
-            "moments": [{"sd": size, "s": float(rng.uniform(0.05, 0.3))}],
+            "sensors": {"delay": rng.uniform(0.0, 0.012)},
+            "moments": [{"sd": flown["moment"], "s": rng.uniform(0.05, 0.3)}],
             "stream": {"autopilot": autopilot, "rate": rate, "rates": {"ATTITUDE_TARGET": rate}},
         }
+        vehicle = flown["vehicle"] | lags
         suited = scenario_of(values | {"vehicle": vehicle})
         suits = parameters_of(suited, cycle_of(suited))
-        gains = dict(FILTERS[autopilot])
-        hotter = float(np.exp(rng.uniform(0.3, 1.9)))
-        for name, ratios in USUAL[autopilot].items():
-            p = suits[f"{name}P"] * hotter
-            gains |= {
-                f"{name}{letter}": p * ratio * float(np.exp(rng.normal(0.0, 0.3)))
-                for letter, ratio in zip("PID", ratios, strict=True)
-            }
-        for name, angle in ANGLES[autopilot].items():
-            gains[name] = angle * float(np.exp(rng.normal(0.0, 0.2)))
+        usual = FLOWN[autopilot]
+        gains = dict(usual["filters"])
+        hotter = np.exp(rng.uniform(0.3, 1.9))
+        for name, ratios in usual["rate"].items():
+            for letter, ratio in zip("PID", ratios, strict=True):
+                varied = np.exp(rng.normal(0.0, 0.3))
+                gains[name + letter] = float(suits[f"{name}P"] * hotter * ratio * varied)
+        for name, angle in usual["angle"].items():
+            gains[name] = float(angle * np.exp(rng.normal(0.0, 0.2)))
         yield scenario_of(values | {"vehicle": vehicle | {"parameters": gains}})
 
 
@@ -179,11 +141,9 @@ def cases(scenario: Scenario) -> Iterator[Case]:
 
 
 class Outcome(NamedTuple):
-    """What the truth says of an advice, with the effects of ``EFFECTS``."""
+    """What the truth says of an advice: whether the goal is met and the lean, with each of ``EFFECTS``."""
 
-    kind: str
-    code: str
-    sure: float
+    labels: tuple[str, ...]
     before: list[tuple[bool, float]]
     after: list[tuple[bool, float]]
 
@@ -194,20 +154,20 @@ def outcome(case: Case, margins: str) -> Outcome | None:
     if found.refusals:
         click.echo(f"{case.kind}: {found.sentence}", err=True)
         return None
-    target = found.target
     before, after = (
-        [case.judged(gains, target, factor) for factor in EFFECTS]
+        [case.judged(gains, found.target, factor) for factor in EFFECTS]
         for gains in ({}, found.parameters)
     )
-    return Outcome(case.kind, found.sentence.code, found.sure, before, after)
+    return Outcome((case.kind, found.sentence.code, "all"), before, after)
 
 
 def row(label: str, found: list[Outcome]) -> list[str]:
-    """Of the loops: how many have the margins now, and with the gains advised; their lean, and how sure it was."""
-    met = [sum(one.after[number][0] for one in found) for number in range(len(EFFECTS))]
-    lean = [one.after[0][1] / one.before[0][1] for one in found]
-    before = sum(one.before[0][0] for one in found)
-    return [label, str(len(found)), str(before), *map(str, met), f"{np.median(lean):.2f}"]
+    """Of the loops: how many have the margins now, and with the gains advised; their lean."""
+    before = np.array([one.before for one in found])
+    after = np.array([one.after for one in found])
+    met = [before[:, 0, 0].sum(), *after[:, :, 0].sum(axis=0)]
+    lean = np.median(after[:, 0, 1] / before[:, 0, 1])
+    return [label, str(len(found)), *(f"{number:.0f}" for number in met), f"{lean:.2f}"]
 
 
 @click.command(help=__doc__)
@@ -215,33 +175,20 @@ def row(label: str, found: list[Outcome]) -> list[str]:
 @click.option("--vehicles", default=24, show_default=True, help="How many fly.")
 @click.option("--margins", type=click.Choice(list(TARGETS)), default="default", show_default=True)
 def main(seed: int, vehicles: int, margins: str) -> None:
-    found = list[Outcome]()
+    groups = dict[str, list[Outcome]]()
     for scenario in scenarios(seed, vehicles):
         try:
-            found += filter(None, [outcome(case, margins) for case in cases(scenario)])
+            outcomes = [outcome(case, margins) for case in cases(scenario)]
         except NotLearnable as reason:
             click.echo(f"refused: {reason}", err=True)
-    heads = [
-        "advice",
-        "loops",
-        "goal met before",
-        "after",
-        *(f"{one:g} times" for one in EFFECTS[1:]),
-        "lean",
-    ]
-    kinds = dict.fromkeys(one.kind for one in found)
-    rows = [row(kind, [one for one in found if one.kind == kind]) for kind in kinds]
-    codes = dict.fromkeys(one.code for one in found)
-    rows += [row(code, [one for one in found if one.code == code]) for code in codes]
-    rows += [row("all", found)]
-    click.echo(
-        markdown(
-            [
-                Sentence(f"Seed {seed}, {vehicles} vehicles, margins {margins}."),
-                Table(heads, rows, words=True),
-            ]
-        )
-    )
+            continue
+        for found in filter(None, outcomes):
+            for label in found.labels:
+                groups.setdefault(label, []).append(found)
+    heads = ["advice", "loops", "goal met before", "after", "1.2 times", "1.44 times", "lean"]
+    rows = [row(label, found) for label, found in groups.items()]
+    title = Sentence(f"Seed {seed}, {vehicles} vehicles, margins {margins}.")
+    click.echo(markdown([title, Table(heads, rows, words=True)]))
 
 
 if __name__ == "__main__":

@@ -9,13 +9,13 @@ vehicle.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.loop import (
     SURE,
@@ -214,26 +214,23 @@ def _gains_of(loop: Loop) -> dict[str, float]:
 def lowered(oscillation: Oscillation, parameters: Mapping[str, float]) -> Fact:
     """Returns which gains to lower by a third, of a vehicle that oscillates by the controller of these ``parameters``.
 
-    They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. The
-    other axis has its gains lowered where they are the same. No values where the parameters have no controller.
+    They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. No
+    values where the parameters have no controller.
     """
-    try:
-        of_axis = {axis: controller_of(parameters, axis, (1.0,)) for axis in TILT_AXES}
-    except NotLearnable:
-        return Fact(Gains.LOWER_GAINS, changes=[], frequency=oscillation.frequency)
-    own = of_axis[oscillation.axis]
-    turning = 2 * np.pi * (oscillation.frequency or np.inf)
-    corners = {"angle": own.angle, "i": own.i / own.p}
-    acting = [gain for gain, corner in corners.items() if corner > turning / 2] or ["p", "d"]
     changes = list[tuple[str, float, float]]()
-    for controller in of_axis.values():
+    with suppress(NotLearnable):
+        controller = controller_of(parameters, oscillation.axis, (1.0,))
+        turning = 2 * np.pi * (oscillation.frequency or np.inf)
+        corners = {"angle": controller.angle, "i": controller.i / controller.p}
+        acting = [gain for gain, corner in corners.items() if corner > turning / 2] or ["p", "d"]
         names = [controller.names[gain] for gain in acting]
-        alike = (getattr(controller, gain) == getattr(own, gain) for gain in acting)
-        if all(alike):
-            values = [parameters[name] for name in names]
-            lower = [float(f"{LOWERED * value:.4g}") for value in values]
-            changes += [one for one in zip(names, values, lower, strict=True) if one[1]]
-    return Fact(Gains.LOWER_GAINS, changes=changes, frequency=oscillation.frequency)
+        changes = [(name, parameters[name], LOWERED * parameters[name]) for name in names]
+    return Fact(
+        Gains.LOWER_GAINS,
+        subject=oscillation.axis,
+        changes=[change for change in changes if change[1]],
+        frequency=oscillation.frequency,
+    )
 
 
 def _refusals(loop: Loop) -> tuple[Fact, ...]:
