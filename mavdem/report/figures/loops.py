@@ -14,7 +14,7 @@ from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.step_response import step_of
 from mavdem.report.figures.style import HAIRLINE, Room, legend_above, note, picture
 from mavdem.report.figures.systems import draw
-from mavdem.report.palette import BAD, HELD_OUT_OPACITY, MEASURED, PHYSICAL, PREDICTED
+from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED
 
 LOWEST = 0.2  # Hz shown
 SECONDS = 0.8  # of a step response
@@ -60,8 +60,6 @@ def loops(loop: Loop, after: Loop | None = None) -> Figure:
                 plane.plot(one.response[0].real, one.response[0].imag, color=colour)
                 steps = np.array([step_of(one.frequency, row, TIME) for row in one.closed])
                 draw(step, TIME, steps, name, colour)
-            if which == "rate" and loop.measured is not None and loop.agrees is not None:
-                step.plot(loop.measured.time, loop.measured.step, color=MEASURED)
             _limits(gain, phase, left, one.frequency[-1])
             plane.plot(-1, 0, "+", color=BAD, markersize=8)
             plane.set(xlim=(-2.2, 0.6), ylim=(-1.75, 0.7), xlabel="real part", aspect="equal")
@@ -73,7 +71,7 @@ def loops(loop: Loop, after: Loop | None = None) -> Figure:
         legend_above(rows[0, 1])
         note(
             figure,
-            f"Dotted: the phase margin. Red: Ms of {MS:g}, in the disc more. Grey step: as measured.",
+            f"Dotted: the phase margin. Red: Ms of {MS:g}, in the disc more.",
         )
     return figure
 
