@@ -52,9 +52,7 @@ def notch_advice(
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE, Level.GOOD)
     line = max(named, key=lambda one: one.density)
     if any(
-        abs(notch.frequency * multiple / line.frequency - 1) < notch.bandwidth / line.frequency / 2
-        for notch in controller.notches
-        for multiple in (1, 1 / 2)
+        abs(notch.frequency - line.frequency) < notch.bandwidth / 2 for notch in controller.notches
     ):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, Level.GOOD, frequency=line.frequency)
     left = shown.whole.mean(axis=0)

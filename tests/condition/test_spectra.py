@@ -134,6 +134,10 @@ def test_a_notch_takes_the_line_and_says_its_cost():
     set_already, _ = advice(telemetry, **settings)
     assert set_already.code is NotchAdvice.NOTCH_IN_PLACE
     assert noise(telemetry, fact).facts[-1] is fact
+    elsewhere, _ = advice(
+        telemetry, **{**settings, "INS_HNTCH_FREQ": 280.0, "INS_HNTCH_HMNCS": 1.0}
+    )
+    assert elsewhere.code is NotchAdvice.SET_NOTCH
     without, _ = advice(telemetry, crossover=None)
     assert without.figures["phase_cost"] is None
 
