@@ -24,6 +24,7 @@ LOWEST = 0.8
 HIGHEST = 100.0  # Hz
 BAND = 0.04  # of a frequency, over which densities are averaged
 MAX_SHARE = 0.48  # of the messages' rate
+EARLY = 0.37  # of a step, that a message may come before the one it is matched with: no whole share of it
 
 
 class Messages(NamedTuple):
@@ -56,7 +57,7 @@ class Spectra(NamedTuple):
 def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     """Returns the spectra of ``streams`` in windows that begin at ``starts`` (W,) s, at the rate of the slowest one."""
     slowest = min(streams, key=lambda one: len(one.time))
-    matched = [_nearest(one, slowest.time) for one in streams]
+    matched = [_matched(one, slowest.time) for one in streams]
     rate = (len(slowest.time) - 1) / float(np.diff(slowest.time).clip(max=1.0).sum())
     count = int(min(MAX_SHARE * rate, HIGHEST) * WINDOW_SECONDS)
     frequency = np.arange(1, count + 1) / WINDOW_SECONDS
@@ -79,11 +80,13 @@ def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     return Spectra(middle, counts / 2, np.asarray(densities, np.complex128), late, rate)
 
 
-def _nearest(stream: Messages, stamps: Array) -> Messages:
-    """The messages of a stream that are nearest to the ``stamps`` (N,) of another."""
-    after = np.searchsorted(stream.time, stamps).clip(1, len(stream.time) - 1)
-    before_is_nearer = stamps - stream.time[after - 1] < stream.time[after] - stamps
-    rows = after - before_is_nearer
+def _matched(stream: Messages, stamps: Array) -> Messages:
+    """The messages of a stream about the ``stamps`` (N,) of a slower one, as early for each of them.
+
+    Neither the nearest nor the next: of two streams that keep half a step apart these would be now one, now the other.
+    """
+    early = EARLY * float(np.median(np.diff(stream.time)))
+    rows = np.searchsorted(stream.time, stamps - early).clip(max=len(stream.time) - 1)
     return Messages(stream.time[rows], stream.values[rows])
 
 
