@@ -14,7 +14,15 @@ from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
 from mavdem.condition.loop.margins import Complex, loops_of, transfer
 from mavdem.dem.closed_loop.identification import Identified, identified
-from mavdem.dem.closed_loop.likelihood import NAMES, OUTPUT, PLANT, RATE, Axis, KnownController
+from mavdem.dem.closed_loop.likelihood import (
+    LATE,
+    NAMES,
+    OUTPUT,
+    PLANT,
+    RATE,
+    Axis,
+    KnownController,
+)
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, Spectra, spectra
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
@@ -39,6 +47,9 @@ BETWEEN = 1 / 5
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
 there; half of it of the delay by itself."""
 WIDEST = 20.0  # degrees, of the phase margin's 90 % interval to each side
+TOO_LATE = 3.0
+"""Standard deviations beforehand, of how late outputs and setpoints are: beyond, the model makes up for something else.
+On the flights that chose it, the phase margin then errs three times as much at 25 Hz."""
 LEAST_STEERED = 0.1  # of the rate's variance, by what was asked
 SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 
@@ -66,6 +77,9 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
             found = identified(axis)
         except np.linalg.LinAlgError:
             raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
+        mean, sd = axis.prior
+        if np.any(np.abs(found.theta - mean)[[*LATE]] > TOO_LATE * sd[[*LATE]]):
+            raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
         plant = _physical(found, directions)
         _check(plant, directions, controller)
         return plant

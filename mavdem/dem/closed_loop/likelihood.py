@@ -68,6 +68,7 @@ rad/s and rad, all times in s. The controller's is its gain over the parameters'
 output. Widths as of common multirotors and their autopilots; a message is at most a few milliseconds late."""
 NAMES = tuple(PRIORS)
 PLANT = NAMES.index("effect"), NAMES.index("damping"), NAMES.index("lag"), NAMES.index("delay")
+LATE = NAMES.index("output_late"), NAMES.index("setpoint_late")
 
 
 class Axis:
