@@ -43,7 +43,7 @@ MODEL_ERRORS = {"effect": 0.08, "damping": 0.3, "lag": 0.08, "delay": 0.12}
 """Times the likelihood's standard deviation, and of the logarithm of each parameter: winds differ from window to
 window, rotors spin up faster than they slow down, and what is sampled does not change evenly between its stamps. Chosen
 on half of the flights of ``tools/validation/loops.py``."""
-BETWEEN = 1 / 5
+BETWEEN = 1 / 8
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
 there; half of it of the delay by itself."""
 WIDEST = 20.0  # degrees, of the phase margin's 90 % interval to each side
