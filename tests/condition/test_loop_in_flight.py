@@ -11,6 +11,7 @@ from mavdem.analysis.loops import loops_of_log
 from mavdem.condition.loop import in_flight
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.in_flight import plant_in_loop
+from mavdem.dem.closed_loop.identification import identified
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts.loops import Loops
@@ -109,6 +110,52 @@ def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(in_flight, "identified", failing)
         assert refusal(signals, flights) is Loops.LOOP_NOT_FOUND
+
+
+def with_setpoints(log, change):
+    """The log whose ATTITUDE_TARGET is what ``change`` makes of its columns."""
+    (vehicle,) = log.vehicles
+    targets = change(dict(vehicle.messages["ATTITUDE_TARGET"]))
+    messages = {**vehicle.messages, "ATTITUDE_TARGET": targets}
+    return replace(log, vehicles=(replace(vehicle, messages=messages),))
+
+
+def rows_of(columns, rows):
+    return {name: values[rows] for name, values in columns.items()}
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda c: c | {"body_roll_rate": 0 * c["body_roll_rate"] + 0.3}, Loops.NO_RATE_SETPOINT),
+        (lambda c: c | {"boot": c["boot"] + 7}, Loops.NO_RATE_SETPOINT),
+        (lambda c: rows_of(c, slice(None, None, 13)), Loops.NO_RATE_SETPOINT),
+        (lambda c: rows_of(c, c["time"] % 30 < 15), Loops.LOOP_TOO_SHORT),
+    ],
+    ids=["constant", "of another boot", "2 Hz", "gaps longer than windows"],
+)
+def test_setpoints_that_say_too_little_are_refused(log, change, code):
+    signals, flights = flown(with_setpoints(thinned(log, 16), change))
+    assert refusal(signals, flights) is code
+
+
+def test_another_boot_at_the_same_stamps_does_not_count(log):
+    signals, (flight,) = flown(thinned(log, 16))
+    segment = {**flight.provenance["segment"], "boot": 1}
+    other = replace(flight[:-1], provenance={**flight.provenance, "segment": segment})
+    alone = plant_in_loop(signals, [flight])
+    both = plant_in_loop(signals, [other, flight, other])
+    assert np.array_equal(both.covariance, alone.covariance)
+
+
+def test_a_plant_that_cannot_be_drawn_is_not_found(log, monkeypatch):
+    def undrawable(axis):
+        found = identified(axis)
+        return found._replace(covariance=found.covariance * np.nan)
+
+    signals, flights = flown(thinned(log, 16))
+    monkeypatch.setattr(in_flight, "identified", undrawable)
+    assert refusal(signals, flights) is Loops.LOOP_NOT_FOUND
 
 
 def failing(axis):

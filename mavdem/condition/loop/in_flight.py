@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
@@ -57,13 +56,16 @@ SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     """Returns the plant of the axis of ``signals`` in ``flights``, identified with the controller that flew it.
 
-    Its lag and delay are without the gyro's filters. Raises ``NotLearnable``: no controller or no setpoints, too few
-    seconds, motors at their limits, too little was asked of it, or the phase margin stays unknown.
+    Its lag and delay are without the gyro's filters. Of several boots, that of the longest flight counts. Raises
+    ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, motors at their
+    limits, too little was asked of it, or the phase margin stays unknown.
     """
+    boot = max(flights, key=len).provenance["segment"]["boot"]
+    flights = [one for one in flights if one.provenance["segment"]["boot"] == boot]
     record = Record.of(flights)
     controller = known_controller(record)
     directions = demand_directions(controller, record)
-    streams, limited, rounding = _streams(signals, flights, controller, record, directions)
+    streams, limited, rounding = _streams(signals, boot, controller, record, directions)
     starts = np.array(list(_windows(flights, streams)))
     shares = [limited.values[_inside(limited, start)].mean() for start in starts]
     free = starts[np.array(shares, float) <= MOST_LIMITED]
@@ -72,22 +74,25 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
         raise NotLearnable(Fact(code, least_duration=(FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2))
     known = _known(controller)
     with one_thread(), np.errstate(all="ignore"):
-        axis = Axis(_used(spectra(streams, free), known), known, rounding)
+        seen = spectra(streams, free)
+        if seen.rate < SLOW_MOTION_RATE:
+            raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
+        axis = Axis(_used(seen, known), known, rounding)
+        mean, sd = axis.prior
         try:
             found = identified(axis)
+            if np.any(np.abs(found.theta - mean)[[*LATE]] > TOO_LATE * sd[[*LATE]]):
+                raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
+            plant = _physical(found, directions)
+            _check(plant, directions, controller)
         except np.linalg.LinAlgError:
             raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
-        mean, sd = axis.prior
-        if np.any(np.abs(found.theta - mean)[[*LATE]] > TOO_LATE * sd[[*LATE]]):
-            raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
-        plant = _physical(found, directions)
-        _check(plant, directions, controller)
         return plant
 
 
 def _streams(
     signals: Signals,
-    flights: Sequence[Flight],
+    boot: int,
     controller: Controller,
     record: Record,
     directions: Array,
@@ -95,8 +100,6 @@ def _streams(
     """Rate, output as a demand, each setpoint with what was asked; whether an output was at a limit; its steps."""
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
-    boots = Counter(flight.provenance["segment"]["boot"] for flight in flights)
-    boot = max(boots, key=lambda one: boots[one])
 
     def here(signal: Signal) -> Messages:
         rows = signal.boot == boot
@@ -107,6 +110,7 @@ def _streams(
     demand = (outputs.values - record.inputs.mean(axis=0)) @ share
     angle = here(attitude.angles)
     asked = {one.unit: here(one.signal) for one in signals.setpoints}
+    asked = {unit: one for unit, one in asked.items() if np.diff(one.values).any()}
     if "rad/s" not in asked:
         raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
     setpoint = asked["rad/s"]
@@ -132,9 +136,8 @@ def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator
         first = max(float(flight.time[0]), begin)
         last = min(float(flight.time[-1]), end) - WINDOW_SECONDS
         for start in np.arange(first, last + 1e-6, WINDOW_SECONDS / 2):
-            if all(
-                np.diff(one.time[_inside(one, start)], prepend=start).max() < 1 for one in streams
-            ):
+            edges = {"prepend": start, "append": start + WINDOW_SECONDS}
+            if all(np.diff(one.time[_inside(one, start)], **edges).max() < 1 for one in streams):
                 yield float(start)
 
 
