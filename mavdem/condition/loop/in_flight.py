@@ -44,7 +44,7 @@ window, rotors spin up faster than they slow down, and what is sampled does not 
 on half of the flights of ``tools/validation/loops.py``."""
 BETWEEN = 1 / 8
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
-there; half of it of the delay by itself."""
+there, and of the delay by itself."""
 WIDEST = 20.0  # degrees, of the phase margin's 90 % interval to each side
 TOO_LATE = 3.0
 """Standard deviations beforehand, of how late outputs and setpoints are: beyond, the model makes up for something else.
@@ -205,7 +205,7 @@ def _physical(found: Identified, directions: Array) -> Physical:
     # a longer lag with a shorter delay is made up for by more effect
     traded = unseen * np.concatenate([motors / lag, [0.0, 1.0, -1.0]])
     whole += np.outer(traded, traded)
-    whole[-1, -1] += (unseen / 2) ** 2
+    whole[-1, -1] += unseen**2
     values = dict(zip(NAMES, np.exp(found.theta).tolist(), strict=True))
     components = (
         WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
