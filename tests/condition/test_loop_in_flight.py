@@ -40,9 +40,14 @@ SCENARIO = scenario_of(
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory):
+def flight():
+    return fly(SCENARIO)
+
+
+@pytest.fixture(scope="module")
+def log(flight, tmp_path_factory):
     path = tmp_path_factory.mktemp("flown") / "flight.tlog"
-    write_log(path, SCENARIO, fly(SCENARIO))
+    write_log(path, SCENARIO, flight)
     return read_log(path)
 
 
@@ -66,9 +71,9 @@ def flown(log):
 
 
 @pytest.mark.parametrize(("every", "within"), [(1, (5.0, 1.5)), (16, (12.0, np.inf))])
-def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(log, every, within):
+def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, log, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
-    known = truth(SCENARIO, fly(SCENARIO))
+    known = truth(SCENARIO, flight)
     signals, flights = flown(thinned(log, every))
     loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
     _, phase, gain, _ = known["roll_rate_margins"]
@@ -156,6 +161,22 @@ def test_a_plant_that_cannot_be_drawn_is_not_found(log, monkeypatch):
     signals, flights = flown(thinned(log, 16))
     monkeypatch.setattr(in_flight, "identified", undrawable)
     assert refusal(signals, flights) is Loops.LOOP_NOT_FOUND
+
+
+def test_a_controller_without_gains_finds_no_plant(log):
+    signals, (flight,) = flown(thinned(log, 16))
+    parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": 0.0}
+    silent = replace(flight, provenance={**flight.provenance, "parameters": parameters})
+    assert refusal(signals, [silent]) is Loops.LOOP_NOT_FOUND
+
+
+def test_an_unknown_margin_is_at_most_half_a_turn(log):
+    often = thinned(log, 4)
+    signals, flights = flown(with_setpoints(often, lambda c: rows_of(c, slice(None, None, 10))))
+    with pytest.raises(NotLearnable) as refused:
+        plant_in_loop(signals, flights)
+    assert refused.value.fact.code is Loops.MARGIN_UNCERTAIN
+    assert refused.value.fact.figures["phase_margin_interval"][1] == 180.0
 
 
 def failing(axis):

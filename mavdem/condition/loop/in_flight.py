@@ -183,7 +183,8 @@ def _check(plant: Physical, directions: Array, controller: Controller) -> None:
     low, high = rate.phase_margin_interval
     # what flew settled was not unstable
     if not (high - low <= 2 * WIDEST and rate.stable[0]):
-        raise NotLearnable(Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=(low, high)))
+        within = np.clip([low, high], -180.0, 180.0)  # infinite where nothing crosses over
+        raise NotLearnable(Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within))
 
 
 def _plant(found: Identified) -> tuple[Array, Array]:

@@ -40,6 +40,8 @@ def identified(axis: Axis) -> Identified:
         begun.append(_ascended(axis, theta, FIRST_STEPS))
     theta, _ = max(begun, key=lambda one: one[1])
     theta, value = _ascended(axis, theta, MAX_STEPS)
+    if not np.isfinite(value):
+        raise np.linalg.LinAlgError("nothing has a likelihood")
     _, information = _scores(axis, theta)
     return Identified(axis, theta, inverse(information), value)
 

@@ -78,7 +78,8 @@ class Axis:
         """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand."""
         self.spectra = spectra.of((RATE, OUTPUT, SETPOINT))
         self.known = known
-        highest = 0.5 / known.cycle
+        # beyond 1 kHz gyro filters leave nothing, and folds cost time
+        highest = min(0.5 / known.cycle, 1000.0)
         folds = np.arange(-np.ceil(highest / spectra.rate), np.ceil(highest / spectra.rate) + 1)
         frequency = spectra.frequency[:, None] + folds * spectra.rate
         self.inside = np.abs(frequency) < highest
