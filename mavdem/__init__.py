@@ -1,4 +1,4 @@
-"""mavdem: what a multirotor really does in wind, learnt from its flights by Dynamic Expectation Maximization."""
+"""mavdem: what a multirotor really does in wind, learned from its flights by Dynamic Expectation Maximization."""
 
 from importlib import import_module
 from importlib.metadata import version
