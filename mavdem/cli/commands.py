@@ -58,7 +58,8 @@ class _Commands(click.Group):
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             if command.name == "review":
-                say_aside(f"Reviewing {printable(' '.join(filter(is_log, rest)))} …")
+                for log in filter(is_log, rest):
+                    say_aside(f"Reviewing {printable(log)} …")
             with ending_at_once():
                 command = imported_command(str(command.name))
         return name, command, rest
@@ -123,8 +124,14 @@ def mavdem() -> None:
          xdg-open flight/report.html
     2. What would a model of it need?
          mavdem info flight.tlog
-    3. Which of many flights or vehicles is different?
+    3. Which margins have the control loops, and which gains suit the vehicle?
+         mavdem tune flight.tlog --out tune
+    4. Which of many flights or vehicles is different?
          mavdem track logs/ --out fleet
+    5. Who else wants to see the flights? Drop logs in a browser, share pages.
+         mavdem serve
+    6. What does the vehicle do while it flies?
+         mavdem live udpin:127.0.0.1:14550
 
     \b
     No log at hand? Simulate a flight in wind:

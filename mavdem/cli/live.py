@@ -194,8 +194,11 @@ def live_command(
     LINK is a connection string of pymavlink: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
     serial port such as /dev/ttyACM0,115200. A dashboard shows the measured and the predicted roll, the free energy, the
     model and the wind disturbance. Take-off and climb are not learned from: the first model comes 8 to 20 s after
-    take-off. Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C,
-    SIGTERM and SIGHUP end it and write the model; a second one changes nothing.
+    take-off. Oscillation, motors at their limits or that weaken, vibration, battery and the autopilot's warnings are
+    watched from take-off on, without a model too; alarms are in red.
+
+    Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C, SIGTERM
+    and SIGHUP end it and write the model; a second one changes nothing.
 
     The exit code is 0 with a model, 1 without one, also if nothing took off, and 2 if a file could not be written
     completely. --json prints its document in each case.

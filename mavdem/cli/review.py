@@ -48,6 +48,11 @@ def review_command(
     can be learned also model.json, flight.rrd for `rerun` and flight.mcap for Foxglove.
 
     Exit code: 0 for every log that could be read.
+
+    \b
+    Examples:
+      mavdem review flight.tlog
+      mavdem flight.bin --params vehicle.param --out results
     """
     folder = out or named_after(source)
     check_folder(folder, RESULT_FILES)

@@ -78,6 +78,12 @@ def tune_command(
     it.
     Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param).
     Exit code: 1 if no gains are advised, with the reason.
+
+    \b
+    Examples:
+      mavdem tune flight.tlog --out tune
+      mavdem tune flight.tlog --axis all --margins soft
+      mavdem tune flight.bin --params vehicle.param --filters
     """
     log = read_source(source, params)
     telemetry = choose_vehicle(log.vehicles, vehicle)

@@ -72,7 +72,12 @@ def twin_command(
     """Makes a vehicle for simulators of a log, and flies the log again with it.
 
     SOURCE is a log of a quadrotor with its autopilot's parameters, and motor outputs and attitude as `mavdem learn`
-    needs them. Change a gain before it is flown: mavdem fly hover_blower --vehicle mine.toml --set MC_ROLLRATE_P=0.25
+    needs them. Beside the vehicle's figures it prints how alike the log and the twin fly.
+
+    \b
+    Examples:
+      mavdem twin flight.tlog --out mine.toml --mass 1.2
+      mavdem fly iris_doublets --vehicle mine.toml --set MC_ROLLRATE_P=0.3 --out tried.tlog
     """
     for path in out:
         check_file(path, "--out", (".toml", *LEFT_OUT))
