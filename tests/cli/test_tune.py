@@ -15,7 +15,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert "Hz" in refused(capsys, 1, "tune", SLOW, "--out", out)
     assert run("tune", FLIGHT, "--axis", "pitch", "--json") == 1
     assert (
-        "not identifiable" in strict_json(capsys.readouterr().out)["error"]["reason"]
+        "no rate setpoint" in strict_json(capsys.readouterr().out)["error"]["reason"]
         and not out.exists()
     )
     words = ["tune", log, "--margins", "soft", "--start", "5", "--more", "--out", out]

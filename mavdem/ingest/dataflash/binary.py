@@ -271,7 +271,7 @@ class _Scan:
     def _define(self, place: int) -> None:
         """Replaces a definition by one that differs: another log was appended."""
         found = self._defined_at(place)
-        if found is None or found[0] == FORMAT_ID:
+        if found is None or found[0] == FORMAT_ID or found[0] not in self.definitions:
             return
         kind, definition = found
         known = self.definitions[kind][-1][1]
