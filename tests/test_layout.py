@@ -194,34 +194,35 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19400,
-    "analysis": 8100,
-    "assessment": 17100,
+    "alignment": 19600,
+    "analysis": 9200,
+    "assessment": 18650,
     "baselines": 7550,
-    "cli": 18950,
-    "condition": 26650,
-    "dem": 73000,
-    "documents": 9450,
+    "cli": 19750,
+    "condition": 42000,
+    "dem": 74200,
+    "documents": 11000,
     "evaluate": 9650,
     "export": 3100,
-    "facts": 5200,
-    "fleet": 17800,
-    "health": 10550,
-    "ingest": 49850,
-    "live": 29500,
-    "mavdem": 5400,
+    "facts": 5800,
+    "fleet": 18050,
+    "health": 10600,
+    "ingest": 52500,
+    "live": 34350,
+    "mavdem": 5850,
     "paper": 15550,
-    "report": 36750,
-    "sitl_scenarios": 34650,
-    "tools": 16150,
-    "view": 14200,
+    "report": 38800,
+    "serve": 13850,
+    "sitl_scenarios": 36650,
+    "tools": 24200,
+    "view": 13650,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 428_100
-TEST_NODES = 245_900
-NODES_A_LINE = 11.6  # health
+ALL_NODES = 484_100
+TEST_NODES = 273_000
+NODES_A_LINE = 11.5  # health
 """Of code: more is packed, not short."""
-ALL_CONSTANTS = 806
+ALL_CONSTANTS = 931
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 
