@@ -385,6 +385,8 @@ def test_viewers_answer_when_their_address_is_known_and_are_few(tmp_path, monkey
         recording = rerun.RecordingStream("test")
         recording.save(tmp_path / name)
         recording.log("words", rerun.TextLog("said"))
+        # else it is flushed where it is forgotten, after its viewer has ended, and waits
+        recording.disconnect()
     open_viewers = Viewers()
     with closing(open_viewers):
         pages = [open_viewers.show(tmp_path / name) for name in ("a.rrd", "b.rrd", "b.rrd")]
