@@ -83,6 +83,9 @@ def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
+)
 vehicle_option = click.option(
     "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which, of several."
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 import mavdem
-from mavdem.cli.options import Number, folder_named, no_option
+from mavdem.cli.options import Number, folder_named, jobs_option, no_option
 from mavdem.cli.output import printable, say_aside
 from mavdem.cli.track import MOST
 from mavdem.dem.parallel import spare_cores
@@ -45,9 +45,7 @@ SAMPLE = Path(mavdem.__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog
     type=Number(0.001, MOST),
     help="What logs and results may take on the disk. [default: all but 64 MB]",
 )
-@click.option(
-    "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
-)
+@jobs_option
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",

@@ -10,7 +10,7 @@ from time import monotonic
 import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import Number, folder_named, no_option, refuse_link
+from mavdem.cli.options import Number, folder_named, jobs_option, no_option, refuse_link
 from mavdem.cli.output import (
     STDERR,
     print_blocks,
@@ -59,9 +59,7 @@ PAGE = "mavdem.report.page:flight_page"
     help="Healthy flights that the others are compared with: logs, as above, or another FLEET; may be repeated. "
     "[default: those of the last run; at first the vehicle's own flights]",
 )
-@click.option(
-    "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
-)
+@jobs_option
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
