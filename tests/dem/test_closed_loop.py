@@ -97,7 +97,7 @@ def test_a_plant_is_given_back(every):
 
 
 def test_messages_at_25_hz_tell_how_late_the_motors_are():
-    """Lag and delay together, of which neither alone is told apart well below 40 Hz."""
+    """Lag and delay together, of which neither alone is known well below 40 Hz."""
     found = np.exp(identified(axis(FLOWN, 16)).theta)
     assert found[2] + found[3] == approx(LAG + (LATE + 0.5) * CYCLE, rel=0.2)
     assert found[0] == approx(EFFECT, rel=0.2)

@@ -25,7 +25,6 @@ class Identified(NamedTuple):
     axis: Axis
     theta: Array  # (k,) in the order of ``likelihood.NAMES``
     covariance: Array  # (k, k)
-    value: float  # of the log joint
 
 
 def identified(axis: Axis) -> Identified:
@@ -43,7 +42,7 @@ def identified(axis: Axis) -> Identified:
     if not np.isfinite(value):
         raise np.linalg.LinAlgError("nothing has a likelihood")
     _, information = _scores(axis, theta)
-    return Identified(axis, theta, inverse(information), value)
+    return Identified(axis, theta, inverse(information))
 
 
 def _log_joint(axis: Axis, theta: Array) -> float:

@@ -86,6 +86,8 @@ class Axis:
         self.frequency = np.where(self.inside, frequency, 1.0)
         size = np.abs(self.frequency)
         mean = spectra.mean
+        self.seen = mean[:, :ASKED, :ASKED]
+        self.weights = spectra.counts * len(spectra.densities)
         seen = mean[:, OUTPUT, OUTPUT].real
         self.output = np.interp(size, spectra.frequency, seen)
         asked_for = mean[:, SETPOINT, SETPOINT].real
@@ -164,12 +166,8 @@ class Axis:
         sign, size = np.linalg.slogdet(model)
         if not (np.isfinite(size).all() and (sign.real > 0).all()):
             return -np.inf
-        unlike = np.einsum("jab,jba->j", np.linalg.inv(model), self.spectra.mean).real
-        return -float(self._weights @ (size + unlike))
-
-    @property
-    def _weights(self) -> Array:
-        return self.spectra.counts * len(self.spectra.densities)
+        unlike = np.einsum("jab,jba->j", np.linalg.inv(model), self.seen).real
+        return -float(self.weights @ (size + unlike))
 
     def scores(self, theta: Array, steps: Array) -> tuple[Array, Array]:
         """Returns the slope (k,) of the log likelihood, and Fisher's information (k, k)."""
@@ -181,9 +179,9 @@ class Axis:
             ]
         )
         slopes /= 2 * steps[:, None, None, None]
-        unlike = inverse @ self.spectra.mean - np.eye(inverse.shape[-1])
-        score = np.einsum("j,kjab,jba->k", self._weights, slopes, unlike).real
-        weighted = slopes * self._weights[:, None, None]
+        unlike = inverse @ self.seen - np.eye(inverse.shape[-1])
+        score = np.einsum("j,kjab,jba->k", self.weights, slopes, unlike).real
+        weighted = slopes * self.weights[:, None, None]
         flat = weighted.reshape(len(steps), -1)
         other = np.swapaxes(slopes, 2, 3).reshape(len(steps), -1)
         return score, (flat @ other.T).real
