@@ -155,10 +155,10 @@
 
   // What is being read.
   let source = null;
-  const watch = () => {
-    const one = document.querySelector("#flight[data-working]");
+  const watch = left => {
+    const one = document.querySelector("#flight[data-working]"), id = left || one?.dataset.id;
     if (source || !(one || lines.size || document.querySelector("#flights [data-working]"))) return;
-    source = new EventSource(one ? `/api/progress?id=${one.dataset.id}` : "/api/progress");
+    source = new EventSource(id ? `/api/progress?id=${id}` : "/api/progress");
     source.onmessage = event => {
       const flights = JSON.parse(event.data);
       if (one) return follow(flights[0]);
@@ -169,7 +169,8 @@
         if (row && flight.stage === "done" || flight.stage === "failed") soon(200);
       }
     };
-    source.addEventListener("end", () => { source.close(); source = null; });
+    // What was done between two looks of the server is asked for by itself.
+    source.addEventListener("end", () => { source.close(); source = null; if (lines.size) watch([...lines.keys()][0]); });
   };
   const follow = flight => {
     if (flight.stage === "done" || flight.stage === "failed") return location.reload();
