@@ -1,4 +1,4 @@
-"""Flight: the aligned dataset a model is learnt from."""
+"""Flight: the aligned dataset a model is learned from."""
 
 from __future__ import annotations
 

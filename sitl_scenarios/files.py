@@ -124,9 +124,8 @@ def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
     for name, _, value in (one.partition("=") for one in changed):
         if name not in known:
             near = get_close_matches(name[:100].upper(), known, n=3)
-            raise ValueError(
-                f"the autopilot has no {shortened(name)!r} here: near it are {', '.join(near) or 'none'}"
-            )
+            similar = f"similar: {', '.join(near)}" if near else "no similar parameter exists"
+            raise ValueError(f"the autopilot has no {shortened(name)!r} here: {similar}")
         try:
             table["vehicle"]["parameters"][name] = float(value)
         except ValueError:

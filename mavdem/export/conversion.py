@@ -277,14 +277,14 @@ def convert(
 
     A .tlog or .mcap receives every frame with its receive stamp, those that cannot be read included, but no bytes
     between frames; messages that an MCAP recording has as JSON only become MAVLink 2 frames. A .csv or .parquet
-    receives the longest usable segment of one vehicle, or where no model can be learnt the longest that attitude and
+    receives the longest usable segment of one vehicle, or where no model can be learned the longest that attitude and
     inputs have in common; if they come at rates far apart, or only one is there, each at its own stamps, NaN elsewhere.
 
     ``out`` appears whole or not at all; ``axis``, ``vehicle`` and ``inputs`` of a table are as for
     :func:`mavdem.read_flight`, ``progress`` is called with the fraction of the reading that is done. The report, plain
     JSON values, holds of a stream the frames written, messages left out, frames unread, stamps that had to be taken
     from the frame before, bytes skipped, and repairs; of a table its samples, columns, step (None at a stream's own
-    stamps), how attitude and motors were resampled, whether a model can be learnt from it, and cautions.
+    stamps), how attitude and motors were resampled, whether a model can be learned from it, and cautions.
 
     Raises:
         Unreadable: ``source`` cannot be read, or ``out`` not written.

@@ -59,7 +59,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progr
         ValueError: ``path`` is not a path.
 
     See Also:
-        :func:`mavdem.read_flight`: what a model is learnt from; :class:`mavdem.Telemetry`.
+        :func:`mavdem.read_flight`: what a model is learned from; :class:`mavdem.Telemetry`.
     """
     name, kind = format_of(path)
     # A library that only one format needs is imported when a file of that format is read.

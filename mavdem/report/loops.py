@@ -74,6 +74,7 @@ def _gains(advice: Advice) -> list[Block]:
     rows = [
         [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{gain.set / gain.now:.2f}"]
         for name, gain in advice.gains.items()
+        if f"{gain.now:.4g}" != f"{gain.set:.4g}"
     ]
-    table = Table(["gain", "now", "set", "times"], rows)
-    return [table, *section("loop_gains", advice=advice)]
+    tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
+    return [*tables, *section("loop_gains", advice=advice)]

@@ -13,7 +13,7 @@ BASELINE = "#b5852a"  # forecasts without a model
 DISTURBANCE = "#9461d1"  # the wind's torque
 GUST = "#b5852a"  # behind the disturbance
 COMMAND = "#12997a"  # the roll command: the motors' difference
-PHYSICAL = "#12997a"  # the physical parameters, beside the learnt model
+PHYSICAL = "#12997a"  # the physical parameters, beside the learned model
 TRUTH = "#dd5a2f"  # of a simulated flight
 BOUND = "#7d8694"  # what chance alone would reach, 0, limits
 

@@ -76,7 +76,7 @@ def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder
     ("change", "sentence"),
     [
         ("MC_ROLLRATE_P=0.1", ""),
-        ("MC_ROLRATE_P=0.1", "the autopilot has no 'MC_ROLRATE_P' here: near it are MC_ROLLRATE_P"),
+        ("MC_ROLRATE_P=0.1", "the autopilot has no 'MC_ROLRATE_P' here: similar: MC_ROLLRATE_P"),
         ("MC_ROLLRATE_P=-1", "vehicle.parameters.MC_ROLLRATE_P must be from 0 to 10000, not -1"),
         ("IMU_GYRO_CUTOFF=30", ""),
     ],

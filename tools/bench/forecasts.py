@@ -2,7 +2,7 @@
 """Forecasts of windows of recorded flights against the constant mean; prints a table by flight and one by half.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
-that of the constant mean; the tables have the median over windows. A window from which nothing can be learnt counts as
+that of the constant mean; the tables have the median over windows. A window from which nothing can be learned counts as
 1. Every flight belongs to half A or half B: what is chosen on one half is judged on the other. Below, errors are beside
 those of joint autoregressions: of forecasts over VAR(10)'s, of predictions without the motors over VAR(4)'s, geometric
 means over flights of the medians over windows.

@@ -178,7 +178,7 @@ class SufficientStatistics(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GenerativeModel:
-    """Sizes, noise correlations and priors of the model; θ and λ are what is learnt.
+    """Sizes, noise correlations and priors of the model; θ and λ are what is learned.
 
     Attributes:
         n, r, m: states, inputs, outputs.

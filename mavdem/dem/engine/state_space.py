@@ -1,6 +1,6 @@
 """The discrete linear model in innovation form: it filters, predicts, forecasts and simulates.
 
-The D step uses the samples of one window, which cannot carry a hidden state from one sample to the next. So the learnt
+The D step uses the samples of one window, which cannot carry a hidden state from one sample to the next. So the learned
 model and its noises are put into a steady-state Kalman filter, in which the coloured noises count with their power at
 low frequency, Σ · 2s√π: the effect that noise of that colour has on a slower state.
 """

@@ -134,7 +134,7 @@ def choose(statistics: var.LagStatistics, lags: int) -> tuple[Choice, var.Regres
 
 @dataclass(frozen=True, eq=False)
 class JointModel:
-    """The learnt joint model and its forecasts; all arguments and results are physical.
+    """The learned joint model and its forecasts; all arguments and results are physical.
 
     Attributes:
         combinations: (r, c) of the inputs, that are channels of the model.

@@ -74,7 +74,7 @@ class Estimate(NamedTuple):
         free_energy_action: F̄ᵒ of the memory.
         model: the current one.
         log_precisions: (g,) λ of the noises.
-        until: time of the last sample the model was learnt from, s.
+        until: time of the last sample the model was learned from, s.
         unusual: whether this sample is marked: surprise stays above what is usual in this flight. Without a change, one
             mark in five minutes is expected; see ``AnomalyMarks``.
         wind_torque: the wind's torque, rad/s², steady part included, ``mavdem.dem.online.wind.DELAY_SECONDS`` before
