@@ -5,16 +5,18 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
-from dataclasses import fields
+from collections import Counter
 from functools import cache
-from inspect import getdoc
+from inspect import getdoc, getsource
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
-from pydantic import ConfigDict, TypeAdapter
+from pydantic import TypeAdapter
 from pydantic.dataclasses import dataclass as with_schema
 
 from mavdem.cli.commands import imported_command, mavdem
@@ -22,7 +24,6 @@ from mavdem.dem import Learned, document
 from mavdem.documents import DOCUMENTS
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
 from mavdem.heading import heading
-from mavdem.report.blocks import Table, markdown
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
 WORDING = {"description", "title", "default"}  # of a schema: what may change without a new version
@@ -39,7 +40,11 @@ class Published(NamedTuple):
 @cache
 def published():
     """Returns all documents, and the table of a fleet, by name."""
-    row = with_schema(FlightRow, frozen=True, config=ConfigDict(use_attribute_docstrings=True))
+    row = TypeAdapter(with_schema(FlightRow, frozen=True)).json_schema()
+    parts = ast.parse(getsource(FlightRow)).body[0].body
+    for key, meaning in pairwise(parts):
+        if isinstance(key, ast.AnnAssign) and isinstance(meaning, ast.Expr):
+            row["properties"][key.target.id]["description"] = meaning.value.value
     return {
         **{
             name: Published(
@@ -50,9 +55,7 @@ def published():
         "model": Published(
             document._adapter(Learned).json_schema(), document.VERSION, "model.json"
         ),
-        "flights": Published(
-            TypeAdapter(row).json_schema(), SCHEMA_VERSION, "flights.parquet, the table of a fleet"
-        ),
+        "flights": Published(row, SCHEMA_VERSION, "flights.parquet, the table of a fleet"),
     }
 
 
@@ -104,43 +107,61 @@ def schema_text(name):
 
 
 def command_page():
-    """Returns the page of all commands, each as its --help is."""
+    """Returns the page of all commands: the help of each, with options of several commands described once."""
     whole = click.Context(mavdem, info_name="mavdem", terminal_width=86, **mavdem.context_settings)
     contexts = [click.Context(imported_command(name), whole, name) for name in mavdem.commands]
-    parts = [
-        f"## {one.command_path}\n\n```\n{one.command.get_help(one)}\n```"
-        for one in (whole, *contexts)
-    ]
-    return "\n\n".join(["# Commands", *parts]) + "\n"
+    records = {
+        one: [
+            record for each in one.command.get_params(one) if (record := each.get_help_record(one))
+        ]
+        for one in contexts
+    }
+    times = Counter(record for of_command in records.values() for record in of_command)
+    shared = [record for record, count in times.items() if count > 1 and record[1]]
+    parts = ["# Commands", f"```\n{whole.command.get_help(whole)}\n```"]
+    parts += ["## Options of several commands", _options(shared, set())]
+    for one in contexts:
+        formatter = one.make_formatter()
+        one.command.format_usage(one, formatter)
+        one.command.format_help_text(one, formatter)
+        text = formatter.getvalue().strip()
+        parts += [f"## {one.command_path}", f"```\n{text}\n```", _options(records[one], shared)]
+    return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def _options(records, shared):
+    """A line for each option, and one that names those that are ``shared``."""
+    lines = [f"- `{name}`: {text}" for name, text in records if text and (name, text) not in shared]
+    names = [f"`{name.split()[0].rstrip(',')}`" for name, text in records if (name, text) in shared]
+    also = f"And {', '.join(names)}: [above](#options-of-several-commands)."
+    return "\n".join(lines + [""] * bool(lines) + [also] * bool(names)).strip()
 
 
 def file_page():
-    """Returns the page of all documents: their keys with type, unit and meaning."""
-    parts = ["# Files and JSON", INTRODUCTION, "## Every document"]
-    parts += [
-        _table(
-            ["key", "meaning"],
-            [[f"`{k}`", m] for k, m in zip(heading("", 0, {}), HEADER, strict=True)],
-        )
-    ]
+    """Returns the page of all documents: their keys with unit and meaning, each described once."""
+    headings = {name: f"## {one.title}" for name, one in published().items()}
+    schemas = {name: one.schema for name, one in published().items()}
     records = dict[str, Any]()
+    for name, schema in schemas.items():
+        if name != "model":
+            records |= schema.get("$defs", {})
+    described = dict[tuple[str, str], str]()
+    header = [f"- `{key}`: {text}" for key, text in zip(heading("", 0, {}), HEADER, strict=True)]
+    parts = ["# Files and JSON", INTRODUCTION, "## Every document", "\n".join(header)]
     for name, one in published().items():
-        parts += [
-            f"## {one.title}",
-            f"`{name}`, version {one.version}: [schema](schemas/{name}-{one.version}.json).",
-        ]
+        link = f"Version {one.version}: [`{name}` schema](schemas/{name}-{one.version}.json)."
+        parts += [headings[name], link]
         if name == "model":
-            parts += [
-                "The attributes of [Learned](../api.md#learning), with those of each; arrays are nested lists.",
-                _attributes(Learned),
-            ]
+            parts += ["The attributes of [Learned](../api.md#learning); arrays are nested lists."]
+            parts += [_attributes(Learned)]
         else:
-            parts += [_keys(one.schema)]
-            records |= one.schema.get("$defs", {})
-    parts += ["## Records", "What the documents are made of."]
+            anchor = re.sub(r"[^\w -]", "", one.title.lower()).replace(" ", "-")
+            parts += [_keys(one.schema, f"[{name}](#{anchor})", described)]
+    parts += ["## Records"]
     for name in sorted(records):
         if "properties" in records[name]:
-            parts += [f"### {name}", _keys(records[name])]
+            link = f"[{name}](#{name.lower()})"
+            parts += [f"### {name}", _keys(records[name], link, described)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -149,58 +170,56 @@ def _attributes(record):
     listed = re.findall(
         r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", getdoc(record) or "", re.MULTILINE
     )
-    said = {
-        key: re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
+    return "\n".join(
+        f"- `{keys}`: " + re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
         for keys, text in listed
-        for key in keys.split(", ")
-    }
-    rows = [[f"`{one.name}`", f"`{one.type}`", said[one.name]] for one in fields(record)]
-    return _table(["key", "type", "meaning"], rows)
+    )
 
 
-INTRODUCTION = """Every document begins with its name, the version of its schema, that of mavdem, and the units of
-its keys. As long as the version is the same, a key keeps its name, type, unit and meaning. What changes is a version,
-and the schema of the old one stays here. A number is null where its value is not known or not finite. Keys in *italics*
-are not in every document."""
+INTRODUCTION = """Every document begins with its name, the version of its schema, that of mavdem, and its units.
+A version keeps its keys with name, type, unit and meaning; its schema stays here and has every type. A number is null
+where it is unknown or not finite. Keys in *italics* are not in every document. What means the same in two records is
+described once."""
 
 
-def _keys(record):
-    rows = []
+def _keys(record, place, described):
+    """The keys of a ``record`` at a ``place``, but for those that are ``described`` elsewhere, which are named."""
+    facts, here, elsewhere = [], dict[str, list[str]](), dict[str, list[str]]()
     for name, key in record["properties"].items():
         if name in heading("", 0, {}) and "$defs" in record:
             continue
         shown = f"`{name}`" if name in record.get("required", ()) else f"*`{name}`*"
-        rows.append([shown, _type(key), _unit(key), key.get("description", "")])
-    return _table(["key", "type", "unit", "meaning"], rows)
+        meaning = key.get("description", "")
+        unit, link = (f" ({one})" if one else "" for one in (_unit(key), _link(key)))
+        line = f"{unit}: {meaning}{link}" if meaning else f"{unit}{link}: [API](../api.md#learning)"
+        if re.fullmatch(r"\w+ as (a fact; .*|facts)", meaning):
+            facts.append(shown)
+        elif described.setdefault((name, line), place) != place:
+            elsewhere.setdefault(described[name, line], []).append(shown)
+        else:
+            here.setdefault(line, []).append(shown)
+    lines = [f"- {', '.join(keys)}{line}" for line, keys in here.items()]
+    lines += [f"- {', '.join(keys)}: as in {other}" for other, keys in elsewhere.items()]
+    lines += [f"- {', '.join(facts)}: the same as facts, [Sentence](#sentence)"] * bool(facts)
+    return "\n".join(lines)
 
 
-def _type(key):
-    """The type of a ``key`` of a schema in words."""
+def _link(key):
+    """The records that a ``key`` of a schema has, and whether as a list or by name."""
     if "$ref" in key:
         name = key["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
-    if "anyOf" in key:
-        return " or ".join(map(_type, key["anyOf"]))
-    if "enum" in key or "const" in key:
-        return ", ".join(f"`{value}`" for value in key.get("enum", [key.get("const")]))
-    if "items" in key or "prefixItems" in key:
-        inner = key.get("items") or key["prefixItems"][0]
-        return f"list of {_type(inner)}"
+    if "items" in key and (inner := _link(key["items"])):
+        return f"list of {inner}"
     if isinstance(key.get("additionalProperties"), dict):
-        return f"{_type(key['additionalProperties'])} by name"
-    return str(key.get("type", "any"))
+        return _link(key["additionalProperties"])
+    return " or ".join(filter(None, map(_link, key.get("anyOf", []))))
 
 
 def _unit(key):
     if isinstance(key, dict):
         return key.get("unit") or next(filter(None, map(_unit, key.values())), "")
     return next(filter(None, map(_unit, key)), "") if isinstance(key, list) else ""
-
-
-def _table(header, rows):
-    return markdown(
-        [Table(header, [[cell.replace("|", "\\|") for cell in row] for row in rows], words=True)]
-    )
 
 
 def contents():
