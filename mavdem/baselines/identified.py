@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import qr
 
-from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.var import RIDGE, Forecast, Var, lagged
-from mavdem.dem.record import Record, UniformRecord, is_number, required_number
+from mavdem.dem.forecast.var import Var, lagged
+from mavdem.dem.record import Record, UniformRecord, required_number
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
@@ -153,8 +151,8 @@ def identified(
 ) -> Identified:
     """The result of ``fit``."""
     record = Record.of(train)
-    units = Units.of(record)
     with one_thread():
+        units = Units.of(record)
         fitted = fit(units.segments(record))
     model = units.physical(fitted.model)
     return Identified(method, model, record, fitted.starts, iterations=fitted.iterations)
@@ -169,13 +167,7 @@ def regression(regressors: Array, targets: Array) -> Array:
     return np.asarray(np.linalg.lstsq(regressors, targets, rcond=RANK_TOLERANCE)[0])
 
 
-def triangle(table: Array) -> Array:
-    """R of the QR decomposition of (N, columns): at most as many rows as columns, with the same inner products."""
-    (R,) = qr(table, mode="r", check_finite=False)
-    return np.asarray(R[: table.shape[1]], np.float64)
-
-
-# left to gain of the likelihood at the end of iterations; a parameter more gains 0.5 by chance
+# that the last iteration gains of the likelihood; a parameter more gains 0.5 by chance
 CONVERGED_NATS = 0.1
 LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
 
@@ -224,13 +216,11 @@ class Units(NamedTuple):
     def physical(self, model: StateSpace) -> StateSpace:
         """A model in the method's units, without feedthrough and trim of inputs, brought to physical ones."""
         scale = self.output_scale
-        return StateSpace(
-            A=model.A,
+        return model._replace(
             B=model.B @ self.input_map.T,
             C=scale[:, None] * model.C,
             D=np.zeros((len(scale), len(self.input_map))),
             K=model.K / scale,
-            offset=model.offset,
             input_trim=self.input_trim,
             output_trim=self.output_trim + scale * model.output_trim,
         )
@@ -300,16 +290,7 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
             np.zeros((len(segments), m * order)),
         )
 
-    found = identified(f"ARX({order})", train, fit)
-    # The states in physical units, in which C = [I 0].
-    model = found.model
-    scale = np.tile(found.model.C.diagonal(), order)[:, None]
-    A = scale * model.A / scale.T
-    B = scale * model.B
-    C = model.C / scale.T
-    K = scale * model.K
-    offset = model.offset
-    return replace(found, model=model._replace(A=A, B=B, C=C, K=K, offset=scale[:, 0] * offset))
+    return identified(f"ARX({order})", train, fit)
 
 
 def _lagged(segments: Segments, order: int) -> tuple[Array, Array]:
@@ -342,23 +323,18 @@ def _realised(coefficients: Array, order: int, m: int) -> StateSpace:
     )
 
 
-def var(
-    train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE
-) -> JointAutoregression:
+def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10) -> JointAutoregression:
     """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
     other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
-    motion, by a Kalman filter. ``train`` and errors are as for :func:`arx`; ``ridge`` is the precision of the prior at
-    lag 1, times i² at lag i, of channels of deviation 1.
+    motion, by a Kalman filter. ``train`` and errors are as for :func:`arx`.
     """
     order = required_number(order, "order")
-    if not (is_number(ridge) and 0 < ridge < float("inf")):
-        raise ValueError(f"ridge must be a positive number, not {ridge!r}")
     record = Record.of(train)
     with one_thread():
         return JointAutoregression(
-            f"{MethodName.JOINT_VAR}({order})", Var.learn(record, order, ridge), record
+            f"{MethodName.JOINT_VAR}({order})", Var.learn(record, order), record
         )
 
 
@@ -373,8 +349,7 @@ class JointAutoregression(Baseline):
         iterations: none; it has a solution.
 
     Raises:
-        ValueError: from every method, for inputs or outputs of another shape or not finite, fewer steps than 1, or a
-            level that is no probability between 0 and 1.
+        ValueError: from every method, for inputs or outputs of another shape or not finite, or fewer steps than 1.
     """
 
     model: Var
@@ -385,7 +360,8 @@ class JointAutoregression(Baseline):
 
     def predict(self, steps: int) -> Array:
         """Returns (steps, m): the outputs after the training data, inputs unknown."""
-        return self._predicted(steps).mean
+        m = self.record.outputs.shape[1]
+        return self.model.predict(self._past, required_number(steps)).mean[:, :m]
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
@@ -393,26 +369,13 @@ class JointAutoregression(Baseline):
             self._past, steps, *self.record.following(steps, inputs, outputs)
         ).mean
 
-    def predict_band(self, steps: int, level: float = LEVEL) -> Array:
-        """Returns (steps, m) half widths of bands of probability ``level``, as if the parameters were exact."""
-        require_probability(level)
-        return half_width(self._predicted(steps).variance, level)
-
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Returns (H, m): the outputs after the training data given ``inputs`` (H, r); see :class:`mavdem.Forecaster`.
 
         With ``smooth`` all inputs count. ``from_zero`` begins with all channels at their mean.
         """
-        return self._inferred(inputs, from_zero, smooth).mean
-
-    def forecast_variance(self, inputs: ArrayLike) -> Array:
-        """Returns (H, m) expected squared error of :meth:`forecast` with ``inputs``, as if parameters were exact."""
-        return self._inferred(inputs).variance
-
-    def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
-        """Returns (H, m) half widths, by :meth:`forecast_variance` of ``inputs``, of bands of probability ``level``."""
-        require_probability(level)
-        return half_width(self.forecast_variance(inputs), level)
+        past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
+        return self.model.infer(past, self.record.following_inputs(inputs), smooth).mean
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
@@ -430,15 +393,3 @@ class JointAutoregression(Baseline):
     @cached_property
     def _past(self) -> Array:
         return self.model.past(self.record)
-
-    def _predicted(self, steps: int) -> Forecast:
-        m = self.record.outputs.shape[1]
-        return Forecast(
-            *(table[:, :m] for table in self.model.predict(self._past, required_number(steps)))
-        )
-
-    def _inferred(
-        self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False
-    ) -> Forecast:
-        past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
-        return self.model.infer(past, self.record.following_inputs(inputs), smooth)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from mavdem.baselines.identified import (
     CONVERGED_NATS,
@@ -17,27 +16,29 @@ from mavdem.baselines.identified import (
     identified,
 )
 from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import recursion
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord, required_number
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
-REWEIGHTINGS = 30  # times at most that the errors are weighted again by their own covariance
-EVALUATIONS = 30  # of the errors at most, with one weighting
+DAMPING = Damping(first=1e-3, factor=8.0, attempts=8, careful=True)
+MAX_STEPS = 100  # of Gauss-Newton
+RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
+# of the largest curvature, added to all: the choice of states changes no error
+UNDETERMINED = 1e-10
 
 
 def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
     """The model in innovation form that makes the determinant of the one-step errors' covariance smallest.
 
     That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
-    of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Levenberg and
-    Marquardt's method on errors weighted by their covariance, iterated until it converges. The determinant never rises:
-    tr(R₀⁻¹R) bounds ln det R from above and touches it at R₀. It starts from the subspace model, and stays where the
-    predictor A − K C is stable. Consistent in closed loop, as far as the order is right.
+    of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Gauss-Newton steps on
+    errors weighted by their covariance. The determinant never rises. It starts from the subspace model, and stays where
+    the predictor A − K C is stable. Consistent in closed loop, as far as the order is right.
 
     ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
@@ -45,105 +46,68 @@ def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Ident
     return identified(f"PEM({order})", train, lambda segments: _minimised(segments, order))
 
 
-class FreeParameters(NamedTuple):
-    """What is varied: all of A, B, C, K and the offset, and where segments begin.
+class PredictionErrors(NamedTuple):
+    """The likelihood of the samples of segments, as a function of what is varied, which is one vector (f,).
 
-    As a vector they follow each other in the order of these fields, rows first.
+    A, B, C, K, the offset and the ``starts`` (segments, n) of segments follow each other, rows first; trims are those
+    of the ``model``.
     """
 
-    A: Array  # (n, n)
-    B: Array  # (n, k)
-    C: Array  # (m, n)
-    K: Array  # (n, m)
-    offset: Array  # (n,)
-    starts: Array  # (segments, n)
+    model: StateSpace
+    starts: Array
+    segments: Segments
 
-    def vector(self) -> Array:
-        """All of them, one after the other."""
-        return np.concatenate([part.ravel() for part in self])
+    @property
+    def at(self) -> Array:
+        """The vector of the model and the starts."""
+        model = self.model
+        parts = model.A, model.B, model.C, model.K, model.offset, self.starts
+        return np.concatenate([part.ravel() for part in parts])
 
-    def of(self, vector: Array) -> FreeParameters:
-        """FreeParameters of the same shapes out of a vector."""
-        cuts = np.cumsum([part.size for part in self])[:-1]
-        return FreeParameters(
-            *(
-                values.reshape(part.shape)
-                for values, part in zip(np.split(vector, cuts), self, strict=True)
-            )
-        )
+    def moved(self, at: Array) -> PredictionErrors:
+        """The same with the model and the starts of a vector."""
+        model = self.model
+        parts = model.A, model.B, model.C, model.K, model.offset, self.starts
+        cuts = np.cumsum([part.size for part in parts])[:-1]
+        pieces = zip(np.split(at, cuts), parts, strict=True)
+        A, B, C, K, offset, starts = (values.reshape(part.shape) for values, part in pieces)
+        return self._replace(model=model._replace(A=A, B=B, C=C, K=K, offset=offset), starts=starts)
 
-
-def prediction_errors(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
-    """(T, m): of each sample of all segments."""
-    model = with_parameters(model, parameters)
-    ahead = [
-        model.predicted(start, *segment)
-        for start, segment in zip(parameters.starts, segments, strict=True)
-    ]
-    return np.concatenate([outputs for _, outputs in segments]) - np.concatenate(ahead)
-
-
-def with_parameters(model: StateSpace, parameters: FreeParameters) -> StateSpace:
-    """The model with these parameters, which has its trims from before."""
-    A, B, C, K, offset, _ = parameters
-    return model._replace(A=A, B=B, C=C, K=K, offset=offset)
-
-
-def sensitivities(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
-    """(T, m, parameters): derivatives of :func:`prediction_errors`, exact.
-
-    A small change of the state runs through the same recursion x⁺ = (A − K C) x + … as the state (Ljung, System
-    Identification, 2nd ed., sec. 10.3), so every derivative is made of that recursion's responses to states, inputs, a
-    constant and errors.
-    """
-    model = with_parameters(model, parameters)
-    return np.concatenate(
-        [
-            _of_segment(model, parameters, number, *segment)
-            for number, segment in enumerate(segments)
+    def errors(self, at: Array) -> Array:
+        """(T, m): of each sample of all segments."""
+        model, starts, segments = self.moved(at)
+        ahead = [
+            model.predicted(start, *segment)
+            for start, segment in zip(starts, segments, strict=True)
         ]
-    )
+        return np.concatenate([outputs for _, outputs in segments]) - np.concatenate(ahead)
+
+    def value(self, at: Array) -> tuple[float, Array]:
+        """The log likelihood up to a constant, NaN where the predictor is not stable; and the errors."""
+        errors = self.errors(at)
+        model = self.moved(at).model
+        radius = np.abs(np.linalg.eigvals(model.A - model.K @ model.C)).max()
+        return _likelihood(errors) if radius < 1 else np.nan, errors
+
+    def slopes(self, at: Array, errors: Array) -> Array:
+        """(f, T, m): of the errors, by differences."""
+        steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
+        beside = np.array([self.errors(at + step) for step in np.diag(steps)])
+        return np.asarray((beside - errors) / steps[:, None, None])
+
+    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
+        """Slope and Gauss-Newton curvature of the likelihood."""
+        slopes = self.slopes(at, residuals)
+        root = np.linalg.cholesky(np.linalg.inv(_covariance(residuals)))
+        jacobian = (slopes @ root).reshape(len(at), -1)
+        curvature = jacobian @ jacobian.T
+        curvature += UNDETERMINED * curvature.diagonal().max() * np.eye(len(at))
+        slope = -jacobian @ (residuals @ root).ravel()
+        return Quadratic(at, _likelihood(residuals), slope, curvature)
 
 
-def _of_segment(
-    model: StateSpace, parameters: FreeParameters, number: int, inputs: Array, outputs: Array
-) -> Array:
-    A, B, C, K, *_ = parameters
-    (n, k) = B.shape
-    m = len(C)
-    samples = len(outputs)
-    states = model.filtered(parameters.starts[number], inputs, outputs)[:-1]
-    errors = outputs - states @ C.T - model.direct(inputs)
-    inputs = inputs - model.input_trim
-    signals = np.hstack([states, inputs, np.ones((samples, 1)), errors])
-    # What pulses into each state do to each predicted output.
-    responses, decay = _responses(A - K @ C, C, signals)
-    of_states, of_inputs, of_constant, of_errors = np.split(responses, np.cumsum([n, k, 1]), axis=3)
-    of_C = -np.einsum("tmls,li->tmis", of_states, K) + np.einsum("mi,ts->tmis", np.eye(m), states)
-    of_starts = np.zeros((samples, m, *parameters.starts.shape))
-    of_starts[:, :, number] = decay
-    parts = [of_states, of_inputs, of_C, of_errors, of_constant, of_starts]
-    return -np.concatenate([part.reshape(samples, m, -1) for part in parts], axis=2)
-
-
-def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
-    """What C x does when one signal (T, s) pushes one state of x⁺ = F x: (T, m, n, s); and of x₀ alone: (T, m, n)."""
-    still = np.zeros((len(signals) - 1, len(F)))
-    units = np.eye(len(F))
-    decays = np.array([np.vstack([unit, recursion(F, still, unit)]) for unit in units])
-    pushed = [
-        [
-            np.vstack([0 * unit, recursion(F, np.outer(one, unit), 0 * unit)])
-            for one in signals[:-1].T
-        ]
-        for unit in units
-    ]
-    return (np.array(pushed) @ C.T).transpose(2, 3, 0, 1), (decays @ C.T).transpose(1, 2, 0)
-
-
-def _determinant(errors: Array) -> float:
-    """The logarithm of that of the errors' covariance."""
-    return float(np.linalg.slogdet(_covariance(errors))[1])
+def _likelihood(errors: Array) -> float:
+    return float(-0.5 * len(errors) * np.linalg.slogdet(_covariance(errors))[1])
 
 
 def _covariance(errors: Array) -> Array:
@@ -152,47 +116,11 @@ def _covariance(errors: Array) -> Array:
 
 def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
-    A, B, C, _, K, offset, *_ = found.model
-    best = FreeParameters(A, B, C, K, offset, found.starts)
-    errors = prediction_errors(best, found.model, segments)
-    for _ in range(REWEIGHTINGS):
-        weight = np.linalg.cholesky(np.linalg.inv(_covariance(errors)))
-        tried = _downhill(best, found.model, segments, weight)
-        before = _determinant(errors)
-        errors_there = prediction_errors(tried, found.model, segments)
-        gained = before - _determinant(errors_there)
-        if gained > 0:
-            best = tried
-            errors = errors_there
-        if gained * len(errors) / 2 < CONVERGED_NATS:
-            return Fitted(with_parameters(found.model, best), best.starts)
-    return Fitted(with_parameters(found.model, best), best.starts, REWEIGHTINGS)
-
-
-def _downhill(
-    start: FreeParameters, model: StateSpace, segments: Segments, weight: Array
-) -> FreeParameters:
-    """The parameters that minimise the weighted sum of squared errors."""
-    nowhere = 1e3 * (prediction_errors(start, model, segments) @ weight).ravel()
-
-    def weighted(vector: Array) -> Array:
-        parameters = start.of(vector)
-        if not np.isfinite(vector).all():
-            return nowhere
-        if np.abs(np.linalg.eigvals(parameters.A - parameters.K @ parameters.C)).max() >= 1:
-            return nowhere
-        return (prediction_errors(parameters, model, segments) @ weight).ravel()
-
-    def slopes(vector: Array) -> Array:
-        changes = sensitivities(start.of(vector), model, segments)
-        return (weight.T @ changes).reshape(-1, len(vector))
-
-    # With this weight half the sum of squares, about half their number, is in nats.
-    converged = 2 * CONVERGED_NATS / len(nowhere)
-    found = least_squares(
-        weighted, start.vector(), slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS
-    )
-    return start.of(found.x)
+    objective = PredictionErrors(found.model, found.starts, segments)
+    start = objective.quadratic(objective.at, objective.errors(objective.at))
+    trace, gained = gauss_newton(objective, start, DAMPING, MAX_STEPS, CONVERGED_NATS)
+    best = objective.moved(trace[-1].at)
+    return Fitted(best.model, best.starts, None if gained <= CONVERGED_NATS else len(trace) - 1)
 
 
 MAX_ITERATIONS = 300
@@ -249,23 +177,11 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
         likelihoods.append(sum(states.log_likelihood for states in expected))
         if not np.isfinite(likelihoods[-1]):
             raise np.linalg.LinAlgError("the likelihood is not finite")
-        if _left_to_gain(likelihoods) < CONVERGED_NATS:
+        if len(likelihoods) > 1 and likelihoods[-1] - likelihoods[-2] < CONVERGED_NATS:
             return EMFit(model, starts, likelihoods, True)
         model = _maximized(model, expected, segments)
         starts = np.array([states.means[0] for states in expected])
     return EMFit(model, starts, likelihoods, False)
-
-
-def _left_to_gain(likelihoods: list[float]) -> float:
-    """What the gains of the likelihood to come sum to, if they go on shrinking as the last two did (Aitken)."""
-    if len(likelihoods) < 3:
-        return np.inf
-    before, last = np.diff(likelihoods[-3:])
-    return (
-        float(last * last / (before - last))
-        if 0 <= last < before
-        else float(np.inf if last > 0 else 0.0)
-    )
 
 
 def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segments) -> GaussianModel:
