@@ -4,57 +4,14 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
+from types import ModuleType
+from typing import Any
+
+_upstairs: Any
 
 
-class Downstream(Protocol):
-    """What is made of flights, models and assessments."""
-
-    def to_pandas(self, flight: Any) -> Any:
-        """A ``pandas.DataFrame`` of a flight."""
-
-    def to_xarray(self, flight: Any) -> Any:
-        """An ``xarray.Dataset`` of a flight."""
-
-    def flight_html(self, flight: Any) -> str:
-        """A flight as HTML for notebooks."""
-
-    def learned_html(self, learned: Any) -> str:
-        """A model as HTML for notebooks."""
-
-    def plots(self, learned: Any) -> Any:
-        """The pictures of a model."""
-
-    def summary(self, learned: Any) -> str:
-        """What a model says of its vehicle, on one screen."""
-
-    def score(self, learned: Any, flight: Any) -> float:
-        """1 − error ratio of a flight that the model has not seen."""
-
-    def to_control(self, learned: Any, model: str) -> Any:
-        """A model as a ``control.StateSpace``."""
-
-    def loop(self, learned: Any, controller: Any) -> Any:
-        """The control loops of a model."""
-
-    def advice(self, loop: Any) -> Any:
-        """Gains for a control loop."""
-
-    def assessment_page(self, assessment: Any) -> str:
-        """The HTML of the page of an assessment."""
-
-    def assessment_document(self, assessment: Any) -> dict[str, Any]:
-        """The document of an assessment."""
-
-    def assessment_screen(self, assessment: Any) -> str:
-        """An assessment on one screen."""
-
-
-_upstairs: Downstream
-
-
-def install(upstairs: Downstream) -> None:
-    """Sets what makes all this."""
+def install(upstairs: ModuleType) -> None:
+    """Sets the module, :mod:`mavdem.api`, whose functions make all this."""
     global _upstairs
     _upstairs = upstairs
 
@@ -71,7 +28,8 @@ class FlightDownstream:
         return _upstairs.to_xarray(self)
 
     def _repr_html_(self) -> str:
-        return _upstairs.flight_html(self)
+        html: str = _upstairs.flight_html(self)
+        return html
 
 
 class LearnedDownstream:
@@ -87,11 +45,13 @@ class LearnedDownstream:
 
         ``mavdem.evaluate.held_out_windows`` forecasts such windows.
         """
-        return _upstairs.summary(self)
+        text: str = _upstairs.summary(self)
+        return text
 
     def score(self, flight: Any) -> float:
         """Returns 1 − error ratio (NMSE) of a ``flight`` that it has not seen; :func:`mavdem.evaluate.score_of`."""
-        return _upstairs.score(self, flight)
+        share: float = _upstairs.score(self, flight)
+        return share
 
     def to_control(self, model: str = "physical") -> Any:
         """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
@@ -112,7 +72,8 @@ class LearnedDownstream:
         return _upstairs.loop(self, controller)
 
     def _repr_html_(self) -> str:
-        return _upstairs.learned_html(self)
+        html: str = _upstairs.learned_html(self)
+        return html
 
 
 class LoopDownstream:
@@ -133,7 +94,9 @@ class AssessmentDownstream:
 
     def as_dict(self) -> dict[str, Any]:
         """Returns the document of ``mavdem review --json``, plain JSON values."""
-        return _upstairs.assessment_document(self)
+        document: dict[str, Any] = _upstairs.assessment_document(self)
+        return document
 
     def __str__(self) -> str:
-        return _upstairs.assessment_screen(self)
+        text: str = _upstairs.assessment_screen(self)
+        return text

@@ -197,13 +197,6 @@ class Flight(FlightDownstream):
         object.__setattr__(cut, "provenance", dict(self.provenance))
         return cut
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Pickled arrays may come back writable.
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
     def __repr__(self) -> str:
         names = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}"
         source = self.provenance.get("source")

@@ -6,7 +6,6 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from difflib import SequenceMatcher
 from importlib import import_module
 
 import click
@@ -180,7 +179,7 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
             if isinstance(error, click.UsageError) and error.ctx
             else "mavdem"
         )
-        complain(Fact(End.BAD_USAGE, text=_usage(error), name=where), as_json)
+        complain(Fact(End.BAD_USAGE, text=error.format_message(), name=where), as_json)
     except (NotLearnable, Unreadable) as error:
         complain(error.fact, as_json)
         return UNSUPPORTED if isinstance(error, NotLearnable) else UNUSABLE
@@ -200,13 +199,3 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
     else:
         return DONE
     return UNUSABLE
-
-
-def _usage(error: click.ClickException) -> str:
-    """What is wrong, with the names that come closest to one that does not exist, the closest first."""
-    close: list[str] | None = getattr(error, "possibilities", None)
-    wrong = getattr(error, "option_name", None) or getattr(error, "command_name", None)
-    if not close or not wrong:
-        return error.format_message()
-    *others, last = sorted(close, key=lambda name: -SequenceMatcher(None, wrong, name).ratio())
-    return f"{error.message} Did you mean {', '.join(others)}{' or ' * bool(others)}{last}?"

@@ -99,7 +99,7 @@ def compare_command(
     1 if none was, 2 if a SOURCE cannot be read.
     """
     if out is not None:
-        check_folder(out, COMPARISON_FILES)
+        check_folder(out)
     began = perf_counter()
 
     def windows_of(name: str, flight: Flight) -> tuple[Window, ...]:
@@ -110,7 +110,7 @@ def compare_command(
 
     cut, refused = of_each(sources, axis, vehicle, inputs, windows_of)
     if not cut:
-        raise nothing_left(refused, "compared")
+        raise nothing_left(refused)
     windowed = [window for one in cut.values() for window in one]
     made = list[Outcome]()
     title = f"Comparing {len(METHODS)} methods on {len(windowed)} windows"

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from mavdem.cli.commands import UNSUPPORTED
-from mavdem.cli.options import no_option, refuse_link
+from mavdem.cli.options import json_option, no_option, refuse_link
 from mavdem.cli.output import print_result, progress
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -31,7 +31,7 @@ from mavdem.report.difference import difference_blocks
     callback=no_option,
     help="Which vehicle, by its name in the fleet or, in a log with several, SYSTEM:COMPONENT.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 @click.pass_context
 def diff_command(
     context: click.Context, before: str, after: str, vehicle: str | None, as_json: bool

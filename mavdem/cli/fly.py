@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -12,12 +13,10 @@ from typing import Any
 
 import click
 import numpy as np
-from click.shell_completion import CompletionItem
 
-from mavdem.cli.options import Number, file_option, no_option
+from mavdem.cli.options import Number, file_option, json_option, no_option
 from mavdem.cli.output import (
     check_file,
-    ending_at_once,
     print_json,
     printable,
     progress,
@@ -25,12 +24,9 @@ from mavdem.cli.output import (
     say_aside,
     writing,
 )
-from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import require
-from mavdem.facts import Fact
-from mavdem.facts.command import Place
-from mavdem.files import atomic_writes, replaceable
+from mavdem.files import atomic_writes
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
     in_toml,
@@ -53,20 +49,8 @@ from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import airframe
 
 
-class ScenarioName(click.Path):
-    """The name of a scenario, or a file."""
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """Returns the scenarios that begin with what was typed, or files where none does."""
-        fitting = [CompletionItem(name) for name in names() if name.startswith(incomplete)]
-        # bash offers names or files, not both
-        return fitting or super().shell_complete(ctx, param, incomplete)
-
-
 @click.command("fly")
-@click.argument("scenario", type=ScenarioName(), required=False)
+@click.argument("scenario", type=click.Path(), required=False)
 @file_option(
     "--out",
     "Telemetry log (.tlog) or MCAP recording (.mcap) to write; the true states go beside it, .truth.npz.",
@@ -78,7 +62,9 @@ class ScenarioName(click.Path):
 @click.option(
     "--speed",
     type=Number(0.01, 1000.0),
-    help="Speed of a live flight, as a multiple of real time.  [default: 1]",
+    default=1.0,
+    show_default=True,
+    help="Speed of a live flight, as a multiple of real time.",
 )
 @file_option(
     "--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead."
@@ -101,13 +87,13 @@ class ScenarioName(click.Path):
     help="Print the scenario as a .toml file with the meaning and range of every value; nothing is flown.",
 )
 @click.option("--list", "as_list", is_flag=True, help="List the scenarios, one a line, name first.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def fly_command(
     scenario: str | None,
     out: Path | None,
     rrd: Path | None,
     udp: str | None,
-    speed: float | None,
+    speed: float,
     vehicle: Path | None,
     changed: tuple[str, ...],
     seed: int | None,
@@ -141,15 +127,7 @@ def fly_command(
 
     Without --streamrate=-1 MAVProxy requests 4 Hz from ArduPilot, which is too slow to learn from.
     """
-    asked = {"--out": out, "--rrd": rrd, "--udp": udp, "--speed": speed}
     if as_list:
-        others = {
-            "SCENARIO": scenario,
-            "--seed": seed,
-            "--duration": duration,
-            "--describe": describe or None,
-        }
-        _refuse_beside("--list", asked | others)
         scenarios = [{"name": name, "description": load(name).description} for name in names()]
         if as_json:
             return print_json({"scenarios": scenarios})
@@ -159,41 +137,23 @@ def fly_command(
         raise click.UsageError(
             "Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file."
         )
-    if describe:
-        _refuse_beside("--describe", asked)
-        described = _chosen(scenario, seed, duration, vehicle, changed)
-        words = [printable(line) for line in in_words(described)]
-        if as_json:
-            return print_json(
-                {"scenario": scenario, "words": words, "values": described.model_dump(mode="json")}
-            )
-        return say("\n".join([*(f"# {line}" for line in words), "", in_toml(described)]))
-    if udp is not None and (out or rrd):
-        raise click.UsageError("--udp flies live; --out and --rrd write files: choose one.")
-    if udp is None and speed is not None:
-        raise click.UsageError(
-            "--speed applies to a live flight only: leave it out, or fly live with --udp."
-        )
     chosen = _chosen(scenario, seed, duration, vehicle, changed)
-    name = Path(scenario).stem
-    if not (udp or out or rrd):
+    if describe:
+        words = [printable(line) for line in in_words(chosen)]
+        if as_json:
+            values = chosen.model_dump(mode="json")
+            return print_json({"scenario": scenario, "words": words, "values": values})
+        return say("\n".join([*(f"# {line}" for line in words), "", in_toml(chosen)]))
+    if (udp is None) == (out is None and rrd is None):
         raise click.UsageError(
-            "No output: name a file with --out or --rrd, or a ground station with --udp."
+            "Name files with --out and --rrd, or a ground station to fly live with --udp: choose one."
         )
-    report = (
-        _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed or 1.0)
-    )
+    name = Path(scenario).stem
+    report = _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed)
     if as_json:
         print_json(
             {"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **report}
         )
-
-
-def _refuse_beside(option: str, asked: dict[str, Any]) -> None:
-    """Refuses what ``option``, which flies nothing, would ignore."""
-    ignored = [name for name, value in asked.items() if value is not None]
-    if ignored:
-        raise click.UsageError(f"{option} flies nothing: leave out {' and '.join(ignored)}.")
 
 
 @contextmanager
@@ -242,8 +202,6 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
         require("view", "--rrd")
     # The log appears last, with its companions in place.
     files = [path for path in (truth, rrd, out) if path is not None]
-    if len({replaceable(path) for path in files}) < len(files):
-        raise Unreadable(Fact(Place.FILES_ARE_THE_SAME, names=("--out", "--rrd")))
     began = perf_counter()
     with _refusing(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
@@ -260,20 +218,13 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
                 }
             write_truth(place[truth], scenario, motion)
         if rrd is not None:
-            with ending_at_once():  # Rerun takes a second to load
-                from mavdem.view import Pose, write_pose
+            # Rerun takes a second to load
+            from mavdem.view import Pose, write_pose
 
             rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
-            shown = {
-                field.name: getattr(motion, field.name)
-                for field in fields(Pose)
-                if field.name != "rotors"
-            }
-            write_pose(
-                place[rrd],
-                name,
-                Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])),
-            )
+            places = np.column_stack([rotors.forward, rotors.right])
+            shown = {field.name: getattr(motion, field.name, places) for field in fields(Pose)}
+            write_pose(place[rrd], name, Pose(**shown))
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
@@ -299,20 +250,13 @@ def _say_cautions(holding: Holding) -> dict[str, Any]:
 
 
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
-    host, _, port = udp.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if (
-        not host
-        or not port.isascii()
-        or not port.isdigit()
-        or len(port) > 5
-        or not 0 < int(port) < 1 << 16
-    ):
+    found = re.fullmatch(r"\[?([^]]+)\]?:(\d{1,5})", udp, re.ASCII)
+    if found is None or not 0 < int(found[2]) < 1 << 16:
         raise click.BadParameter(
             f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp"
         )
     whole = seconds(scenario)
-    with _refusing(), closing(Ground(host, int(port))) as ground:
+    with _refusing(), closing(Ground(found[1], int(found[2]))) as ground:
         say_aside(
             f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it."
         )

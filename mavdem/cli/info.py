@@ -11,19 +11,20 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import Options
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
-from mavdem.cli.options import read_source, source_options
-from mavdem.cli.output import complain, print_blocks, print_json
+from mavdem.cli.options import read_source, source_options, verbose_option
+from mavdem.cli.output import complain, print_json, print_screen, say
 from mavdem.condition.inventory import inventory
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
 from mavdem.health.in_flight import alarm_figures
-from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
-from mavdem.report.review import screen_of
+from mavdem.report.review import title_of
+from mavdem.report.screen import conclusion
 
 
 @click.command("info")
 @source_options()
+@verbose_option
 @click.pass_context
 def info_command(
     context: click.Context,
@@ -32,13 +33,14 @@ def info_command(
     vehicle: str | None,
     inputs: str | None,
     as_json: bool,
+    verbose: bool,
 ) -> None:
     """Reports what a log holds and if a model can be learned.
 
-    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints the
-    screen of `mavdem review`, if a model can be learned (a model of the slow motion too; if not, why and what to
-    change), the settled flight, and the messages with their rates. --json has all details, for example message counts
-    and the vehicle's condition; the reason is then also printed on standard error.
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints
+    if a model can be learned (a model of the slow motion too; if not, why and what to change), the settled flight, the
+    messages with their rates, headline and next step; with --verbose also the senders. --json has all details, for
+    example message counts and the vehicle's condition; the reason is then also printed on standard error.
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
@@ -54,20 +56,18 @@ def info_command(
         place = telemetry.system, telemetry.component
         known[place] = (analysis.verdict, analysis.condition, analysis.identity)
     held = inventory(log, axis, vehicle, inputs, known)
-    blocks = list[Block]()
     for shown, one in zip(held["vehicles"], assessments, strict=True):
         shown |= document_of(one)
-        blocks += [*map(Sentence, screen_of(one).splitlines()), *vehicle_contents(shown)]
+        if not as_json:
+            above, *lights, following = conclusion(one.judgement)
+            more = [*lights, *stream_contents(held)]
+            said = [above, following]
+            print_screen(title_of(one), vehicle_contents(shown), more, said, verbose)
     held["learnable"] = any(one["model"] for one in held["vehicles"])
-    if not held["vehicles"]:
-        what = (
-            "There is no vehicle in this log: check that the autopilot's own messages are recorded."
-        )
-        blocks.append(Sentence(what))
     if as_json:
         print_json(held)
-    else:
-        print_blocks([*blocks, *stream_contents(held)], gap="")
+    elif not held["vehicles"]:
+        say("There is no vehicle in this log: check that the autopilot's messages are recorded.")
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -22,14 +21,14 @@ from mavdem.cli.options import (
     model_options,
     read_source,
     source_options,
+    verbose_option,
     window_options,
 )
 from mavdem.cli.output import (
     check_folder,
     complain,
-    print_blocks,
     print_json,
-    printable,
+    print_screen,
     progress,
     say_aside,
 )
@@ -40,7 +39,7 @@ from mavdem.evaluate.window import Length
 from mavdem.extras import lacking
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
-from mavdem.results import RECORDING, RESULT_FILES
+from mavdem.results import PAGE, RECORDING
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
@@ -84,11 +83,7 @@ start_option = click.option(
     "--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates."
 )
 @click.option("--no-files", is_flag=True, help="Only print the screen; write no files.")
-@click.option(
-    "--verbose",
-    is_flag=True,
-    help="Also print cautions, the model A, B and C, and how it was learned.",
-)
+@verbose_option
 def learn_command(
     source: str,
     axis: str,
@@ -110,8 +105,8 @@ def learn_command(
     settled flight. It is judged by windows of --test: five further models, each trained on four fifths of the flight,
     forecast every window of the fifth that they have not seen.
 
-    The screen says what the model is good for and why, then what vehicle and wind do; with --axis all also a row for
-    each of roll, pitch and yaw.
+    The screen says what the model is good for and why, and last the headline, the next step and where the page is. With
+    --verbose it has all figures, the model A, B and C, and how it was learned.
 
     A log whose rates allow less gives that: at 8 to 40 Hz (tier b) a model of the slow motion, if it predicts better
     than none; at any rate from 1 Hz (tier c) balance, limits, lean, vibration and battery. Without a model the folder
@@ -138,7 +133,7 @@ def learn_command(
     """
     folder = out or named_after(source)
     if not no_files:
-        check_folder(folder, RESULT_FILES)
+        check_folder(folder)
     began = perf_counter()
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
@@ -150,24 +145,18 @@ def learn_command(
     if learned is None and analysis.tier.name is None:
         raise assessment.refusal
     files = {} if no_files else files_of(folder, assessment)
-    report: dict[str, Any] = report_of(assessment) | {
-        "seconds": round(perf_counter() - began, 3),
-        "files": files,
-    }
-    blocks = analysis_blocks(assessment)
-    details = list[Block]()
+    took = perf_counter() - began
+    report: dict[str, Any] = report_of(assessment) | {"seconds": round(took, 3), "files": files}
     if learned is None:
         settled = analysis.condition.settled
         text = f"{analysis.verdict.axis}, {settled:.0f} s of settled flight, no model."
-        heading = Sentence(text, f"{printable(Path(source).name)}:")
+        heading = Sentence(text, f"{Path(source).name}:")
+        details = list[Block]()
         refusal = assessment.refusal
         report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     else:
-        text, lead, _ = title(analysis.flights)
-        heading = Sentence(printable(text), printable(lead))
+        heading = title(analysis.flights)
         details = detail_blocks(learned, analysis.findings)
-    if not as_json:
-        print_blocks([heading, *blocks, *(details if verbose else [])])
     if not no_files:
         with progress("Drawing and writing the files", measured=False):
             write_results(folder, report, assessment)
@@ -180,12 +169,9 @@ def learn_command(
         if learned is None:  # else the screen has said it
             complain(assessment.refusal.fact, as_json=False)
     else:
-        place = printable(folder)
-        written = f" Written to {place}: {', '.join(map(printable, files))}." if files else ""
-        say_aside(f"Took {perf_counter() - began:.1f} s.{written}")
-        if files:
-            say_aside(f"Read or mail: {place}/report.html")
-        if RECORDING in files:
-            say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
+        above, *blocks, following = analysis_blocks(assessment)
+        page = Sentence(f"{folder / PAGE} (took {took:.1f} s)", "Page:")
+        conclusion = [above, following, *[page] * (not no_files)]
+        print_screen(heading, blocks, details, conclusion, verbose)
     if learned is None:
         raise click.exceptions.Exit(1)  # no model

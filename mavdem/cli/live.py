@@ -23,7 +23,6 @@ from mavdem.cli.output import (
     STDERR,
     asked_to_end,
     check_file,
-    ending_at_once,
     print_json,
     printable,
     say_aside,
@@ -82,9 +81,9 @@ class Dashboard:
                 require("view", "The dashboard")
             return
         # Rerun takes a second to load.
-        with ending_at_once():
-            from mavdem.view.live_view import LiveView
-            from mavdem.view.sinks import RecordingFile, WebServer, sinks_for
+        from mavdem.view.live_view import LiveView
+        from mavdem.view.sinks import RecordingFile, WebServer, sinks_for
+
         try:
             sinks = sinks_for(rrd, serve, connect)
         except ValueError as error:

@@ -7,7 +7,7 @@ import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial, reduce
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -18,7 +18,6 @@ from mavdem.alignment.read import learnable_flight
 from mavdem.cli.commands import UNUSABLE
 from mavdem.cli.output import printable, progress, say, say_aside
 from mavdem.dem import Settings
-from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.window import TEST_SECONDS, Length
 from mavdem.facts import Fact
@@ -61,14 +60,6 @@ def folder_named(
     return Path(value)
 
 
-def _vehicle(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    no_option(context, parameter, value)
-    if value is not None and not re.fullmatch(r"\d{1,3}(:\d{1,3})?", value, re.ASCII):
-        what = f"{value!r} is no vehicle: give its MAVLink system id, or system and component as in 1:1."
-        raise click.BadParameter(what, context, parameter)
-    return value
-
-
 class Number(click.FloatRange):
     """A range of numbers, without the one that every range accepts: NaN."""
 
@@ -87,10 +78,12 @@ jobs_option = click.option(
     "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
 )
 vehicle_option = click.option(
-    "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which, of several."
+    "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=no_option, help="Which, of several."
 )
-
-
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."
+)
+verbose_option = click.option("--verbose", is_flag=True, help="Print all, not 15 lines.")
 params_option = file_option(
     "--params",
     "Parameters that the log lacks: a file of QGroundControl (.params) or Mission Planner (.param).",
@@ -112,9 +105,7 @@ def motion_options(
             help="The inputs of the model: the motor outputs, or the controller's demand before the mixer. "
             "[default: motors; demand if only that is logged fast enough]",
         ),
-        click.option(
-            "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."
-        ),
+        json_option,
     )
 
 
@@ -158,25 +149,16 @@ def _settings(context: click.Context, parameter: click.Parameter, order: int | N
     return settings if order is None else replace(settings, order=order)
 
 
-def _length(
-    fewest: int, context: click.Context, parameter: click.Parameter, value: str | None
-) -> Length | None:
-    """Seconds, as in ``7s``, or samples, as in ``700``; the latter at least ``fewest``."""
+def _length(context: click.Context, parameter: click.Parameter, value: str | None) -> Length | None:
+    """Seconds, as in ``7s``, or samples, as in ``700``."""
     if value is None:
         return None
-    found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)(s?)", value, re.ASCII)
-    number, in_seconds = (float(found[1]), bool(found[2])) if found else (0.0, False)
-    if found is None:
+    found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,9})?s|\d{1,9})", value, re.ASCII)
+    number = float(value.removesuffix("s")) if found else 0.0
+    if not number:
         wrong = f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700."
-    elif not in_seconds and (number != round(number) or number < fewest):
-        wrong = (
-            f"{value} is not a whole number of at least {fewest} samples: did you mean {value}s?"
-        )
-    elif in_seconds and not 0 < number < 1e6:
-        wrong = f"{value} is not a length of flight."
-    else:
-        return Length(number, in_seconds)
-    raise click.BadParameter(wrong, context, parameter)
+        raise click.BadParameter(wrong, context, parameter)
+    return Length(number, value.endswith("s"))
 
 
 def window_options(train_default: str, test_help: str) -> Callable[[Command], Command]:
@@ -184,10 +166,8 @@ def window_options(train_default: str, test_help: str) -> Callable[[Command], Co
     train_help = f"Training data: seconds (7s) or samples (700). [default: {train_default}]"
     test_help = f"{test_help} [default: {TEST_SECONDS:g}s]"
     return _adding(
-        click.option(
-            "--train", callback=partial(_length, FEWEST_SAMPLES), metavar="LENGTH", help=train_help
-        ),
-        click.option("--test", callback=partial(_length, 1), metavar="LENGTH", help=test_help),
+        click.option("--train", callback=_length, metavar="LENGTH", help=train_help),
+        click.option("--test", callback=_length, metavar="LENGTH", help=test_help),
     )
 
 
@@ -280,17 +260,6 @@ def end_report(
         context.exit(UNUSABLE)
 
 
-def nothing_left(refused: Sequence[Refused], done: str) -> NotLearnable | Unreadable:
-    """The error if all SOURCEs are refused: the first one, unreadable ones first; with its SOURCE if there are more."""
-    first = min(refused, key=lambda one: isinstance(one.error, NotLearnable))
-    if len(refused) == 1:
-        return first.error
-    none_left = Fact(
-        Source.NO_FLIGHT_IS_LEFT,
-        count=len(refused),
-        name=done,
-        path=first.source,
-        because=first.error.fact,
-    )
-    kind = Unreadable if isinstance(first.error, Unreadable) else NotLearnable
-    return kind(none_left)
+def nothing_left(refused: Sequence[Refused]) -> NotLearnable | Unreadable:
+    """The error if all SOURCEs are refused: the first one, unreadable ones first."""
+    return min(refused, key=lambda one: isinstance(one.error, NotLearnable)).error

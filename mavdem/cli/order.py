@@ -106,7 +106,7 @@ def order_command(
                 found[name] = result
             done(number / len(flights))
     if not found:
-        raise nothing_left(refused, "given an order")
+        raise nothing_left(refused)
     choice = OrderChoice(tuple(found.values()))
     seconds = round(perf_counter() - began, 3)
     written = "" if html is None else f" Written: {printable(html)}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import io
 import json
 import logging
@@ -13,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from textwrap import wrap
+from textwrap import shorten, wrap
 from types import FrameType
 from typing import Any
 
@@ -26,43 +25,25 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
-from mavdem.report.blocks import Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
-# Of what the terminal cannot show; other such characters become a question mark.
-PLAIN_CHARACTERS = {
-    "±": "+-",
-    "°": "deg",
-    "µ": "u",
-    "“": '"',
-    "”": '"',
-    "\N{COMBINING MACRON}": "",
-    "²": "^2",
-}
-PLAIN_CHARACTERS |= {"−": "-", "₀": "0", "ẋ": "x'"}
+LINES = 15
+"""Of a screen without ``--verbose``, on a terminal that nobody has widened."""
 
 
 def prepare_streams() -> None:
     """Lets no character that the terminal cannot show end a run, and shows a warning as one line."""
-    codecs.register_error("plain", _plain)
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - it stays open for as long as the process
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="plain")
+            stream.reconfigure(errors="replace")
     # A cache that it cannot write, and faults of a matplotlibrc, matter to nothing that is written here.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     warnings.showwarning = lambda message, *_, **__: say_aside(
         _one_line(f"mavdem: warning: {message}")
     )
-
-
-def _plain(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    return "".join(
-        PLAIN_CHARACTERS.get(one, "?") for one in error.object[error.start : error.end]
-    ), error.end
 
 
 def json_text(document: dict[str, Any]) -> str:
@@ -87,16 +68,13 @@ def say_aside(text: str) -> None:
 
 
 def printable(text: object) -> str:
-    r"""Text with every character that is none to look at as it is written in TOML and JSON, ``\n`` or ``\u001b``.
+    r"""Text with every character that is none to look at as Python writes it, ``\n`` or ``\x1b``.
 
     Names and files may hold line breaks and what a terminal obeys: escapes, and marks that turn text around.
     """
-    short: dict[str, str | int | None] = {"\n": "\\n", "\t": "\\t", "\r": "\\r"}
-    hidden = {one for one in str(text) if not one.isprintable()}
-    codes = {
-        one: f"\\u{ord(one):04x}" if ord(one) < 1 << 16 else f"\\U{ord(one):08x}" for one in hidden
-    }
-    return str(text).translate(str.maketrans({**codes, **short}))
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode() for one in str(text)
+    )
 
 
 def _one_line(text: str) -> str:
@@ -108,7 +86,7 @@ def print_json(document: Any) -> None:
     click.echo(json_text(document))
 
 
-def print_result(document: Any, blocks: Iterable[Sentence | Table], as_json: bool) -> None:
+def print_result(document: Any, blocks: Iterable[Block], as_json: bool) -> None:
     """Prints the one document of ``--json``, or else the blocks."""
     if as_json:
         print_json(document)
@@ -116,27 +94,58 @@ def print_result(document: Any, blocks: Iterable[Sentence | Table], as_json: boo
         print_blocks(blocks)
 
 
-def print_blocks(blocks: Iterable[Sentence | Table], gap: str = "\n") -> None:
-    """Prints sentences and tables, each with a ``gap`` after it; names in them may hold what a terminal obeys."""
+def print_blocks(blocks: Iterable[Block]) -> None:
+    """Prints sentences and tables with an empty line after each; names in them may hold what a terminal obeys."""
+    for block in blocks:
+        say("\n".join([*_lines(block), ""]))
+
+
+def print_screen(
+    title: Sentence | None,
+    brief: Iterable[Block],
+    more: Iterable[Block],
+    conclusion: Iterable[Block],
+    verbose: bool,
+) -> None:
+    """Prints a title, what was found, and last the ``conclusion``: where somebody looks when all has scrolled by.
+
+    Without ``verbose`` that are ``LINES`` at most: of the ``brief`` blocks, those which fit, their texts cut to a line.
+    """
+    first = [] if title is None else [title]
+    if verbose:
+        print_blocks([*first, *brief, *more])
+        print_blocks([*conclusion])
+        return
+    shown = [line for block in first for line in _lines(block, is_cut=True)]
+    last = [line for block in conclusion for line in _lines(block)]
+    for block in brief:
+        lines = _lines(block, is_cut=True)
+        if len(shown) + len(lines) + len(last) < LINES:
+            shown += lines
+    say("\n".join([*shown, *last]))
+
+
+def _lines(block: Block, is_cut: bool = False) -> list[str]:
+    """The lines of a block, as wide as the terminal; ``is_cut``: texts of tables have one line a row."""
     terminal = sys.stdout.isatty()
     # Where it is no terminal, a sentence is one line, for programs that search it, and tables take 120 columns.
     console = Console(width=None if terminal else 120, highlight=False, markup=False, emoji=False)
-    for block in blocks:
-        with console.capture() as captured:
-            if isinstance(block, Sentence):
-                console.print(
-                    printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal
-                )
-            else:
-                console.print(_grid(block, console.width))
-        say("\n".join(line.rstrip() for line in captured.get().splitlines()) + gap)
+    with console.capture() as captured:
+        if isinstance(block, Sentence):
+            console.print(printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal)
+        else:
+            console.print(_grid(block, console.width, is_cut and block.words))
+    return [line.rstrip() for line in captured.get().splitlines()]
 
 
-def _grid(table: Table, width: int) -> Grid:
+def _grid(table: Table, width: int, is_cut: bool) -> Grid:
     grid = Grid(box=None, pad_edge=False)
     columns = [
         list(map(printable, column)) for column in zip(table.header, *table.rows, strict=True)
     ]
+    if is_cut:
+        room = width - sum(max(map(len, column)) + 2 for column in columns[:-1])
+        columns[-1] = [shorten(cell, room, placeholder=" …") for cell in columns[-1]]
     fits = sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
     for heading, *cells in columns:
         widest = max(map(len, [*heading.split(), *cells]), default=0)
@@ -147,8 +156,8 @@ def _grid(table: Table, width: int) -> Grid:
             no_wrap=not grid.columns,
             min_width=max(map(len, heading.split()), default=0),
         )
-    for row in table.rows:
-        grid.add_row(*map(printable, row))
+    for row in zip(*(cells for _, *cells in columns), strict=True):
+        grid.add_row(*row)
     return grid
 
 
@@ -171,26 +180,13 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
         yield lambda fraction: bar.update(task, completed=fraction)
 
 
-def check_folder(folder: Path, names: Sequence[str]) -> None:
+def check_folder(folder: Path) -> None:
     """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
     existing = next(filter(os.path.lexists, (folder, *folder.absolute().parents)))
     if not existing.is_dir():
         raise Unreadable(Fact(Place.OUT_IS_A_FILE, path=str(folder), existing=str(existing)))
     if not is_writable(existing):
         raise Unreadable(Fact(Place.OUT_NOT_WRITABLE, path=str(folder), existing=str(existing)))
-    for path in (folder / name for name in names):
-        # Found only when the others are replaced, it would leave results of two runs.
-        try:
-            occupied = path.is_dir() and not path.is_symlink()
-        except OSError as error:  # its name is too long
-            raise _out_failed(folder, error, made=False) from None
-        if occupied:
-            raise Unreadable(Fact(Place.FILE_IS_A_FOLDER, path=str(path)))
-
-
-def _out_failed(folder: Path, error: OSError, made: bool) -> Unreadable:
-    because = error.strerror or str(error)
-    return Unreadable(Fact(Place.OUT_FAILED, path=str(folder), because=because, made=made))
 
 
 def write_text(path: Path, text: str) -> None:
@@ -203,24 +199,12 @@ def write_text(path: Path, text: str) -> None:
 def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
     """Yields paths to write instead of these files, which then replace them; raises ``Unreadable`` if not."""
     try:
-        with _made(folder), atomic_writes(*(folder / name for name in names)) as files:
+        folder.mkdir(parents=True, exist_ok=True)
+        with atomic_writes(*(folder / name for name in names)) as files:
             yield files
     except OSError as error:
-        raise _out_failed(folder, error, made=True) from None
-
-
-@contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Makes a folder and those above it, and on failure removes those that it made."""
-    missing = [place for place in (folder, *folder.parents) if not place.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        yield
-    except BaseException:
-        for place in missing:
-            with suppress(OSError):  # never made, or somebody else has put something there
-                place.rmdir()
-        raise
+        because = error.strerror or str(error)
+        raise Unreadable(Fact(Place.OUT_FAILED, path=str(folder), because=because)) from None
 
 
 def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import click
 
 from mavdem.cli.output import (
     check_folder,
-    ending_at_once,
     json_text,
     print_json,
     print_result,
@@ -23,10 +20,6 @@ from mavdem.dem.parallel import pool, spare_cores
 from mavdem.extras import require
 from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table
-
-if TYPE_CHECKING:
-    from mavdem.paper.report import ItemReport
-    from mavdem.paper.runner import Runner
 
 
 @click.command("reproduce")
@@ -68,12 +61,11 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         return say(
             "\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed)
         )
-    with ending_at_once():
-        require("view", "`mavdem reproduce`")
-        from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document
-        from mavdem.paper.runner import Extent, Runner
+    require("view", "`mavdem reproduce`")
+    from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
+    from mavdem.paper.runner import Extent, Runner
 
-    check_folder(out, (PAGE, NUMBERS, RECORDING))
+    check_folder(out)
     began = perf_counter()
     reports = []
     with pool(spare_cores()) as executor:
@@ -83,8 +75,10 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
                 with progress(claim.title) as runner.progress:
                     reports.append(ItemReport(claim, run(runner)))
         with progress("Writing the report", measured=False):
-            write_report(out, reports, runner, perf_counter() - began)
-    seconds = perf_counter() - began
+            seconds = perf_counter() - began
+            with writing(out):
+                write(out, reports, runner, seconds)
+                (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
     found = [
         [one.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip()]
         for one in reports
@@ -96,12 +90,3 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
     )
     if not as_json:
         say(f"Took {seconds:.0f} s. Written: {out / PAGE}")
-
-
-def write_report(out: Path, reports: Sequence[ItemReport], runner: Runner, seconds: float) -> None:
-    """Writes the report, numbers.json included, into a folder that need not exist, or raises ``Unreadable``."""
-    from mavdem.paper.report import NUMBERS, document, write
-
-    with writing(out):
-        write(out, reports, runner, seconds)
-        (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from mavdem.assessment import Assessment
-from mavdem.cli.output import ending_at_once, files_in, json_text
-from mavdem.results import RECORDING, RESULT_FILES, result_files, write_result_files
+from mavdem.cli.output import files_in, json_text
+from mavdem.results import RESULT_FILES, result_files, write_result_files
 
 
 def named_after(source: str) -> Path:
@@ -26,9 +26,6 @@ def files_of(folder: Path, assessment: Assessment) -> dict[str, str]:
 def write_results(folder: Path, document: dict[str, Any], assessment: Assessment) -> None:
     """Writes the result files, as :func:`files_in` does, with this report. Those of a run before go."""
     names = result_files(assessment)
-    if RECORDING in names:
-        with ending_at_once():
-            import mavdem.view  # noqa: F401
     with files_in(folder, names) as paths:
         write_result_files(dict(zip(names, paths, strict=True)), json_text(document), assessment)
     for name in set(RESULT_FILES) - set(names):

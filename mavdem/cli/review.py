@@ -8,14 +8,13 @@ from time import perf_counter
 import click
 
 from mavdem.assessment.assess import assess
-from mavdem.cli.options import folder_named, params_option, read_source, vehicle_option
+from mavdem.cli.options import folder_named, json_option, params_option, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import files_of, named_after, write_results
 from mavdem.documents.review import review_document
-from mavdem.report.blocks import Sentence
 from mavdem.report.review import screen_of
 from mavdem.report.screen import analysis_blocks
-from mavdem.results import RESULT_FILES
+from mavdem.results import PAGE
 
 
 @click.command("review")
@@ -28,7 +27,7 @@ from mavdem.results import RESULT_FILES
     callback=folder_named,
     help="Folder for the results. [default: named after the log]",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 @click.option("--verbose", is_flag=True, help="Also print what `mavdem learn` does.")
 def review_command(
     source: str,
@@ -55,14 +54,9 @@ def review_command(
       mavdem flight.bin --params vehicle.param --out results
     """
     folder = out or named_after(source)
-    check_folder(folder, RESULT_FILES)
+    check_folder(folder)
     began = perf_counter()
     assessment = assess(read_source(source, params), vehicle, progress=progress)
-    if not as_json:
-        print_blocks(map(Sentence, screen_of(assessment).splitlines()), gap="")
-        if verbose:
-            say()
-            print_blocks(analysis_blocks(assessment))
     document = review_document(assessment) | {"files": files_of(folder, assessment)}
     with progress("Drawing and writing the files", measured=False):
         write_results(folder, document, assessment)
@@ -70,4 +64,7 @@ def review_command(
         print_json(document)
     else:
         seconds = perf_counter() - began
-        say(f"Page: {printable(folder / 'report.html')} (took {seconds:.1f} s)")
+        if verbose:
+            print_blocks(analysis_blocks(assessment))
+        say("\n".join(map(printable, screen_of(assessment).splitlines())))
+        say(f"Page: {printable(folder / PAGE)} (took {seconds:.1f} s)")

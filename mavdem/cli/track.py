@@ -10,7 +10,14 @@ from time import monotonic
 import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import Number, folder_named, jobs_option, no_option, refuse_link
+from mavdem.cli.options import (
+    Number,
+    folder_named,
+    jobs_option,
+    json_option,
+    no_option,
+    refuse_link,
+)
 from mavdem.cli.output import (
     STDERR,
     print_blocks,
@@ -80,7 +87,7 @@ PAGE = "mavdem.report.page:flight_page"
     show_default=True,
     help="Memory in MB that the reading of one log may take.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 @click.pass_context
 def track_command(
     context: click.Context,

@@ -16,8 +16,14 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.grounding import grounds_of
 from mavdem.assessment.margins import margins_of
 from mavdem.cli.learn import start_option
-from mavdem.cli.options import folder_named, params_option, read_source, source_options
-from mavdem.cli.output import check_folder, files_in, print_result, printable, progress, say_aside
+from mavdem.cli.options import (
+    folder_named,
+    params_option,
+    read_source,
+    source_options,
+    verbose_option,
+)
+from mavdem.cli.output import check_folder, files_in, print_json, print_screen, progress, say_aside
 from mavdem.condition.loop.advice import Advice, advise, lowered
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS, Loop
@@ -26,7 +32,7 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Sentence
-from mavdem.report.loops import tune_blocks
+from mavdem.report.loops import advice_blocks, tune_blocks
 from mavdem.report.page import tune_page
 from mavdem.report.screen import conclusion
 
@@ -55,6 +61,7 @@ REAL32 = 9  # MAV_PARAM_TYPE_REAL32
     callback=folder_named,
     help="Folder for tune.html and the parameter files.",
 )
+@verbose_option
 def tune_command(
     source: str,
     axis: str,
@@ -67,6 +74,7 @@ def tune_command(
     filters: bool,
     start: float,
     out: Path | None,
+    verbose: bool,
 ) -> None:
     """Reports the margins of the rate and attitude loops, and gains to set.
 
@@ -75,7 +83,7 @@ def tune_command(
     95 % of the plants that fit the flight, with up to a fifth more or less control effectiveness, and of such gains
     those with which wind moves the vehicle least. Loops with enough margin keep their gains, unless --more is asked.
     With --filters a notch filter is advised on the motors' line in the gyro's spectrum, and gains have the margins with
-    it.
+    it. With --verbose it prints all margins, and what they rest on.
     Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param).
     Exit code: 1 if no gains are advised, with the reason.
 
@@ -93,7 +101,7 @@ def tune_command(
         *(["gains.param"] if telemetry.autopilot == "ARDUPILOTMEGA" else []),
     ]
     if out is not None:
-        check_folder(out, names)
+        check_folder(out)
     signals = Signals(telemetry, inputs=inputs)
     options = Options(vehicle, inputs, start=start, whole=False)
     assessment = assess_signals(log, signals, AXES[0], options, progress=progress)
@@ -133,18 +141,20 @@ def tune_command(
     }
     document |= assessment.judgement._asdict()
     document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
-    blocks = [*conclusion(assessment.judgement), *tune_blocks(found)]
-    if notch:
-        blocks.append(Sentence(notch.advised, "Notch filter:"))
-    print_result(document, blocks, as_json)
     if out is not None:
         texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
         with files_in(out, names) as paths:
             for path, text in zip(paths, texts, strict=False):
                 path.write_text(text, "utf-8", "replace")
-        say_aside(
-            f"Written to {printable(out)}: {', '.join(names)}. Nothing was sent to the vehicle."
-        )
+        say_aside(f"Written: {', '.join(names)}. Nothing was sent to the vehicle.")
+    if as_json:
+        print_json(document)
+    else:
+        above, *lights, following = conclusion(assessment.judgement)
+        blocks = [*(tune_blocks if verbose else advice_blocks)(found)]
+        blocks += [Sentence(notch.advised, "Notch filter:")] if notch else []
+        page = [] if out is None else [Sentence(str(out / names[0]), "Page:")]
+        print_screen(None, blocks, lights, [above, following, *page], verbose)
     if refusal:
         raise click.exceptions.Exit(1)
 

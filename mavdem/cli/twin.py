@@ -14,7 +14,14 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.grounding import grounds_of_log
-from mavdem.cli.options import Number, no_option, params_option, read_source, vehicle_option
+from mavdem.cli.options import (
+    Number,
+    json_option,
+    no_option,
+    params_option,
+    read_source,
+    vehicle_option,
+)
 from mavdem.cli.output import check_file, print_result, printable, progress, say_aside, write_text
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop.loop import Loop
@@ -60,7 +67,7 @@ FIGURES |= {"peak": " rate's step, largest", "rise": " rate's step, time to half
 )
 @vehicle_option
 @params_option
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def twin_command(
     source: str,
     out: tuple[Path, ...],

@@ -11,14 +11,20 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import Options
 from mavdem.assessment.assess import assess_signals
-from mavdem.cli.options import file_option, read_source, vehicle_option
-from mavdem.cli.output import print_result
+from mavdem.cli.options import (
+    file_option,
+    json_option,
+    read_source,
+    vehicle_option,
+    verbose_option,
+)
+from mavdem.cli.output import print_json, print_screen
 from mavdem.condition.inventory import identity_of
 from mavdem.condition.wind_of_log import wind_of
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import DragSource
 from mavdem.fleet.priors import earlier_drag
-from mavdem.report.blocks import Table
+from mavdem.report.blocks import Block, Table
 from mavdem.report.condition import wind_blocks
 from mavdem.report.screen import conclusion
 
@@ -37,8 +43,11 @@ SOURCES = {
     "--prior",
     "Drag from earlier flights: learn's folder or files, a fleet's folder, or wind's own JSON.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
-def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: bool) -> None:
+@json_option
+@verbose_option
+def wind_command(
+    source: str, vehicle: str | None, prior: Path | None, as_json: bool, verbose: bool
+) -> None:
     """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.
 
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
@@ -55,8 +64,9 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     if prior is not None:
         wind = wind_of(signals, earlier_drag(prior, identity_of(signals).name, wind.speed))
     drag = wind.drag
-    blocks = conclusion(assessment.judgement)
-    blocks += wind_blocks((wind, signals.autopilot_wind, None))
+    above, *lights, following = conclusion(assessment.judgement)
+    blocks = wind_blocks((wind, signals.autopilot_wind, None))
+    tables = list[Block]()
     for header, name, rows in (
         ("Time (s)", "start", wind.minutes),
         ("Height (m)", "height", wind.profile),
@@ -64,11 +74,8 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
         cells = [
             [f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows
         ]
-        blocks += (
-            [Table([header, "Wind (m/s)", "From (°)"], cells)]
-            if wind.sized and len(rows) > 1
-            else []
-        )
+        if wind.sized and len(rows) > 1:
+            tables.append(Table([header, "Wind (m/s)", "From (°)"], cells))
     settings = drag.parameters(signals.telemetry.autopilot)
     numbers = settings | {
         "linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))
@@ -76,4 +83,7 @@ def wind_command(source: str, vehicle: str | None, prior: Path | None, as_json: 
     table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
     blocks += [Table([f"Drag, from {SOURCES[drag.source]}", "value", "from", "to"], table)]
     document = assessment.judgement._asdict() | wind.as_dict() | {"parameters": settings}
-    print_result(document, blocks, as_json)
+    if as_json:
+        print_json(document)
+    else:
+        print_screen(None, blocks, [*tables, *lights], [above, following], verbose)

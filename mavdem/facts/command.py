@@ -11,9 +11,7 @@ class Place(Code):
     OUT_IS_A_FILE = auto()
     OUT_NOT_WRITABLE = auto()
     OUT_FAILED = auto()
-    FILE_IS_A_FOLDER = auto()
     FILE_FAILED = auto()
-    FILES_ARE_THE_SAME = auto()
 
 
 class Source(Code):
@@ -21,7 +19,6 @@ class Source(Code):
 
     STANDARD_INPUT_IS_NO_LOG = auto()
     LINK_IS_NO_LOG = auto()
-    NO_FLIGHT_IS_LEFT = auto()
     AS_MANY_INPUTS_NEEDED = auto()
     NO_ORDER_OF_FLIGHT = auto()
 

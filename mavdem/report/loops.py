@@ -51,6 +51,19 @@ def tune_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
     return [*blocks, *section("loop_not_checked", named=named)]
 
 
+def advice_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
+    """Returns in short what is advised by axis: a sentence each, and the gains to set."""
+    blocks = list[Block]()
+    for axis, advice in found.items():
+        lead = f"{axis.capitalize()}:"
+        if isinstance(advice, Fact):
+            blocks.append(Sentence(str(advice), lead))
+        else:
+            blocks.append(Sentence(f"{advice.rating} {advice.sentence}", lead))
+            blocks += _gains(advice)[:1] if advice.gains else []
+    return blocks
+
+
 def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
     """Returns a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
     tables = list[Block]()

@@ -20,12 +20,13 @@ LINES = 13
 def screen_of(assessment: Assessment) -> str:
     """Returns the screen of an ``assessment``: at most ``LINES`` of ``COLUMNS``."""
     lead = title_of(assessment)
-    above = [_cut(f"{lead.lead} {lead.text}"), *_wrapped(headline(assessment.headline))]
+    first = _cut(f"{lead.lead} {lead.text}")
     lights = [_light(name, fact) for name, fact in assessment.lights.items()]
-    following = _wrapped(f"Next: {assessment.next_step}")
-    room = LINES - len(above) - len(lights) - len(following)
+    # What somebody reads when all has scrolled by is last.
+    last = [*_wrapped(headline(assessment.headline)), *_wrapped(f"Next: {assessment.next_step}")]
+    room = LINES - 1 - len(lights) - len(last)
     alarms = [*_alarms(assessment)][:room]
-    return "\n".join([*above, *lights, *alarms, *following])
+    return "\n".join([first, *lights, *alarms, *last])
 
 
 def title_of(assessment: Assessment) -> Sentence:

@@ -15,8 +15,8 @@ from command_line import FLIGHT, LOGS, MAVDEM, PATIENCE, refused, run
 from mavdem import read_flight
 from mavdem.cli import commands as command_line
 from mavdem.cli.commands import main, mavdem
-from mavdem.cli.learn import RESULT_FILES
 from mavdem.export.conversion import write_channels
+from mavdem.results import RESULT_FILES
 
 BROKEN = {
     "empty.tlog": b"",
@@ -50,13 +50,11 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     ("words", "named"),
     [
         (["learn", FLIGHT, "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
-        (["learn", FLIGHT, "--out", "x", "--vehicle", "foo"], "'foo' is no vehicle"),
         (["learn", FLIGHT, "--out", "x", "--axis", "yaw"], "'yaw' is not one of 'roll', 'pitch'"),
         (
             ["learn", FLIGHT, "--out", "x", "--train", "many"],
             "'many' is no length: give seconds, as in 7s",
         ),
-        (["learn", FLIGHT, "--train", "49"], "49 is not a whole number of at least 50 samples"),
         (["learn", FLIGHT, "--out", "x", "--vehicle", "--verbose"], "--verbose is an option"),
         (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
         (
@@ -89,11 +87,6 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["fly", "hover_blower", "--udp", "255.255.255.255:14550"], "name one host"),
         (["fly", "hover_blower", "--udp", "127.0.0.1:14550", "--speed", "1e-300"], "--speed"),
         (["fly", "hover_blower", "--udp", "127.0.0.1:14550", "--out", "f.tlog"], "choose one"),
-        (
-            ["fly", "hover_blower", "--out", "f.tlog", "--speed", "1"],
-            "--speed applies to a live flight",
-        ),
-        (["fly", "hover_blower", "--out", "f.tlog", "--describe"], "leave out --out"),
     ],
 )
 def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
@@ -158,10 +151,8 @@ def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_
     ]
     done = subprocess.run(words, capture_output=True, timeout=PATIENCE, env=environment)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.startswith(b"Took ") and done.stderr.count(b"\n") == 3
-    assert {path.name for path in out.iterdir()} == set(RESULT_FILES)
-    assert done.stdout.isascii() and b"?" not in done.stdout
-    assert b" +- " in done.stdout and b"roll rate, deg/s" in done.stdout
+    assert set(RESULT_FILES) == {path.name for path in out.iterdir()}
+    assert done.stdout.isascii()
 
 
 @pytest.mark.slow
@@ -181,14 +172,6 @@ def test_the_help_says_of_each_command_what_it_says_itself():
         _, command, _ = mavdem.resolve_command(context, [name])
         assert command is not told
         assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
-
-
-@pytest.mark.parametrize("name", RESULT_FILES)
-def test_a_folder_where_a_result_must_go_is_refused_before_the_work(name, tmp_path, capsys):
-    (tmp_path / name).mkdir()
-    assert run("learn", "missing.tlog", "--out", tmp_path) == 2
-    assert f"{name} is a folder" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
@@ -224,7 +207,7 @@ def offered(monkeypatch, capsys, *words):
     return said.out.split()
 
 
-def test_commands_options_values_and_scenarios_are_offered(monkeypatch, capsys):
+def test_commands_options_and_values_are_offered(monkeypatch, capsys):
     assert offered(monkeypatch, capsys, "le") == ["plain,learn"]
     assert offered(monkeypatch, capsys, "learn", "x.tlog", "--o") == [
         "plain,--out",
@@ -236,8 +219,6 @@ def test_commands_options_values_and_scenarios_are_offered(monkeypatch, capsys):
         "plain,yaw",
     ]
     assert offered(monkeypatch, capsys, "info", "fli") == ["file,fli"]
-    assert "plain,hover_blower" in offered(monkeypatch, capsys, "fly", "hover")
-    assert offered(monkeypatch, capsys, "fly", "./my.toml") == ["file,./my.toml"]
 
 
 def test_completing_a_command_imports_nothing_that_takes_time():
@@ -255,13 +236,6 @@ def test_completing_a_command_imports_nothing_that_takes_time():
         [sys.executable, "-c", program], env=asked, capture_output=True, text=True, timeout=60
     )
     assert (done.returncode, done.stderr) == (0, "[]\n") and "learn" in done.stdout
-
-
-def test_the_closest_names_come_first(capsys):
-    assert run("learn", "x.tlog", "--ot", "y") == 2
-    assert "Did you mean --out, --test or --json?" in capsys.readouterr().err
-    assert run("learm", "x.tlog") == 2
-    assert "learn" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
