@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,12 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.time)
+
+
+def joined(pieces: Sequence[Motion]) -> Motion:
+    """Returns one motion, of pieces that follow each other."""
+    columns = ([getattr(piece, field.name) for piece in pieces] for field in fields(Motion))
+    return Motion(*map(np.concatenate, columns))
 
 
 # m from where it is asked to be: more than any gust of the scenarios here pushes a vehicle

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
-from itertools import chain
 from math import cos, fsum, hypot, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from sitl_scenarios.dynamics import (
     steps_of,
 )
 from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
-from sitl_scenarios.motion import Array, Motion
+from sitl_scenarios.motion import Array, Motion, joined
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
 from sitl_scenarios.sensors import RotorNoise, Sensing, Unbalance
@@ -33,12 +32,6 @@ from sitl_scenarios.wind import Weather
 
 # rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing
 MAX_BODY_RATE = 200.0
-_COLUMNS = (
-    {field.name: 3 for field in fields(Motion)}
-    | dict.fromkeys(("attitude", "known_attitude", "outputs", "demands", "rotor_speeds"), 4)
-    | dict.fromkeys(("time", "battery", "armed", "landed_state"), 1)
-)
-"""Of a row, in order, and how many numbers each is."""
 
 
 class Simulation:
@@ -108,14 +101,14 @@ class Simulation:
 
     def advance(self, cycles: int) -> Motion:
         """The next ``cycles`` rows, fewer at the end; raises ValueError: it tumbles, more than anything that flies."""
-        rows: list[tuple[float, ...]] = []
+        rows = list[tuple[Any, ...]]()
         for _ in range(cycles):
             if self.finished:
                 break
             rows.append(self._row())
-        return _motion(np.array(rows, dtype=float).reshape(len(rows), sum(_COLUMNS.values())))
+        return Motion(*map(np.array, zip(*rows, strict=True)))
 
-    def _row(self) -> tuple[float, ...]:
+    def _row(self) -> tuple[Any, ...]:
         """What is at the beginning of a cycle, and how it is flown through."""
         while self._damage and self._now >= self._damage[0][0]:
             self._body.damage(self._damage.pop(0)[1])
@@ -160,28 +153,19 @@ class Simulation:
                 state.attitude, state.velocity, state.rates, state.rotors, air
             )
         sticks = reference.demand if reference.by_stick and self.armed else (0.0,) * 3
-        known = (
-            estimate.attitude,
-            estimate.rates,
-            self._gyro.felt,
-            estimate.position,
-            estimate.velocity,
-        )
-        columns = (
+        row = (
+            self._now * self.cycle,
             *state[:4],
-            *known,
+            *(estimate.attitude, estimate.rates, self._gyro.felt),
+            *(estimate.position, estimate.velocity),
             *control,
             sticks,
             state.rotors,
-            (battery,),
+            battery,
             air[:3],
-            acting[6:],
-        )
-        row = (
-            self._now * self.cycle,
-            *chain.from_iterable(columns),
-            float(self.armed),
-            float(landed),
+            *(acting[6:9], acting[9:]),
+            self.armed,
+            np.uint8(landed),
         )
         self._move(control.outputs, battery, air, reference.landed_state)
         self._now += 1
@@ -231,21 +215,7 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
         pieces.append(simulation.advance(round(1 / simulation.cycle)))
         if progress:
             progress(1.0 if simulation.finished else min(pieces[-1].time[-1] / whole, 1.0))
-    return Motion(
-        **{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _COLUMNS}
-    )
-
-
-def _motion(rows: Array) -> Motion:
-    ends = np.cumsum(list(_COLUMNS.values()))
-    parts = dict(zip(_COLUMNS, np.split(rows, ends[:-1], axis=1), strict=True))
-    armed = parts.pop("armed")
-    landed_state = parts.pop("landed_state")
-    return Motion(
-        **{name: part[:, 0] if _COLUMNS[name] == 1 else part for name, part in parts.items()},
-        armed=armed[:, 0] > 0.5,
-        landed_state=landed_state[:, 0].astype(np.uint8),
-    )
+    return joined(pieces)
 
 
 # 1/s and 1/s²: thrust by vertical speed and height, slower than what is flown

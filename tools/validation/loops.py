@@ -2,27 +2,26 @@
 """Margins of identified loops compared with the truth, of simulated flights thinned to lower rates, and of logs.
 
 Of each message all but one in so many are left out; stamps stay as they are. Without LOGS the flights are simulated
-ones, of the half to choose a method on or of the half to report; they are flown once and kept in --cache, with a
-table of all figures. "rms", "median", "size" (median without sign) and "close" (within 1.5 dB, %) are of errors where
-loops are given, relative but for margins in dB and degrees; "inside": of 90 % intervals that hold the truth, %.
+ones, of the half to choose a method on or of the half to report; they are flown once and kept in --cache. "rms",
+"median", "size" (median without sign) and "close" (within 1.5 dB) are of errors where loops are given, relative but for
+margins in dB and degrees; "inside": of 90 % intervals that hold the truth.
 """
 
 from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import click
 import numpy as np
 import pandas as pd
+from flights import JOBS, Values, rows_of, share, show
 from numpy.typing import NDArray
 from physical import Case, scenario, varied
 
@@ -56,9 +55,8 @@ KINDS = ("type_mask", "axis", "port")  # fields by which messages of one name ar
 MARGINS = ("crossover", "phase_margin", "gain_margin", "ms")
 PLANT = ("effect", "damping", "lag", "delay")
 LOOPS = ("rate", "attitude")
-COLUMNS = r"^(log|rate|axis|effect|rate_(crossover|phase_margin|gain_margin|ms).*|cause)$"
+SHOWN = ("effect", *(f"rate_{name}" for name in MARGINS))
 CLOSE = 1.5  # dB
-BOUNDS = (" low", " high")
 LARGEST = 30.0  # dB, that the error of a gain margin counts at most, as of one that there is not
 ENDS = (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
 Array = NDArray[np.float64]
@@ -211,8 +209,8 @@ def known_of(log: Log, name: str) -> Truth:
     }
 
 
-def rows_of(source: Path | int, rates: Sequence[float], cache: Path) -> list[dict[str, Any]]:
-    """An axis at a rate of a log, or of the flight of a seed, in each row: figures, and the truth; or the cause."""
+def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Values]:
+    """A row for each figure of an axis at a rate of a log, or of the flight of a seed; or one with the cause."""
     name = source.name if isinstance(source, Path) else str(source)
     try:
         if isinstance(source, Path):
@@ -221,73 +219,56 @@ def rows_of(source: Path | int, rates: Sequence[float], cache: Path) -> list[dic
         else:
             log, known = simulated(source, cache)
     except Refusal as error:
-        return [{"log": name, "cause": cause(error.fact)}]
+        return [{"log": name, "rate": np.nan, "axis": "", "cause": cause(error.fact)}]
     rows = []
     for rate in rates:
-        began = process_time()
-        loops = loops_in(log, rate)
-        seconds = process_time() - began
-        for axis, loop in loops.items():
-            row = {"log": name, "rate": rate, "axis": axis, "seconds": seconds, "cause": ""}
-            row |= {f"{figure} true": one for figure, one in known.get(axis, {}).items()}
+        for axis, loop in loops_in(log, rate).items():
+            row: Values = {"log": name, "rate": rate, "axis": axis, "cause": ""}
             if isinstance(loop, NoLoop):
-                row["cause"] = cause(loop.refusal)
-            else:
-                for figure, estimate in estimates_of(loop).items():
-                    ends = (f"{figure}{end}" for end in ("", *BOUNDS))
-                    row |= dict(zip(ends, estimate, strict=True))
-            rows.append(row)
+                rows.append(row | {"cause": cause(loop.refusal)})
+                continue
+            for figure, (estimate, low, high) in estimates_of(loop).items():
+                true = known.get(axis, {}).get(figure, np.nan)
+                ends = {"low": low, "high": high, "true": true}
+                rows.append(row | {"figure": figure, "estimate": estimate, **ends})
     return rows
 
 
-STATISTICS: dict[str, Callable[[Any], float]] = {
-    "rms": lambda errors: np.sqrt((errors**2).mean()),
-    "median": lambda errors: errors.median(),
-    "size": lambda errors: errors.abs().median(),
-    "close": lambda errors: 100 * (errors.abs() <= CLOSE).mean(),
-}
-
-
-def line_of(rows: pd.DataFrame, columns: Mapping[str, Sequence[str]]) -> pd.Series:
-    """How many loops are given, statistics of their errors, and the share of intervals that hold the truth, %."""
-    given = rows[rows["cause"] == ""]
-    line: dict[str, Any] = {"given": f"{len(given)}/{len(rows)}"}
-    for name, statistics in columns.items():
-        true = given[f"{name} true"]
-        found, low, high = (given.get(f"{name}{end}", np.nan * true) for end in ("", *BOUNDS))
-        errors = found - true
-        if name.endswith("gain_margin"):
-            errors = errors.fillna(0.0).clip(-LARGEST, LARGEST)
-        elif "margin" not in name:
-            errors = errors / true
-        line |= {f"{name} {one}": STATISTICS[one](errors) for one in statistics}
-        line[f"{name} inside"] = 100 * true.between(low, high).mean()
+def line_of(rows: Any) -> pd.Series:
+    """Statistics of the errors of one figure, and the share of intervals that hold the truth."""
+    errors = rows["estimate"] - rows["true"]
+    if rows.name[0].endswith("gain_margin"):
+        errors = errors.fillna(0.0).clip(-LARGEST, LARGEST)
+    elif "margin" not in rows.name[0]:
+        errors = errors / rows["true"]
+    line: Values = {"given": len(rows), "rms": (errors**2).mean() ** 0.5}
+    line |= {"median": errors.median(), "size": errors.abs().median()}
+    line["close"] = share(errors.abs() <= CLOSE)
+    line["inside"] = share(rows["true"].between(rows["low"], rows["high"]))
     return pd.Series(line)
-
-
-def show(title: str, table: pd.DataFrame | pd.Series) -> None:
-    click.echo(f"{title}\n{table.to_string(float_format='%.3g', na_rep='')}\n")
 
 
 @click.command(help=__doc__)
 @click.argument("logs", nargs=-1, type=Path)
 @click.option("--half", type=click.Choice(list(HALVES)), default="choose")
 @click.option("--rates", default="400 200 100 50 25 10", help="Hz; inf: as recorded.")
-@click.option("--jobs", default=2, help="Processes.")
+@click.option("--flights", default=24, show_default=True, help="How many of the half.")
 @click.option("--cache", default="/tmp/loops", type=Path, help="Folder of the simulated flights.")
-def main(logs: tuple[Path, ...], half: str, rates: str, jobs: int, cache: Path) -> None:
-    read = partial(rows_of, rates=[float(rate) for rate in rates.split()], cache=cache)
-    with ProcessPoolExecutor(jobs) as pool:
-        frame = pd.DataFrame([row for part in pool.map(read, logs or HALVES[half]) for row in part])
+@JOBS
+def main(
+    logs: tuple[Path, ...], half: str, rates: str, flights: int, cache: Path, jobs: int
+) -> None:
+    read = partial(judged, rates=[float(rate) for rate in rates.split()], cache=cache)
+    rows = rows_of(read, logs or HALVES[half][:flights], jobs)
     if logs:
-        show("Logs", frame.filter(regex=COLUMNS))
+        show("Logs", rows[rows["figure"].isin(SHOWN) | (rows["cause"] != "")])
         return
-    frame.to_csv(cache / f"{half}.csv")
-    both = pd.concat([frame, frame.assign(axis="all")])
-    for title, columns in GIVEN["tables"].items():
-        show(title, both.groupby(["rate", "axis"]).apply(line_of, columns=columns))
-    show("Given or refused, axes", frame.groupby(["rate", "cause"]).size())
-    show("Processor, s", frame.groupby("rate")["seconds"].median())
+    axes = rows.drop_duplicates(["log", "rate", "axis"])
+    show("Given or refused, axes", axes.groupby(["rate", "cause"]).size().reset_index(name="axes"))
+    both = pd.concat([rows, rows.assign(axis="all")]).dropna(subset="figure")
+    grouped = both.groupby(["figure", "rate", "axis"], sort=False).apply(line_of)
+    for figure, table in grouped.reset_index().groupby("figure", sort=False):
+        show(figure, table.drop(columns="figure"))
 
 
 if __name__ == "__main__":

@@ -6,22 +6,21 @@
 The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery.
 
-Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K]
+Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K] [--jobs N]
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import cycle, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
+from flights import JOBS, TABLES, Values, flight_of, rows_of, share, show
 from numpy.typing import NDArray
 
 from mavdem import Flight
@@ -32,8 +31,6 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.paper.runner import SHARED, logged
-from mavdem.report.blocks import Sentence, Table, markdown
-from sitl_scenarios.files import scenario_of
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -44,12 +41,7 @@ Array = NDArray[np.float64]
 PARAMETERS = ("effect", "damping", "lag")
 # and how it marks an estimate
 STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
-SPEEDS = {"iris": 1.0, "ardrone2": 0.6, "crazyflie": 0.3}  # of the winds, relative to those below
 FLOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-WINDS = tuple(FLOWN["winds"])
-STEERING: dict[str, dict[str, Any]] = FLOWN["steering"]
-SCALED = ("speed", "sd", "wind_at_20_feet")  # with the vehicle's of ``SPEEDS``
-MOMENTS = {"iris": 0.05, "ardrone2": 0.006, "crazyflie": 2e-5}  # N m, sd
 RATES = (50.0, 100.0, 200.0)  # Hz
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
@@ -67,26 +59,22 @@ class Case(NamedTuple):
 def cases(seed: int, every: int = 1) -> list[Case]:
     """Every vehicle in every wind with every steering, or one of ``every`` so many drawn by seed."""
     rng = np.random.default_rng(seed)
-    places = list(product(SPEEDS, WINDS))
+    places = list(product(TABLES["scales"]["wind"], FLOWN["winds"]))
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
     drawn = [
         [(*places[number], one) for number in rng.permutation(len(places))[:kept]]
-        for one in STEERING
+        for one in FLOWN["steering"]
     ]
     turns = [case for some in zip(*drawn, strict=True) for case in some]
-    return [
-        Case(vehicle, wind, steering, *stream, _varied(rng), int(rng.integers(1_000_000)))
-        for (vehicle, wind, steering), stream in zip(
-            turns, cycle(product(RATES, ("px4", "ardupilot"))), strict=False
-        )
-    ]
-
-
-def _varied(rng: np.random.Generator) -> dict[str, float]:
-    """Of three flights in ten what differs from the published vehicles."""
-    drawn = varied(rng)
-    return drawn if rng.random() < 0.3 else {}
+    streams = cycle(product(RATES, ("px4", "ardupilot")))
+    bank = []
+    for (vehicle, air, steering), (rate, autopilot) in zip(turns, streams, strict=False):
+        other = varied(rng)
+        other = other if rng.random() < 0.3 else {}
+        seed = int(rng.integers(1_000_000))
+        bank.append(Case(vehicle, air, steering, rate, autopilot, other, seed))
+    return bank
 
 
 def varied(rng: np.random.Generator) -> dict[str, float]:
@@ -102,24 +90,20 @@ def varied(rng: np.random.Generator) -> dict[str, float]:
 
 
 def scenario(case: Case) -> Scenario:
+    """The flight of a case."""
     values = {
         "duration": 60.0,
         "seed": case.seed,
         "height": 1.5 if case.wind == "jet" else 8.0,
         "vehicle": {"model": case.vehicle, **case.varied},
-        "wind": _scaled(FLOWN["winds"][case.wind], SPEEDS[case.vehicle]),
-        "moments": _scaled(FLOWN["moments"].get(case.wind, []), MOMENTS[case.vehicle]),
+        "wind": FLOWN["winds"][case.wind],
+        "moments": FLOWN["moments"].get(case.wind, []),
         "stream": {"rate": case.rate, "autopilot": case.autopilot},
     }
-    steering = STEERING[case.steering]
-    return scenario_of(values | ({"excitation": steering} if steering else {}))
+    return flight_of(values | {"excitation": FLOWN["steering"][case.steering]})
 
 
-def _scaled(sections: Sequence[dict[str, Any]], factor: float) -> list[dict[str, Any]]:
-    return [one | {name: factor * one[name] for name in SCALED if name in one} for one in sections]
-
-
-def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
+def truth_of(motion: Motion, of: Scenario, part: Flight) -> Values:
     """Each motor's effect (r,) at the trim of ``part``, damping (1/s) and lag (s), the mean of up and down."""
     within = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
     landed = np.where(within & (motion.landed_state == IN_AIR), IN_AIR, 1).astype(np.uint8)
@@ -130,13 +114,6 @@ def truth_of(motion: Motion, of: Scenario, part: Flight) -> dict[str, Any]:
     return {"effect": known["roll_effect"], "damping": damping, "lag": lag, "wind": turning}
 
 
-log = partial(click.echo, err=True)
-
-
-def table(title: str, heads: list[str], rows: list[list[str]]) -> None:
-    click.echo(markdown([Sentence(title), Table(heads, rows, words=True)]) + "\n")
-
-
 def estimate_of(found: Physical, name: str) -> tuple[float, float]:
     """Of the mean effect, damping or lag, and the half width of its interval, NaN where it is not identifiable."""
     if name == "effect":
@@ -145,145 +122,114 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
 
 
 def parts_of(flight: Flight) -> dict[int | None, Flight]:
+    """The whole flight, and its windows of 7 s."""
     size = round(7.0 / flight.dt)
-    return {None: flight} | {
-        i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)
-    }
+    windows = {number: flight[number * size :][:size] for number in range(len(flight) // size)}
+    return {None: flight} | windows
 
 
-class Estimate(NamedTuple):
-    """What physical parameters of one window, or of a whole flight, are, and what they should be."""
-
-    case: Case
-    window: int | None
-    found: Physical
-    true: dict[str, Any]
-    torque: WindTorque | None  # of a whole flight
-
-    def error(self, name: str) -> tuple[float, float]:
-        """Of the mean effect, damping or lag, and the half width of its interval; both relative to the truth."""
-        value, half = estimate_of(self.found, name)
-        true = float(np.abs(self.true["effect"]).mean() if name == "effect" else self.true[name])
-        return value / true - 1, half / true
-
-
-def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
-    for number, case in enumerate(bank, start=1):
-        log(f"{number} of {len(bank)}")
-        try:
-            of = scenario(case)
-            flight = logged(of)
-            motion = fly(of)
-        except (NotLearnable, Unreadable) as reason:
-            log(f"{case}: refused: {reason}")
-            continue
-        for window, part in parts_of(flight).items():
-            found = physical(part)
-            if isinstance(found, NotIdentifiable):
-                log(f"{case}: refused: {found.reason}")
-                continue
-            torque = wind(found, Record.of(part)) if window is None else None
-            yield Estimate(case, window, found, truth_of(motion, of, part), torque)
-
-
-GROUPS: dict[str, Callable[[Case], bool]] = {
-    **{name: lambda case, name=name: case.steering == name for name in STEERING},  # type: ignore[misc]
-    "multisine, 3°, 100 Hz or more": lambda case: (
-        case.steering.startswith("multisine") and case.rate >= 100
-    ),
-    "all": lambda case: True,
-    **{f"all, {rate:.0f} Hz": lambda case, rate=rate: case.rate == rate for rate in RATES},  # type: ignore[misc]
-    "all, thrust curve, lag, inertia and battery varied": lambda case: bool(case.varied),
-}
-
-
-def share(of: Iterable[Any]) -> str:
-    found = list(of)
-    return f"{np.mean(found):.0%}" if found else "–"
-
-
-def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
+def judged(case: Case) -> list[Values]:
+    """A row of each window of a flight, and of the whole: estimates and the wind torque beside the truth."""
+    try:
+        of = scenario(case)
+        flight = logged(of)
+        motion = fly(of)
+    except (NotLearnable, Unreadable) as reason:
+        click.echo(f"{case}: refused: {reason}", err=True)
+        return []
     rows = []
-    for label, belongs in GROUPS.items():
-        for whole in (False, True):
-            some = [each for each in every if belongs(each.case) and (each.window is None) == whole]
-            if not some:
-                continue
-            row = [label, "flights" if whole else "7 s", str(len(some))]
-            row += [
-                share(each.found.status[name] == status for each in some) for status in STATUSES
-            ]
-            reported, biased, _ = (
-                [each for each in some if each.found.status[name] == one] for one in STATUSES
-            )
-            if name == "effect":
-                by_motor = [
-                    (each.found.effect - each.true["effect"], each.found.interval(LEVEL))
-                    for each in reported
-                ]
-                row.append(
-                    share(held for error, half in by_motor for held in abs(error) <= half.effect)
-                )
-            known, doubted = (
-                np.reshape([each.error(name) for each in of], (-1, 2)) for of in (reported, biased)
-            )
-            row.append(share(abs(known[:, 0]) <= known[:, 1]))
-            errors = known[:, 0]
-            row += (
-                [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"]
-                if reported
-                else ["–", "–"]
-            )
-            rows.append([*row, share(abs(doubted[:, 0]) <= doubted[:, 1])])
+    for window, part in parts_of(flight).items():
+        found = physical(part)
+        if isinstance(found, NotIdentifiable):
+            click.echo(f"{case}: refused: {found.reason}", err=True)
+            continue
+        known = truth_of(motion, of, part)
+        row: Values = {"steering": case.steering, "rate": case.rate, "varied": bool(case.varied)}
+        row |= {"seed": case.seed, "of": "flights" if window is None else "7 s"}
+        for name in PARAMETERS:
+            value, half = estimate_of(found, name)
+            true = float(np.abs(known[name]).mean())
+            row |= {f"{name} status": found.status[name], f"{name} error": value / true - 1}
+            row[f"{name} inside"] = abs(value - true) <= half
+        errors = np.abs(found.effect - known["effect"])
+        row["motors inside"] = np.mean(errors <= found.interval(LEVEL).effect)
+        if window is None:
+            row |= wind_of(wind(found, Record.of(part)), known["wind"])
+        rows.append(row)
     return rows
 
 
-def by_wind(label: str, every: Sequence[Estimate]) -> list[str]:
-    """A row of the wind torque: how often intervals and band hold the truth."""
-    pairs = [
-        (each.torque, each.true["wind"]) for each in every if each.torque and each.torque.resolved
-    ]
-    halves = [quantile(LEVEL) * torque.scale_error * torque.sd for torque, _ in pairs]
-    sizes = share(
-        abs(torque.sd - true.std()) <= half
-        for (torque, true), half in zip(pairs, halves, strict=True)
-    )
-    means = share(abs(torque.mean - true.mean()) <= torque.mean_band for torque, true in pairs)
-    course = share(
-        held for torque, true in pairs for held in np.abs(torque.torque - true) <= torque.band
-    )
-    return [label, str(len(pairs)), sizes, means, course]
+def wind_of(torque: WindTorque, true: Array) -> Values:
+    """Of the wind torque, where it is resolved: how much of it intervals and band hold."""
+    if not torque.resolved:
+        return {}
+    half = quantile(LEVEL) * torque.scale_error * torque.sd
+    return {
+        "standard deviation inside": abs(torque.sd - true.std()) <= half,
+        "mean inside": abs(torque.mean - true.mean()) <= torque.mean_band,
+        "course inside": np.mean(np.abs(torque.torque - true) <= torque.band),
+    }
 
 
-def simulated(seed: int, every: int) -> None:
-    """Share that is reported, and how often intervals hold the truth, by steering."""
-    found = list(estimates(cases(seed, every)))
-    click.echo(f"{len({each.case.seed for each in found})} flights, seed {seed}.\n")
-    heads = ["steering", "of", "number", *STATUSES]
-    ends = ["median error of the reported", "worst", "inside, where biased"]
+def by_steering(every: Any, name: str) -> list[Values]:
+    """Rows of a parameter: share that is reported, and how often intervals hold the truth."""
+    is_slow = every["rate"] < 100
+    groups = {steering: every["steering"] == steering for steering in FLOWN["steering"]}
+    quick = "multisine, 3°"
+    groups |= {f"{quick}, 100 Hz or more": groups[quick] & ~is_slow, "all": every["rate"] > 0}
+    groups |= {f"all, {rate:.0f} Hz": every["rate"] == rate for rate in RATES}
+    groups["all, thrust curve, lag, inertia and battery varied"] = every["varied"]
+    rows = []
+    for label, belongs in groups.items():
+        for of, some in every[belongs].groupby("of"):
+            status = some[f"{name} status"]
+            known = some[status == "reported"]
+            row: Values = {"steering": label, "of": of, "number": len(some)}
+            row |= {one: share(status == one) for one in STATUSES}
+            if name == "effect":
+                row["inside, each motor"] = share(known["motors inside"])
+            row["inside, mean"] = share(known[f"{name} inside"])
+            errors = known[f"{name} error"]
+            row["median error of the reported"] = f"{errors.median():+.0%}" if len(known) else "–"
+            worst = max(errors, key=abs, default=np.nan)
+            row["worst"] = f"{worst:+.0%}" if len(known) else "–"
+            row["inside, where biased"] = share(some[status == "biased"][f"{name} inside"])
+            rows.append(row)
+    return rows
+
+
+def simulated(seed: int, every: int, jobs: int) -> None:
+    """Share that is reported, and how often intervals hold the truth, by steering; and of the wind torque."""
+    rows = rows_of(judged, cases(seed, every), jobs)
+    click.echo(f"{rows['seed'].nunique()} flights, seed {seed}.\n")
     for name in PARAMETERS:
-        insides = ["inside, each motor", "inside, mean"] if name == "effect" else ["inside"]
-        table(f"**{name.capitalize()}**", [*heads, *insides, *ends], by_steering(name, found))
-    heads = ["effect", "flights", "standard deviation inside", "mean inside", "course inside"]
-    rows = [
-        by_wind(status, [each for each in found if each.found.status["effect"] == status])
-        for status in STATUSES
-    ]
-    table("**Wind torque**, where it is resolved", heads, rows)
+        show(f"**{name.capitalize()}**", by_steering(rows, name))
+    insides = ["standard deviation inside", "mean inside", "course inside"]
+    table = []
+    for status in STATUSES:
+        some = rows[rows["effect status"] == status].dropna(subset=insides)
+        shares = {inside: share(some[inside]) for inside in insides}
+        table.append({"effect": status, "flights": len(some), **shares})
+    show("**Wind torque**, where it is resolved", table)
 
 
-def row_of(label: Sequence[str], flight: Flight) -> list[str]:
+def row_of(flight: Flight) -> Values:
     """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
-    row = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
+    row: Values = {"s": f"{flight.dt * len(flight):.0f}", "Hz": f"{1 / flight.dt:.0f}"}
     found = physical(flight)
     if isinstance(found, NotIdentifiable):
-        return [*row, found.reason.advised, *[""] * 5]
-    for name in PARAMETERS:
-        value, half = ((1e3 if name == "lag" else 1.0) * one for one in estimate_of(found, name))
+        return row | {"effect": found.reason.advised}
+    for name, scale, head in (
+        ("effect", 1, "effect"),
+        ("damping", 1, "damping, 1/s"),
+        ("lag", 1e3, "lag, ms"),
+    ):
+        value, half = np.multiply(scale, estimate_of(found, name))
         width = f" ± {half:.2g}" if np.isfinite(half) else ""
-        row.append(f"{value:.3g}{width}{STATUSES[found.status[name]]}")
+        row[head] = f"{value:.3g}{width}{STATUSES[found.status[name]]}"
+    row |= {"wind's share": f"{found.wind_share:.0%}", "wind, rad/s²": f"{found.wind:.2g}"}
     more = ", ".join(f"{name} {value:.2f}" for name, value in found.refinements.items())
-    return [*row, f"{found.wind_share:.0%}", f"{found.wind:.2g}", more]
+    return row | {"refinements": more}
 
 
 def usdlog(path: Path) -> NDArray[Any]:
@@ -297,44 +243,29 @@ def usdlog(path: Path) -> NDArray[Any]:
     return np.frombuffer(content, row, (len(content) - begin) // row.itemsize, begin)
 
 
-def crazyflie() -> None:
-    """A Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
+def crazyflie(axis: str) -> list[Values]:
+    """Rows of an axis of a Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
     rows = usdlog(SHARED / "real/crazyflie/roll_pitch_excitation.usdlog")
-    table_rows = list[list[str]]()
-    clock = rows["time"] / 1e6
-    for axis, (gyro, directions) in AXES.items():
-        for rate in (100.0, 200.0, 400.0):
-            time = np.arange(56.0 * rate, 89.0 * rate) / rate  # where it is excited
-            motors = [
-                np.interp(time, clock, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)
-            ]
-            turning = np.radians(np.interp(time, clock, rows[gyro]))
-            flight = Flight(
-                time,
-                np.stack(motors, 1),
-                turning[:, None],
-                dt=1 / rate,
-                effect_directions=np.array(directions),
-            )
-            log(f"{axis}, {rate:.0f} Hz")
-            table_rows += [
-                row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part)
-                for window, part in parts_of(flight).items()
-            ]
-    heads = [
-        "axis",
-        "of",
-        "s",
-        "Hz",
-        "effect",
-        "damping, 1/s",
-        "lag, ms",
-        "wind's share",
-        "wind, rad/s²",
-    ]
-    # By published thrust curves and inertia.
-    title = "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
-    table(title, [*heads, "refinements"], table_rows)
+    gyro, directions = AXES[axis]
+    table = []
+    for rate in (100.0, 200.0, 400.0):
+        time = np.arange(56.0 * rate, 89.0 * rate) / rate  # where it is excited
+        columns = np.stack([rows[f"motor.m{motor}"] / 65535 for motor in range(1, 5)])
+        given = [*columns, np.radians(rows[gyro])]
+        *motors, turning = (np.interp(time, rows["time"] / 1e6, one) for one in given)
+        outputs = turning[:, None]
+        effects = np.array(directions)
+        flight = Flight(time, np.stack(motors, 1), outputs, dt=1 / rate, effect_directions=effects)
+        for window, part in parts_of(flight).items():
+            of = "whole" if window is None else f"7 s, no. {window + 1}"
+            table.append({"axis": axis, "of": of} | row_of(part))
+    return table
+
+
+# By published thrust curves and inertia.
+TITLE = (
+    "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
+)
 
 
 @click.command(help=__doc__)
@@ -343,11 +274,12 @@ def crazyflie() -> None:
 @click.option(
     "--every", default=1, show_default=True, help="One of so many of these, drawn by seed."
 )
-def main(which: str, seed: int, every: int) -> None:
+@JOBS
+def main(which: str, seed: int, every: int, jobs: int) -> None:
     if which == "crazyflie":
-        crazyflie()
+        show(TITLE, rows_of(crazyflie, AXES, jobs))
     else:
-        simulated(seed, every)
+        simulated(seed, every, jobs)
 
 
 if __name__ == "__main__":

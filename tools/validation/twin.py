@@ -5,26 +5,27 @@ Simulated vehicles are drawn with lags, delays, gyro filters, autopilots and rat
 gain margin of 9 dB in the flight that is learned from. Then both are flown with 3.2 times P, I and D of roll and pitch,
 where the vehicle oscillates. A LOG and a HOT flight with 3.2 times its gains are compared instead.
 
-Usage: tools/validation/twin.py [--seed N] [--vehicles N] [LOG HOT]
+Usage: tools/validation/twin.py [--seed N] [--vehicles N] [--jobs N] [LOG HOT]
 """
 
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
 from click.testing import CliRunner
+from flights import JOBS, TABLES, Values, drawn, flight_of, rows_of, show
 from scipy.signal import spectrogram
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.cli.twin import twin_command
 from mavdem.ingest import read_log
 from mavdem.paper.runner import write_log
-from mavdem.report.blocks import Table, markdown
-from sitl_scenarios.files import load, scenario_of, with_parameters, with_vehicle
+from sitl_scenarios.files import load, with_parameters, with_vehicle
 from sitl_scenarios.gains import cycle_of, parameters_of
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import Scenario
@@ -34,23 +35,17 @@ from sitl_scenarios.truth import truth
 GAINS = re.compile(r"(ATC_RAT_(RLL|PIT)|MC_(ROLL|PITCH)RATE)_[PID]$")
 MARGIN = 9.0  # dB of the flight that is learned from
 TIMES = 3.2  # half of ArduCopter's default gains, and 1.6 times them
-HEADS = ["vehicle", "Hz", "°/s", "Hz of the twin", "°/s of the twin"]
+FILTERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
 
 
-def drawn(draw: np.random.Generator) -> Scenario:
+def vehicle(seed: int, number: int) -> Scenario:
     """Returns a flight of a vehicle of its own, all axes excited."""
-    autopilot = str(draw.choice(["ardupilot", "px4"]))
-    gyro = "INS_GYRO_FILTER" if autopilot == "ardupilot" else "IMU_GYRO_CUTOFF"
-    cutoff = float(draw.choice([20, 30, 40, 60]))
-    lag, expo, inertia = draw.uniform([0.01, 0.3, 0.7], [0.05, 0.8, 1.5]).tolist()
-    table = load("iris_identification").model_dump(mode="json")
-    table["vehicle"] |= {"lag_up": lag, "lag_down": lag, "parameters": {gyro: cutoff}}
-    table["vehicle"] |= {"quadratic_thrust": expo, "inertia_scale": inertia}
-    delay, noise = draw.uniform([0.001, -4.0], [0.008, -3.0]).tolist()
-    table["sensors"] |= {"delay": delay, "rate_sd": 10**noise}
-    table["stream"] |= {"autopilot": autopilot, "rate": float(draw.choice([50, 100, 200]))}
-    table["moments"] = [{"axis": "roll", "sd": 0.01, "s": 0.1}]
-    scenario = scenario_of(table | {"seed": int(draw.integers(1_000_000)), "duration": 70.0})
+    values = drawn(TABLES["twin"], np.random.default_rng([seed, number])) | {"seed": number}
+    known = load("iris_identification").model_dump(mode="json")
+    name = FILTERS[values["stream"]["autopilot"]]
+    values["vehicle"]["parameters"] = {name: values.pop("cutoff")}
+    sections = {key: known[key] | values[key] for key in ("vehicle", "sensors", "stream")}
+    scenario = flight_of(known | values | sections)
     hover = in_hover(scenario, 1.0)
     margin = truth(hover, fly(hover))["roll_rate_margins"][2]
     return with_gains(scenario, 10 ** ((margin - MARGIN) / 20))
@@ -95,39 +90,44 @@ def recorded(path: str) -> tuple[float, float]:
     return oscillation(np.column_stack(rates), grid[1] - grid[0])
 
 
+def compared(name: str, log: str, known: tuple[float, float]) -> list[Values]:
+    """A row: the known oscillation, and that of the twin of a log."""
+    row: Values = {"vehicle": name, "Hz": known[0], "°/s": known[1]}
+    with TemporaryDirectory() as folder:
+        made = Path(folder) / "twin.toml"
+        result = CliRunner().invoke(twin_command, [log, "--out", str(made)])
+        if result.exception:
+            return [row | {"why not": str(result.exception)}]
+        row["Hz of the twin"], row["°/s of the twin"] = simulated(load(made))
+    return [row]
+
+
+def judged(number: int, seed: int) -> list[Values]:
+    """A row of a simulated vehicle."""
+    scenario = vehicle(seed, number)
+    lag = 1e3 * (scenario.vehicle.lag_up or 0.0)
+    name = f"{scenario.stream.autopilot}, {lag:.0f} ms, {scenario.stream.rate:.0f} Hz"
+    with TemporaryDirectory() as folder:
+        path = f"{folder}/flight.tlog"
+        write_log(path, scenario, fly(scenario))
+        return compared(name, path, simulated(scenario))
+
+
 @click.command(help=__doc__)
 @click.argument("logs", nargs=-1, metavar="[LOG HOT]")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--vehicles", default=8, show_default=True, help="Eight take two minutes.")
-def main(logs: tuple[str, ...], seed: int, vehicles: int) -> None:
-    rows = []
-    known = []
-    with TemporaryDirectory() as folder:
-        made = Path(folder) / "twin.toml"
-        for number in range(1 if logs else vehicles):
-            if logs:
-                path, hot = logs
-                name = Path(path).name
-                truly = recorded(hot)
-            else:
-                scenario = drawn(np.random.default_rng([seed, number]))
-                path = f"{folder}/flight.tlog"
-                write_log(path, scenario, fly(scenario))
-                truly = simulated(scenario)
-                lag = 1e3 * (scenario.vehicle.lag_up or 0.0)
-                name = f"{scenario.stream.autopilot}, {lag:.0f} ms, {scenario.stream.rate:.0f} Hz"
-            result = CliRunner().invoke(twin_command, [path, "--out", str(made)])
-            if result.exception:
-                rows.append([name, *(f"{one:.1f}" for one in truly), str(result.exception), ""])
-                continue
-            known.append([truly, simulated(load(made))])
-            rows.append([name, *(f"{one:.1f}" for one in np.ravel(known[-1]))])
-    click.echo(markdown([Table(HEADS, rows, words=True)]))
-    apart = np.abs(np.diff(np.log(known), axis=1))[:, 0]
-    within = (apart <= np.log([1.05, 1.5])).sum(axis=0)
-    click.echo(
-        f"Of {len(known)}, {within[0]} within 5 % of frequency, {within[1]} within 1.5 of size"
-    )
+@JOBS
+def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
+    if logs:
+        log, hot = logs
+        show("Recorded", compared(Path(log).name, log, recorded(hot)))
+        return
+    rows = rows_of(partial(judged, seed=seed), range(vehicles), jobs)
+    close = abs(np.log(rows["Hz of the twin"] / rows["Hz"])) <= np.log(1.05)
+    like = abs(np.log(rows["°/s of the twin"] / rows["°/s"])) <= np.log(1.5)
+    under = f"{close.sum()} within 5 % of frequency, {like.sum()} within 1.5 of size."
+    show(f"{vehicles} vehicles, seed {seed}", rows, under)
 
 
 if __name__ == "__main__":

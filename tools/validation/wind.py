@@ -4,66 +4,54 @@
 Flown are the ``wind_*`` scenarios with other vehicles, drags, winds, misalignments and rates; "its drag" is after a
 flight with legs of the same vehicle. (Of a recorded flight, `mavdem wind LOG` prints the same.)
 
-Usage: tools/validation/wind.py [--seed N] [--flights N]
+Usage: tools/validation/wind.py [--seed N] [--flights N] [--jobs N]
 """
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
+from flights import JOBS, TABLES, Values, drawn, rows_of, share, show
 
 from mavdem import Drag, wind
 from mavdem.condition.wind_velocity import coming_from
 from mavdem.paper.runner import write_log
-from mavdem.report.blocks import Table, markdown
 from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
 NAMES = ("legs", "hover", "turns", "jump", "calm", "turning", "profile")
-HEADS = [
-    "flights",
-    "number",
-    "speed inside",
-    "direction inside",
-    "band",
-    "reported",
-    "right",
-    "reported",
-    "right",
-]
+AFTER_LEGS = ("hover", "turns", "jump")
+SHARES = ("speed inside", "direction inside", "band")
+COUNTS = ("speed reported", "speed right", "direction reported", "direction right")
 
 
-def flown(
-    name: str, vehicle: dict[str, Any], draw: np.random.Generator, drag: Drag | None = None
-) -> tuple[Any, Drag]:
-    """Returns what holds the truth, what is reported and right of speed and direction, and the drag after it."""
-    table = load(f"wind_{name}").model_dump(mode="json") | {
-        "seed": int(draw.integers(1_000_000)),
-        "vehicle": vehicle,
-    }
-    factor = draw.uniform(0.4, 1.7)
-    turn = draw.uniform(0, 360)
-    for one in table["wind"]:
+def scenario(name: str, vehicle: Values, rng: np.random.Generator) -> Scenario:
+    """A scenario with another vehicle, in other wind."""
+    values = load(f"wind_{name}").model_dump(mode="json") | {"vehicle": vehicle}
+    factor = rng.uniform(0.4, 1.7)
+    turn = rng.uniform(0, 360)
+    for one in values["wind"]:
         one["speed"] *= 1 if one["kind"] == "gust" else factor
         one["direction"] = (one["direction"] + turn) % 360
-    table["sensors"]["misalignment"] = draw.normal(0, 0.7, 2).tolist()
-    rates = {"LOCAL_POSITION_NED": float(draw.choice([4, 10, 20]))}
-    autopilot = str(draw.choice(["px4", "ardupilot"]))
-    rate = float(draw.choice([8, 20, 50]))
-    table["stream"] |= {
-        "autopilot": autopilot,
-        "rate": rate,
-        "rates": rates,
-        "drag_calibrated": False,
-    }
-    motion = fly(scenario := scenario_of(table))
+    values["sensors"]["misalignment"] = rng.normal(0, 0.7, 2).tolist()
+    stream = drawn(TABLES["wind"]["stream"], rng)
+    stream["rates"] = {"LOCAL_POSITION_NED": stream.pop("position")}
+    values["stream"] |= stream | {"drag_calibrated": False}
+    return scenario_of(values | {"seed": int(rng.integers(1_000_000))})
+
+
+def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values, Drag]:
+    """Returns what holds the truth, what is reported and right of speed and direction, and the drag after it."""
+    motion = fly(flight)
     with TemporaryDirectory() as folder:
-        write_log(log := Path(folder) / "flight.tlog", scenario, motion)
+        write_log(log := Path(folder) / "flight.tlog", flight, motion)
         found = wind(log, drag=drag)
     truth = np.column_stack(
         [np.interp(found.time, motion.time, part) for part in motion.wind[:, :2].T]
@@ -72,12 +60,34 @@ def flown(
     direction = coming_from(*truth.mean(axis=0))
     apart = abs((found.direction - direction + 180) % 360 - 180)
     low, high = found.speed_interval
-    held = [low <= speed <= high or found.calm, apart <= found.direction_interval or speed < 0.3]
-    band = np.mean(abs(found.velocity - truth) <= found.band)
-    said = [found.status["speed"] == "reported" and not found.calm]
-    said += [said[0] and abs(found.speed - speed) <= max(0.7, 0.12 * speed)]
-    directed = found.status["direction"] == "reported" and found.directed
-    return [*held, band, *said, directed, directed and apart <= 10], found.drag.of_next_flight()
+    has_speed = found.status["speed"] == "reported" and not found.calm
+    has_direction = found.status["direction"] == "reported" and found.directed
+    row: Values = {"flights": name}
+    row["speed inside"] = low <= speed <= high or found.calm
+    row["direction inside"] = apart <= found.direction_interval or speed < 0.3
+    row["band"] = np.mean(abs(found.velocity - truth) <= found.band)
+    row["speed reported"] = has_speed
+    row["speed right"] = has_speed and abs(found.speed - speed) <= max(0.7, 0.12 * speed)
+    row["direction reported"] = has_direction
+    row["direction right"] = has_direction and apart <= 10
+    return row, found.drag.of_next_flight()
+
+
+def judged(case: tuple[int, str], seed: int) -> list[Values]:
+    """Rows of the flights of one vehicle."""
+    number, name = case
+    rng = np.random.default_rng([seed, number, NAMES.index(name)])
+    linear, quadratic = np.exp(rng.uniform(np.log([0.12, 0.003]), np.log([0.7, 0.04])))
+    axes = rng.uniform(0.85, 1.15) ** np.array([1, -1])
+    vehicle: Values = {"model": str(rng.choice(["iris", "ardrone2"]))}
+    vehicle["drag_linear"] = (linear * axes).tolist()
+    vehicle["drag_quadratic"] = (quadratic * axes).tolist()
+    row, _ = flown(name, scenario(name, vehicle, rng))
+    if name not in AFTER_LEGS:
+        return [row]
+    legs, drag = flown("legs", scenario("legs", vehicle, rng))
+    again, _ = flown(f"{name}, its drag", scenario(name, vehicle, rng), drag)
+    return [row, legs, again]
 
 
 @click.command(help=__doc__)
@@ -85,38 +95,16 @@ def flown(
 @click.option(
     "--flights", default=5, show_default=True, help="Of each kind: five take three minutes."
 )
-def main(seed: int, flights: int) -> None:
-    found: dict[str, list[Any]] = {}
-    for number, (kind, name) in product(range(flights), enumerate(NAMES)):
-        draw = np.random.default_rng([seed, number, kind])
-        linear, quadratic = np.exp(draw.uniform(np.log([0.12, 0.003]), np.log([0.7, 0.04])))
-        axes = draw.uniform(0.85, 1.15) ** np.array([1, -1])
-        model = str(draw.choice(["iris", "ardrone2"]))
-        drags = {
-            "drag_linear": (linear * axes).tolist(),
-            "drag_quadratic": (quadratic * axes).tolist(),
-        }
-        found.setdefault(name, []).append(flown(name, {"model": model, **drags}, draw)[0])
-        if name in NAMES[1:4]:
-            legs, drag = flown("legs", {"model": model, **drags}, draw)
-            found.setdefault("legs", []).append(legs)
-            found.setdefault(f"{name}, its drag", []).append(
-                flown(name, {"model": model, **drags}, draw, drag)[0]
-            )
-    found["all"] = [one for some in found.values() for one in some]
-    rows = []
-    for name, some in found.items():
-        shares = np.mean(some, axis=0)[:3]
-        counts = np.sum(some, axis=0)[3:]
-        rows.append(
-            [
-                name,
-                str(len(some)),
-                *(f"{one:.0%}" for one in shares),
-                *(f"{one:.0f}" for one in counts),
-            ]
-        )
-    click.echo(markdown([Table(HEADS, rows, words=True)]))
+@JOBS
+def main(seed: int, flights: int, jobs: int) -> None:
+    rows = rows_of(partial(judged, seed=seed), product(range(flights), NAMES), jobs)
+    table = []
+    both = pd.concat([rows, rows.assign(flights="all")])
+    for name, some in both.groupby("flights", sort=False):
+        row: Values = {"flights": name, "number": len(some)}
+        row |= {key: share(some[key]) for key in SHARES}
+        table.append(row | {key: int(some[key].sum()) for key in COUNTS})
+    show(f"Seed {seed}", table)
 
 
 if __name__ == "__main__":

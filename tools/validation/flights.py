@@ -1,0 +1,97 @@
+"""Simulated flights to validate on, drawn by tables and judged in processes; and tables of what came of them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+
+from mavdem.ingest.mavlink.vehicles import assemble
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.report.blocks import Block, Sentence, Table, markdown
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.gains import cycle_of
+from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.scenario import Scenario
+
+Values = dict[str, Any]
+TABLES: Values = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+SCALED = ("speed", "sd", "wind_at_20_feet")
+"""Of winds and moments, with the size of the vehicle."""
+JOBS = click.option("--jobs", default=2, show_default=True, help="Processes.")
+
+
+def drawn(table: Any, rng: np.random.Generator) -> Any:
+    """The values of a table, where it has ranges and choices one of each."""
+    match table:
+        case {"from": low, "to": high}:
+            return float(rng.uniform(low, high))
+        case {"one_of": choices}:
+            return drawn(choices[rng.integers(len(choices))], rng)
+        case dict():
+            return {name: drawn(value, rng) for name, value in table.items()}
+        case list():
+            return [drawn(value, rng) for value in table]
+    return table
+
+
+def flight_of(values: Values, *as_fast: str) -> Scenario:
+    """The scenario of values; messages ``as_fast`` come at the stream's rate."""
+    table = dict(values)
+    model = table["vehicle"].get("model", "iris")
+    for section, scales in TABLES["scales"].items():
+        table[section] = [
+            one | {name: scales[model] * one[name] for name in SCALED if name in one}
+            for one in table.get(section, [])
+        ]
+    if table.get("excitation") == {"kind": "none"}:
+        del table["excitation"]
+    if "lag" in table:
+        lag = table.pop("lag")
+        table["vehicle"] = table["vehicle"] | {"lag_up": lag, "lag_down": lag}
+    if as_fast:
+        stream = table["stream"]
+        table["stream"] = stream | {"rates": dict.fromkeys(as_fast, stream["rate"])}
+    return scenario_of(table)
+
+
+def telemetry_of(scenario: Scenario, motion: Motion) -> Telemetry:
+    """What the vehicle of a simulated flight sent."""
+    frames = recorded(scenario, motion, cycle_of(scenario), lambda _: None)
+    return assemble(frames).vehicles[0]
+
+
+def rows_of(judge: Callable[[Any], list[Values]], flights: Iterable[Any], jobs: int) -> Any:
+    """What is found of each of the flights, rows of one frame; how many are done goes to standard error."""
+    rows = list[Values]()
+    with ProcessPoolExecutor(jobs) as pool:
+        for number, found in enumerate(pool.map(judge, flights), start=1):
+            click.echo(f"{number} flights", err=True)
+            rows += found
+    return pd.DataFrame(rows)
+
+
+def share(held: Any) -> str:
+    """Of what is true, in percent."""
+    return f"{np.mean(held):.0%}" if len(held) else "–"
+
+
+def show(title: str, rows: Any, *more: str) -> None:
+    """Prints rows, a frame or made into one, as a table in Markdown, and sentences under it."""
+    table = pd.DataFrame(rows)
+    cells = [[_text(cell) for cell in row] for row in table.itertuples(index=False)]
+    under: list[Block] = [Sentence(text) for text in more]
+    click.echo(markdown([Sentence(title), Table(list(table), cells, words=True), *under]) + "\n")
+
+
+def _text(cell: Any) -> str:
+    if not isinstance(cell, float):
+        return str(cell)
+    return "" if np.isnan(cell) else f"{cell:.3g}"
