@@ -45,7 +45,4 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
     # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
     from mavdem.view import write_recording
 
-    analysis = assessment.analysis
-    assert analysis is not None and analysis.learned is not None and analysis.held_out is not None
-    known = analysis.flights, analysis.learned, analysis.held_out
-    write_recording(target, *known, assessment)
+    write_recording(target, assessment)

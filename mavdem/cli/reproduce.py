@@ -17,7 +17,6 @@ from mavdem.cli.output import (
     writing,
 )
 from mavdem.dem.parallel import pool, spare_cores
-from mavdem.extras import require
 from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table
 
@@ -44,8 +43,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
     """Runs the paper's experiments again and checks its claims.
 
     ITEM is a name from --list; all items run unless some are named, which takes some minutes on two cores. The report
-    is a folder with the page index.html and its figures, numbers.json, and experiment.rrd for Rerun. It needs the extra
-    `view`: pip install "mavdem[view]".
+    is a folder with the page index.html and its figures, and numbers.json.
 
     \b
     Examples:
@@ -61,7 +59,6 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         return say(
             "\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed)
         )
-    require("view", "`mavdem reproduce`")
     from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
     from mavdem.paper.runner import Extent, Runner
 
@@ -77,7 +74,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         with progress("Writing the report", measured=False):
             seconds = perf_counter() - began
             with writing(out):
-                write(out, reports, runner, seconds)
+                write(out, reports, seconds)
                 (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
     found = [
         [one.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip()]

@@ -9,15 +9,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from mavdem.dem import learn
-from mavdem.evaluate import held_out_test
 from mavdem.facts import Level
 from mavdem.paper import CLAIMS, INTRODUCTION, Claim, forecasts, landscape, noise, oracle, order
-from mavdem.paper.runner import PAPER, ClaimStatus, Result, Runner, findings
+from mavdem.paper.runner import ClaimStatus, Result, findings
 from mavdem.report.blocks import Block, Rated, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
-from mavdem.view import write_recording
 
 EXPERIMENTS = (
     *(noise.run, forecasts.prediction, forecasts.coordinates, forecasts.benchmark),
@@ -27,7 +24,6 @@ ITEMS = dict(zip(CLAIMS, EXPERIMENTS, strict=True))
 
 PAGE = "index.html"
 NUMBERS = "numbers.json"
-RECORDING = "experiment.rrd"
 TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in Wind"
 
 
@@ -115,17 +111,9 @@ def document(reports: Sequence[ItemReport], seconds: float) -> dict[str, Any]:
     }
 
 
-def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: float) -> None:
-    """Writes the page, and the recording of the experiment in the figures of one flight."""
+def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
+    """Writes the page."""
     folder.mkdir(parents=True, exist_ok=True)
-    window = runner.sample
-    learned = learn(window.train, PAPER)
-    write_recording(
-        folder / RECORDING,
-        (window.train,),
-        learned,
-        held_out_test(window.train, window.test, learned),
-    )
     levels = {ClaimStatus.REPRODUCED: Level.GOOD}
     verdicts = [
         [
@@ -139,10 +127,7 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
     blocks: list[Block] = [
         Sentence(INTRODUCTION),
         Table(["item", "verdict", "findings", "beyond the paper"], verdicts, words=True),
-        Sentence(
-            f"All numbers are in `{NUMBERS}`; `{RECORDING}` has {window.flight}, with the model that DEM learns with "
-            f"the paper’s settings, for Rerun. It took {seconds:.0f} s."
-        ),
+        Sentence(f"All numbers are in `{NUMBERS}`. It took {seconds:.0f} s."),
     ]
     subtitle = f"The experiments of {TITLE} (Anil Meera and Wisse), run again."
     html = page(

@@ -33,7 +33,7 @@ from mavdem.report.palette import (
 )
 from mavdem.report.screen import verdict_blocks
 from mavdem.report.words import advised, section
-from mavdem.view.flown import BOOT_CLOCK, Lines, blueprint, events_view, faint
+from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view
 FLIGHT_SECONDS = 20.0

@@ -22,11 +22,10 @@ from numpy.typing import ArrayLike
 from mavdem.dem import Estimate, Learned
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
-from mavdem.fleet.row import as_text
 from mavdem.live import Event, SessionStatus
 from mavdem.live.wind import WindRow
-from mavdem.view.flown import BOOT_CLOCK, log
 from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, status_document
+from mavdem.view.plots import BOOT_CLOCK, log
 from mavdem.view.sinks import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
@@ -141,8 +140,7 @@ class SinkThread(threading.Thread):
             self._until = next(models, self._until)
             self._writer.rows(same)
         for line in lines:
-            level = "ERROR" if line.is_alarm else "INFO"
-            log(recording, line.seconds, as_text(line.sentence), level)
+            log(recording, line.seconds, line.sentence, line.fact.level)
             if self._writer is not None:
                 self._writer.mark(line.since)
         if self._last is not None and wall.monotonic() >= self._next_status:
@@ -152,7 +150,7 @@ class SinkThread(threading.Thread):
                     recording,
                     self._last.time,
                     f"{new} rows are not shown here: this view is too slow",
-                    "WARN",
+                    Level.WATCH,
                 )
                 self._reported_drops += new
             about = self.status, self._last, self._until

@@ -2,42 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.analysis.findings import findings_of
+from mavdem.alignment.drive import AXES
+from mavdem.alignment.signals import attitude
 from mavdem.assessment import Assessment
+from mavdem.condition.loop.loop import Loop
+from mavdem.condition.step_response import StepResponse
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
-from mavdem.report.blocks import Block, markdown
+from mavdem.report.blocks import Block, Sentence, markdown
 from mavdem.report.labels import Labels
-from mavdem.report.numbers import TORQUE, named, place, readable
-from mavdem.report.screen import detail_blocks, motor_blocks, screen, title, verdict_blocks
-from mavdem.report.series import (
-    COMMAND,
-    FREE_ENERGY,
-    INPUTS,
-    PROCESS_NOISE,
-    series_of,
-)
-from mavdem.report.timeline import Row, events_of, torque_lines, wind_rows
-from mavdem.report.words import headline
-from mavdem.view.flown import (
+from mavdem.report.loops import margin_tables
+from mavdem.report.numbers import TORQUE, named, readable
+from mavdem.report.page import loop_picture
+from mavdem.report.screen import detail_blocks, motor_blocks, screen, title
+from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
+from mavdem.report.timeline import Line, Row, Timeline, timeline_of
+from mavdem.report.words import advised, headline
+from mavdem.view.flown import path_with_wind
+from mavdem.view.plots import (
     Plot,
     Target,
     blueprint,
     events_view,
     faint,
     log,
-    path_with_wind,
     range_of,
     recorded,
     with_gaps,
@@ -47,56 +47,33 @@ from mavdem.view.flown import (
 BEYOND = 0.15
 
 
-def write_recording(
-    target: Target,
-    flights: Sequence[Flight],
-    learned: Learned,
-    held_out: HeldOut,
-    assessment: Assessment | None = None,
-) -> None:
-    """Writes ``learned``, the model of ``flights``, and forecasts of ``held_out`` windows to a ``target``.
+def write_recording(target: Target, assessment: Assessment) -> None:
+    """Writes an ``assessment`` with a model, and forecasts of held-out windows, to a ``target``.
 
     A file appears whole or not at all, ``OSError`` if it cannot be written. It opens with its own blueprint: the
-    flight over its seconds, more of it, how the model was learned, and the report. Angles are in degrees. With the
-    ``assessment`` of the log every plot is marked where something went wrong, what happened is a text log, and the wind
-    in m/s of the same boot has a tab of its own, with the path.
+    flight as a whole, its wind and loops, forecasts, how the model was learned, and the report. Angles are in degrees;
+    alarms are marked in every plot.
     """
-    series = FlightSeries(flights, learned, held_out)
-    boot = flights[0].provenance.get("segment", {}).get("boot", 0)
-    events = () if assessment is None else events_of(assessment, boot)
-    series.alarms = [
-        event.seconds
-        for event in events
-        if event.is_alarm and series.span[0] < event.seconds < series.span[1]
-    ]
-    with recorded(target, Path(str(flights[0].provenance.get("source", ""))).name) as recording:
-        report = _text(
-            recording,
-            "report",
-            "Report",
-            [title(flights), *screen(learned, held_out, assessment=assessment)],
-        )
-        others = [
-            plot for i in range(1, len(series.labels.output_names)) for plot in series.output(i)
+    analysis = assessment.analysis
+    timeline = timeline_of(assessment)
+    assert analysis is not None and timeline is not None
+    flights, learned, held_out = analysis.flights, analysis.learned, analysis.held_out
+    assert learned is not None and held_out is not None
+    with recorded(target, Path(assessment.log.source).name) as recording:
+        page = _Page(recording, assessment, timeline)
+        words = [title(flights), *screen(learned, held_out, assessment=assessment)]
+        tabs: list[rrb.Container | rrb.View] = [
+            page.flight(_rates(assessment, timeline)),
+            *page.air(learned, flights),
+            *page.loops(),
+            page.forecasts(learned, held_out, series_of(flights, learned)),
+            page.learning(learned),
+            _text(recording, "report", "Report", words),
         ]
-        details = _drawn(recording, series, [*others, series.motors(), *series.dem()])
-        flight = _flight(recording, series, assessment)
-        learning = _learning(recording, learned)
-        air = [] if assessment is None else _air(recording, series, assessment)
-        for event in events:
-            level = "ERROR" if event.is_alarm else "INFO"
-            log(recording, event.seconds, event.fact.sentence, level)
-        log_view = [events_view()] if events else []
-        tabs = rrb.Tabs(
-            flight,
-            *air,
-            rrb.Vertical(*details, name="Details"),
-            learning,
-            report,
-            *log_view,
-            active_tab=0,
-        )
-        recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=True)
+        for event in timeline.events:
+            log(recording, event.seconds, event.fact.sentence, event.fact.level)
+        shown = blueprint(rrb.Tabs(*tabs, active_tab=0), play_state="paused")
+        recording.send_blueprint(shown, make_active=True)
 
 
 def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
@@ -106,200 +83,188 @@ def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
         recording.send_blueprint(blueprint(words), make_active=True)
 
 
-class FlightSeries:
-    """The series of a learned flight over the boot clock, s, in degrees, as plots."""
+class _Page:
+    """The tabs of a recording of an ``assessment``, whose plots are of its ``timeline``."""
 
-    def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
-        self.flights = flights
-        self.series = series_of(flights, learned, held_out)
-        self.learned = learned
-        self.held_out = held_out
-        self.windows = held_out.time
-        self.labels = Labels.of(learned)
-        self.times = [flight.time for flight in flights]
-        self.clock = with_gaps(self.times, last=True)
-        after = self.windows[:, 0] > self.times[-1][-1]
-        self._time = with_gaps([*self.times, *self.windows[after]], last=True)
-        self._outputs = with_gaps(
-            [*(flight.outputs for flight in flights), *held_out.measured[after]]
-        )
-        self.span = float(self._time[0]), float(self._time[-1])
-        self.alarms: list[float] = []  # s
+    def __init__(
+        self, recording: rr.RecordingStream, assessment: Assessment, timeline: Timeline
+    ) -> None:
+        self._recording = recording
+        self._assessment = assessment
+        self._timeline = timeline
+        first, last = timeline.span
+        happened = [event for event in timeline.events if first < event.seconds < last]
+        self._alarms = [event.seconds for event in happened if event.is_alarm]
 
-    def output(self, i: int) -> list[Plot]:
-        """Returns an output with its forecasts in held-out windows, and what these leave."""
-        name = self.labels.output_names[i]
-        unit = readable(self.labels.output_units[i])
-        measured = unit.scale * self._outputs[:, i]
-        time = with_gaps(self.windows, last=True)
-        windows = self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band
-        in_windows, forecast, half = (unit.scale * with_gaps(values[:, :, i]) for values in windows)
-        low, high = range_of(measured)
-        span = high - low
-        forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
-        residual = in_windows - forecast
-        inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
-        what = f"measured, and forecast in held-out windows of {self.held_out.seconds:.2g} s"
-        heading = f"{named(name.capitalize(), unit.name)}: {what}"
-        above = Plot(rr.new_entity_path(["outputs", name]), heading, inner)
-        left = named("Residual: measured minus forecast", unit.name)
-        below = Plot(
-            rr.new_entity_path(["residuals", name]), left, range_of(np.clip(residual, -span, span))
-        )
-        starts = self.windows[:, 0]
-        ends = self.windows[:, -1]
-        apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
-        parts = list(zip(starts[np.append(True, apart)], ends[np.append(apart, True)], strict=True))
-        for plot, middle in ((above, forecast), (below, 0.0)):
-            plot.spans("held out", faint(palette.MEASURED, palette.HELD_OUT_OPACITY), parts)
-            colour = faint(palette.PREDICTED, palette.BAND_OPACITY)
-            plot.area("90 % band", colour, time, middle - half, middle + half)
-        above.line("measured", palette.MEASURED, self._time, measured)
-        above.line("forecast", palette.PREDICTED, time, forecast, 1.8)
-        below.line("residual", palette.PREDICTED, time, residual)
-        return [above, below]
-
-    def command(self) -> Plot:
-        """Returns by how much the motors that turn the vehicle one way run above the others."""
-        _, (name,), values = self.series[COMMAND]
-        named_so = named(name.capitalize(), self.labels.input_units[0])
-        heading = f"{named_so}: the motors' difference, about its mean"
-        commands = {name: self._with_gaps(values[:, 0])}
-        return Plot.series("command", heading, self.clock, commands, palette.COMMAND)
-
-    def motors(self) -> Plot:
-        """Returns what drives the vehicle: several inputs, as deviations from their mean, by their places."""
-        inputs = self.series[INPUTS].values
-        unit = self.labels.input_units[0]
-        several = inputs.shape[1] > 1
-        values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
-        heading = named("Inputs, deviation from their mean" if several else "Input", unit)
-        series = dict(
-            zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True)
-        )
-        return Plot.series("inputs", heading, self.clock, series)
-
-    def wind(self) -> Plot | None:
-        """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
-        lines = tuple(torque_lines(self.labels.output_names[0], self.learned, self.flights))
-        wind = self.learned.wind_torque
-        if wind is None or not lines:
-            return None
-        clock = np.concatenate(self.times)
-        gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
-        return Plot.of("wind", Row("Wind torque", TORQUE.name, lines), gusts)
-
-    def dem(self) -> list[Plot]:
-        """Returns what DEM makes of each sample: F(t) and the process noise w."""
-        clock, names, noise = self.series[PROCESS_NOISE]
-        states = dict(zip(names, np.degrees(noise).T, strict=True))
-        samples, _, energy = self.series[FREE_ENERGY]
-        heading = "Free energy F(t) of each sample, nats"
-        return [
-            Plot.series("process_noise", "Process noise w of DEM, ° and s", clock, states),
-            Plot.series(
-                "free_energy_of_samples", heading, samples, {"F(t)": energy[:, 0]}, palette.BOUND
-            ),
+    def flight(self, rates: Row) -> rrb.Container:
+        """Headline and next step above; axes, rates, motors and the rest on one axis of time; lights and events."""
+        shown = [row for row in self._timeline.rows if row not in self._wind]
+        shown.insert(len(AXES), rates)
+        judgement = self._assessment.judgement
+        said = f"**{headline(judgement.headline)}**\n\n**Next:** {advised(judgement.next_step)}"
+        above = _text(self._recording, "headline", "", said)
+        lights = [
+            Sentence(advised(fact), f"{name.capitalize()} – {fact.level}:")
+            for name, fact in judgement.lights.items()
         ]
+        words = _text(self._recording, "lights", "Lights", lights)
+        beside = rrb.Vertical(words, events_view(), row_shares=[55, 45])
+        plots = rrb.Vertical(*self._plots("flight", shown))
+        below = rrb.Horizontal(plots, beside, column_shares=[75, 25])
+        return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
 
-    def _with_gaps(self, values: Array) -> Array:
-        return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
+    @property
+    def _wind(self) -> list[Row]:
+        """The rows of the wind, in m/s and as a torque."""
+        return [row for row in self._timeline.rows if row.title.startswith("Wind")]
 
+    def air(self, learned: Learned, flights: Sequence[Flight]) -> list[rrb.Container]:
+        """The wind with the path in it, and the torque with its gusts; nothing where neither is known."""
+        if not self._wind:
+            return []
+        gusts = list[tuple[float, float]]()
+        if (torque := learned.wind_torque) is not None and torque.reason is None:
+            clock = np.concatenate([flight.time for flight in flights])
+            starts = [(clock[gust.sample], gust.length) for gust in torque.gusts]
+            gusts = [(start, start + length) for start, length in starts]
+        path = None
+        wind = self._assessment.wind_of_model
+        position = self._timeline.position
+        if wind is not None and wind.sized and position is not None:
+            path = path_with_wind(self._recording, position, wind)
+        plots = rrb.Vertical(*self._plots("air", self._wind, gusts))
+        return [rrb.Horizontal(*filter(None, [path]), plots, name="Wind")]
 
-def _drawn(
-    recording: rr.RecordingStream, series: FlightSeries, plots: Sequence[Plot]
-) -> list[rrb.View]:
-    """The views of plots, each with its marks."""
-    for plot in plots:
-        plot.marks("went wrong", palette.BAD, series.alarms)
-        plot.draw(recording)
-    return [plot.view(*series.span) for plot in plots]
+    def loops(self) -> list[rrb.Container]:
+        """Measured steps by axis, and loops with their margins; nothing where none is known."""
+        steps = [
+            self._bars(f"steps/{axis}/{name}", f"{axis} {name}: step", each.time, each.step)
+            for axis, responses in self._assessment.responses.items()
+            for name, response in responses.items()
+            if isinstance(each := response.measured, StepResponse)
+        ]
+        evidence = self._assessment.evidence
+        loops = {} if evidence is None else evidence.loops
+        known = {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
+        pictures = [self._picture(axis, loop) for axis, loop in known.items()]
+        parts = list[rrb.View | rrb.Container]()
+        if steps:
+            parts.append(rrb.Grid(*steps, grid_columns=2))
+        if known:
+            margins = _text(self._recording, "margins", "Margins", margin_tables(known))
+            parts += [rrb.Tabs(*pictures, margins)]
+        return [rrb.Horizontal(*parts, name="Loops")] if parts else []
 
+    def forecasts(
+        self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
+    ) -> rrb.Container:
+        """Outputs with their forecasts in held-out windows, and what DEM makes of each sample."""
+        measured = series[OUTPUTS]
+        labels = Labels.of(learned)
+        plots = [
+            _forecast(i, held_out, measured, unit) for i, unit in enumerate(labels.output_units)
+        ]
+        samples, _, energy = series[FREE_ENERGY]
+        clock, names, noise = series[PROCESS_NOISE]
+        states = zip(names, np.degrees(noise).T, strict=True)
+        lines = [
+            Line(name, palette.distinct(i), clock, values)
+            for i, (name, values) in enumerate(states)
+        ]
+        bound = Line("F(t)", palette.BOUND, samples, energy[:, 0])
+        plots += [
+            Plot.of("process_noise", Row("Process noise w of DEM", "° and s", tuple(lines))),
+            Plot.of("free_energy", Row("Free energy F(t) of each sample", "nats", (bound,))),
+        ]
+        return rrb.Vertical(*self._drawn(plots), name="Forecast")
 
-def _air(
-    recording: rr.RecordingStream, series: FlightSeries, assessment: Assessment
-) -> list[rrb.Container]:
-    """The path in the wind, beside its speed and where it comes from over time; nothing where it is not known."""
-    wind = assessment.wind_of_model
-    if wind is None or assessment.evidence is None:
-        return []
-    position = assessment.evidence.signals.position
-    rows = wind_rows(assessment.evidence.air, wind.boot)
-    plots = [Plot.of(f"air/{number}", row) for number, row in enumerate(rows)]
-    path = None
-    if position is not None and wind.sized:
-        path = path_with_wind(recording, position, wind)
-    drawn = rrb.Vertical(*_drawn(recording, series, plots))
-    return [rrb.Horizontal(*filter(None, [path]), drawn, name="Wind")]
+    def learning(self, learned: Learned) -> rrb.Container:
+        """F̄ by iteration as bars, beside what was learned."""
+        energy = learned.free_energy.total
+        first = min(2, len(energy) - 1)  # the first two may be far from all others
+        heading = f"F̄ below its maximum of {energy.max():,.0f} nats, by iteration"
+        at = np.arange(first, len(energy), dtype=np.float64)
+        bars = self._bars("learning/gap", heading, at, energy.max() - energy[first:])
+        blocks = [*motor_blocks(learned, None), *detail_blocks(learned)]
+        details = _text(
+            self._recording, "learning/details", "The model, and how it was learned", blocks
+        )
+        return rrb.Horizontal(bars, details, name="Learning")
 
+    def _plots(
+        self, origin: str, rows: Sequence[Row], gusts: Sequence[tuple[float, float]] = ()
+    ) -> list[rrb.View]:
+        """Views of rows; ``gusts`` are drawn behind a torque."""
+        plots = [
+            Plot.of(f"{origin}/{number}", row, gusts if row.unit == TORQUE.name else ())
+            for number, row in enumerate(rows)
+        ]
+        return self._drawn(plots)
 
-def _flight(
-    recording: rr.RecordingStream, series: FlightSeries, assessment: Assessment | None
-) -> rrb.Container:
-    """The first sentence above, then the flight over time, verdicts and motors beside it."""
-    plots = _drawn(
-        recording, series, [*series.output(0), series.command(), *filter(None, [series.wind()])]
-    )
-    found = findings_of(series.learned, series.held_out)
-    judgement = None
-    if assessment is not None and assessment.analysis is not None:
-        found = assessment.analysis.findings
-        judgement = assessment.judgement
-    beside = [
-        _text(recording, "verdict", "Verdict", verdict_blocks(found, judgement)),
-        *_effectiveness(recording, series),
-    ]
-    pictures = rrb.Vertical(*plots, row_shares=[34, 20, 20, 26][: len(plots)])
-    words = rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)])
-    below = rrb.Horizontal(pictures, words, column_shares=[78, 22])
-    if judgement is None:
-        return rrb.Vertical(below, name="Flight")
-    said = _text(recording, "headline", "", f"## {headline(judgement.headline)}")
-    return rrb.Vertical(said, below, row_shares=[7, 93], name="Flight")
+    def _drawn(self, plots: Sequence[Plot]) -> list[rrb.View]:
+        """The views of plots, each with its marks."""
+        for plot in plots:
+            plot.marks("went wrong", palette.BAD, self._alarms)
+            plot.draw(self._recording)
+        return [plot.view(*self._timeline.span) for plot in plots]
 
+    def _picture(self, axis: str, loop: Loop) -> rrb.View:
+        """The picture of the page of the loops of an ``axis``."""
+        file = BytesIO()
+        figure = loop_picture(loop).draw()
+        figure.savefig(file, format="png", facecolor=palette.PAPER_LIGHT)
+        image = rr.EncodedImage(contents=file.getvalue(), media_type="image/png")
+        self._recording.log(f"loops/{axis}", image, static=True)
+        return rrb.Spatial2DView(origin=f"loops/{axis}", name=f"Loops of {axis}")
 
-def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
-    """Bars of the motors in their order, below a table with their names and intervals; nothing where not known."""
-    physical = series.learned.physical
-    if physical is None or physical.status["effect"] == "not identifiable":
-        return []
-    motors = motor_blocks(series.learned, None)
-    words = _text(recording, "effect/table", "Control effectiveness", motors)
-    return [words, _bars(recording, "effect/bars", "By motor", TORQUE.scale * physical.effect, 1)]
-
-
-def _bars(
-    recording: rr.RecordingStream, origin: str, name: str, values: Array, first: int
-) -> rrb.View:
-    """A view of bars, numbered from ``first`` on."""
-    width = 0.7
-    colour = palette.channels(palette.PREDICTED)
-    left = first + np.arange(len(values)) - width / 2
-    bars = rr.BarChart(values, abscissa=left, widths=np.full(len(values), width), color=colour)
-    recording.log(origin, bars, static=True)
-    return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
-
-
-def _learning(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:
-    """F̄ by iteration as bars, beside what was learned."""
-    energy = learned.free_energy
-    first = min(2, len(energy) - 1)  # the first two may be far from all others
-    heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    bars = _bars(
-        recording, "learning/gap", heading, (energy.total.max() - energy.total)[first:], first
-    )
-    details = _text(
-        recording, "learning/details", "The model, and how it was learned", detail_blocks(learned)
-    )
-    return rrb.Horizontal(bars, details, name="Learning")
+    def _bars(self, origin: str, name: str, at: Array, values: Array) -> rrb.View:
+        """A view of bars at places ``at``, evenly apart."""
+        width = 0.7 * float(at[1] - at[0]) if len(at) > 1 else 0.7
+        colour = palette.channels(palette.PREDICTED)
+        widths = np.full(len(values), width)
+        bars = rr.BarChart(values, abscissa=at - width / 2, widths=widths, color=colour)
+        self._recording.log(origin, bars, static=True)
+        return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
 def _text(
     recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]
 ) -> rrb.View:
     """A view of Markdown, without a title bar if it has no name."""
-    text = words if isinstance(words, str) else markdown(words)
-    recording.log(
-        origin, rr.TextDocument(as_text(text), media_type=rr.MediaType.MARKDOWN), static=True
-    )
+    text = as_text(words if isinstance(words, str) else markdown(words))
+    recording.log(origin, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
+
+
+def _rates(assessment: Assessment, timeline: Timeline) -> Row:
+    """The body rates of the boot that the model is of."""
+    assert assessment.evidence is not None and assessment.analysis is not None
+    boot = assessment.analysis.flights[0].provenance["segment"]["boot"]
+    first, last = timeline.span
+    lines = list[Line]()
+    for number, axis in enumerate(AXES):
+        if (known := attitude(assessment.evidence.signals.telemetry, axis)) is not None:
+            rows = (known.boot == boot) & (known.time >= first) & (known.time <= last)
+            rate = np.degrees(known.rate[rows])
+            lines.append(Line(axis, palette.distinct(number), known.time[rows], rate))
+    return Row("Rates", "°/s", tuple(lines))
+
+
+def _forecast(i: int, held_out: HeldOut, measured: Series, label: str) -> Plot:
+    """The output number ``i`` as measured, and its forecasts in held-out windows with their bands."""
+    unit = readable(label)
+    name = measured.names[i]
+    values = unit.scale * measured.values[:, i]
+    low, high = range_of(values)
+    beyond = BEYOND * (high - low)
+    heading = f"{named(name.capitalize(), unit.name)}: measured, and forecast for {held_out.seconds:.2g} s"
+    plot = Plot(rr.new_entity_path(["outputs", name]), heading, (low - beyond, high + beyond))
+    time = with_gaps(held_out.time, last=True)
+    windows = held_out.forecasts[FORECAST], held_out.band
+    forecast, half = (unit.scale * with_gaps(each[:, :, i]) for each in windows)
+    forecast = np.clip(forecast, low - 9 * beyond, high + 9 * beyond)  # it may overflow
+    colour = faint(palette.PREDICTED, palette.BAND_OPACITY)
+    plot.area("90 % band", colour, time, forecast - half, forecast + half)
+    plot.line("measured", palette.MEASURED, measured.time, values)
+    plot.line("forecast", palette.PREDICTED, time, forecast, 1.8)
+    return plot
