@@ -6,17 +6,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click import Command, Context
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
 from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
-from mavdem.cli.reproduce import write_report
+from mavdem.cli.output import json_text
 from mavdem.evaluate.window import Window
 from mavdem.paper import CLAIMS, forecasts, noise, oracle, order
 from mavdem.paper.forecasts import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
-from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport
+from mavdem.paper.report import ITEMS, PAGE, ItemReport, document, write
 from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Extent, Result, Runner
 
 SMALL = Extent(experiments=(2,), duration=30, recorded=False, priors=2)
@@ -136,9 +135,9 @@ def test_all_items_make_one_report(tmp_path, monkeypatch):
     runner = Runner(SMALL)
     chosen = [claim for claim in ITEMS if claim.name != "demonstrations"]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
-    with Context(Command("reproduce")):
-        write_report(tmp_path, reports, 1.0)
-    page, numbers = ((tmp_path / name).read_text() for name in (PAGE, NUMBERS))
+    write(tmp_path, reports, 1.0)
+    page = (tmp_path / PAGE).read_text()
+    numbers = json_text(document(reports, 1.0))
     # It shows what is there and asks for nothing else.
     assert "<svg" in page and not re.findall(r'(?:src|srcset)="', page)
     told = {one["name"]: one for one in json.loads(numbers, parse_constant=pytest.fail)["items"]}
