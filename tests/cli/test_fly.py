@@ -48,9 +48,9 @@ def test_a_recording_to_look_at(tmp_path, capsys):
     assert {
         "/world/here/vehicle",
         "/world/here/wind",
-        "/world/trail",
-        "/roll/0 roll",
-        "/moment/0 roll",
+        "/world/path",
+        "/plots/0/0 roll",
+        "/plots/5/0 roll",
     } <= paths
 
 
