@@ -12,7 +12,7 @@ EXTRAS = {
     "dask": ("distributed",),
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
-    "ros2": ("mcap_ros2",),
+    "ros2": ("rosbags",),
     "serve": ("python_multipart", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),

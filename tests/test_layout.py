@@ -62,7 +62,7 @@ ROOMS_OF_LIBRARIES = {
     "rerun": {"view"},
     "pymavlink": {"ingest", "live"},
     "mcap": {"ingest"},
-    "mcap_ros2": {"ingest"},
+    "rosbags": {"ingest"},
     "zstandard": {"ingest"},
     "lz4": {"ingest"},
     "pyulog": {"ingest"},

@@ -57,8 +57,9 @@ from mavdem.ingest.vocabulary import (
 # Bridges from an autopilot to ROS 2
 PX4_BRIDGE = "uXRCE-DDS"
 MAVROS = "MAVROS"
-_TO_PX4 = "in"
-_FROM_PX4 = "out"
+_PX4_TOPIC = re.compile(
+    r"(?P<vehicle>.*?)/(?:fmu/)?(?:(?P<way>in|out)/)?(?P<name>\w+?)(?:_v\d+)?(?:/(?P<old_way>in|out))?"
+)
 
 
 class RosTopic(NamedTuple):
@@ -77,50 +78,35 @@ def flight_topics(
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
-    typed = {
-        one: schemas[one.schema].name
-        for one in channels
-        if one.schema in schemas and one.encoding == CDR
-    }
-    px4 = {channel for channel, name in typed.items() if re.fullmatch(r"px4_msgs/msg/\w+", name)}
-    found = {
-        one: _of_px4(one.topic) if one in px4 else _of_mavros(one.topic, name)
-        for one, name in typed.items()
-    }
-    topics = {channel: topic for channel, topic in found.items() if topic is not None}
-    own = {
-        topics[channel].vehicle
-        for channel in topics
-        if typed[channel].startswith("mavros_msgs/msg/")
-    }
-    return {
-        channel: topic
-        for channel, topic in topics.items()
-        if topic.bridge == PX4_BRIDGE or topic.vehicle in own
-    }
+    found: dict[Channel, RosTopic] = {}
+    nodes = set()
+    for channel in channels:
+        if channel.encoding == CDR and channel.schema in schemas:
+            schema = schemas[channel.schema].name
+            topic = f"/{channel.topic.lstrip('/')}"
+            is_px4 = re.fullmatch(r"px4_msgs/msg/\w+", schema)
+            if known := _of_px4(topic) if is_px4 else _of_mavros(topic, schema):
+                found[channel] = known
+                if is_px4 or schema.startswith("mavros_msgs/msg/"):
+                    nodes.add(known.vehicle)
+    return {channel: topic for channel, topic in found.items() if topic.vehicle in nodes}
 
 
 def _of_px4(topic: str) -> RosTopic | None:
-    *namespace, name = [part for part in topic.split("/") if part] or [""]
-    if name in (_TO_PX4, _FROM_PX4) and namespace:
-        namespace, name, direction = namespace[:-1], namespace[-1], name
-    else:
-        direction = namespace[-1] if namespace else ""
-        namespace = namespace[:-1] if direction in (_TO_PX4, _FROM_PX4) else namespace
-    name = re.sub(r"_v\d+$", "", name)
+    found = _PX4_TOPIC.fullmatch(topic)
     # A companion stamps the setpoints it sends by a clock of its own.
-    if name not in NEEDED or (name in SETPOINTS and direction == _TO_PX4):
+    if found is None or found["name"] not in NEEDED:
         return None
-    namespace = namespace[:-1] if namespace[-1:] == ["fmu"] else namespace
-    return RosTopic(
-        PX4_BRIDGE, "".join(f"/{part}" for part in namespace), name, direction == _TO_PX4
-    )
+    incoming = "in" in (found["way"], found["old_way"])
+    if incoming and found["name"] in SETPOINTS:
+        return None
+    return RosTopic(PX4_BRIDGE, found["vehicle"], found["name"], incoming)
 
 
 def _of_mavros(topic: str, schema: str) -> RosTopic | None:
     for name, kind in MAVROS_TOPICS.items():
-        if schema == kind.schema and f"/{topic.lstrip('/')}".endswith(f"/{name}"):
-            node = f"/{topic.lstrip('/')}".removesuffix(f"/{name}")
+        if schema == kind.schema and topic.endswith(f"/{name}"):
+            node = topic.removesuffix(f"/{name}")
             return RosTopic(MAVROS, node.removesuffix("/mavros"), name)
     return None
 
