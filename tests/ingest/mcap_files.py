@@ -63,8 +63,6 @@ class Recorder:
         fields: str | dict[str, Any],
         sequence: int = 0,
         system: int = 1,
-        repeat: bool = True,
-        own: bool = True,
     ) -> None:
         """A message as BlueOS records it; ``fields`` as JSON text where they are to be written just so."""
         inner = fields if isinstance(fields, str) else json.dumps(fields)[1:-1]
@@ -72,10 +70,8 @@ class Recorder:
             f'{{"system_id":{system},"component_id":1,"sequence":{sequence % 256},"message_id":0}}'
         )
         body = f'{{"header":{header},"message":{{"type":"{name}",{inner}}}}}'.encode()
-        if own:
-            self.write(f"mavlink/{system}/1/{name}", body)
-        if repeat:
-            self.write("mavlink/out", body)
+        self.write(f"mavlink/{system}/1/{name}", body)
+        self.write("mavlink/out", body)
 
     def flight(self, times: Iterable[float], **how: Any) -> None:
         """A heartbeat, and ATTITUDE and SERVO_OUTPUT_RAW at boot clock times, s."""

@@ -142,6 +142,11 @@ class Frames:
     sequence: Bytes
     verdict: Bytes
 
+    @property
+    def size(self) -> Places:
+        """(N,) bytes of each whole frame."""
+        return self.end - self.start
+
     def __len__(self) -> int:
         return len(self.start)
 

@@ -1,7 +1,7 @@
 """MCAP recordings (.mcap): MAVLink as JSON, in the layouts of BlueOS and of another bridge, or as frames; else ROS 2.
 
 MCAP's registry has no MAVLink. In use are the topics ``mavlink/{system}/{component}/{MESSAGE}`` (BlueOS) and the same
-after a slash, both with a JSON body, and ``mavlink/out``, which repeats everything. Frames are
+after a slash, both with a JSON body, and ``mavlink/out``, which repeats everything and is not read. Frames are
 recorded with the message encoding ``mavlink``, or as bytes without a schema. A sender with frames is read from them
 alone: its JSON messages are the same again. Topics of ROS 2 (``ros2.log``) are read where there is no MAVLink. Source
 of BlueOS's layout: its recorder, https://github.com/bluerobotics/BlueOS.
@@ -19,12 +19,10 @@ import inspect
 import json
 import os
 import re
-from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cache, lru_cache, partial, reduce
+from functools import cache, lru_cache, reduce
 from math import nan
 from operator import or_
 from typing import Any, NamedTuple
@@ -38,7 +36,6 @@ from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.mavlink.clocks import Places
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     MessageDefinition,
@@ -50,13 +47,12 @@ from mavdem.ingest.mavlink.framing import (
     GOOD,
     MARKER_1,
     MARKER_2,
-    Bytes,
     Progress,
     find_in_pieces,
     no_progress,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
-from mavdem.ingest.mcap.records import BATCH, Channel, McapMessage, McapRecording
+from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, repair
 
@@ -93,101 +89,95 @@ def _stream(
     source: str, recording: McapRecording, progress: Progress
 ) -> tuple[FrameStream | None, int]:
     """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
-    carried: dict[Channel, _FrameChannel | None] = {}
+    carriers: dict[Channel, bool] = {}
+    carried: dict[Channel, list[tuple[int, McapMessage]]] = {}
     for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
-        if (channel := message.channel) not in carried:
+        channel = message.channel
+        if channel not in carriers:
             marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
             bare = channel.schema == 0 and channel.encoding not in NO_FRAMES and marked
-            carried[channel] = _FrameChannel() if channel.encoding == "mavlink" or bare else None
-        if (frames := carried[message.channel]) is not None:
-            frames.add(place, message)
-    found = [frames.found() for frames in carried.values() if frames is not None]
+            carriers[channel] = channel.encoding == "mavlink" or bare
+        if carriers[channel]:
+            carried.setdefault(channel, []).append((place, message))
+    parts = [_framed(messages) for messages in carried.values()]
+    skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     heard: set[FrameSender] = set()
-    for part, _ in found:
+    for part in parts:
         good = part.frames[part.frames.verdict == GOOD]
-        heard |= {
-            FrameSender(*ids)
-            for ids in zip(good.system.tolist(), good.component.tolist(), strict=True)
-        }
-    channels = list(recording.channels.values())
-    if not heard and not any(channel.encoding in JSON for channel in channels):
-        return None, sum(len(part.frames) for part, _ in found)
-    written, unknown, left_out = _json_parts(
-        recording.content, channels, heard, _within(progress, 0.5, 1.0)
-    )
-    parts = [*(part for part, _ in found), *written]
+        heard |= set(map(FrameSender, good.system.tolist(), good.component.tolist()))
+    topics = _json_topics(recording.channels.values())
+    left_out: tuple[Fact, ...] = ()
+    unknown = 0
+    if any(topic.sender not in heard for topic in topics.values()):
+        written, unknown, left_out = _json_parts(
+            recording.content, topics, heard, _within(progress, 0.5, 1.0)
+        )
+        parts += written
     if not any((part.frames.verdict == GOOD).any() for part in parts):
         return None, unknown + sum(len(part.frames) for part in parts)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
     repairs = [*recording.repairs(), *left_out]
-    if flight_topics(channels, recording.schemas):
+    if flight_topics(recording.channels.values(), recording.schemas):
         repairs += repair(Repair.TOPICS_NOT_READ, name="ros2")
-    skipped = sum(skipped for _, skipped in found)
     return FrameStream(
         source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)
     ), len(part.frames)
 
 
-@dataclass
-class _FrameChannel:
+def _framed(messages: Sequence[tuple[int, McapMessage]]) -> RecordingPart:
     """The frames in a channel's messages, each of which is a frame, several, or a part of one."""
+    data = np.frombuffer(b"".join(one.data for _, one in messages), dtype=np.uint8)
+    ends = np.cumsum([len(one.data) for _, one in messages])
+    frames, holding = find_in_pieces(data, ends, seeds())
+    places = np.array([place for place, _ in messages], dtype=np.int64)
+    times = np.array([one.log_time for _, one in messages], dtype=np.uint64)
+    return RecordingPart(data, frames, places[holding], times[holding])
 
-    # Arrays, not lists, whose integers take five times the memory: there may be millions of messages.
-    content: bytearray = field(default_factory=bytearray)
-    ends: array[int] = field(default_factory=partial(array, "q"))
-    places: array[int] = field(default_factory=partial(array, "q"))
-    log_times: array[int] = field(default_factory=partial(array, "Q"))
 
-    def add(self, place: int, message: McapMessage) -> None:
-        self.content += message.data
-        self.ends.append(len(self.content))
-        self.places.append(place)
-        self.log_times.append(message.log_time)
+class JsonTopic(NamedTuple):
+    """A message's ``name`` and its sender."""
 
-    def found(self) -> tuple[RecordingPart, int]:
-        """The frames, and the number of bytes that belong to no frame."""
-        data = np.frombuffer(self.content, dtype=np.uint8)
-        frames, holding = find_in_pieces(data, np.array(self.ends), seeds())
-        places = np.array(self.places)
-        times = np.array(self.log_times)
-        skipped = len(data) - int((frames.end - frames.start).sum())
-        return RecordingPart(data, frames, places[holding], times[holding]), skipped
+    sender: FrameSender
+    name: str
+
+
+def _json_topics(channels: Iterable[Channel]) -> dict[Channel, JsonTopic]:
+    """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
+    found: dict[JsonTopic, Channel] = {}
+    for channel in sorted(channels, key=lambda one: not one.topic.startswith("/")):
+        topic = re.fullmatch(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)", channel.topic)
+        if topic is not None and channel.encoding in JSON:
+            ids = int(topic[1]), int(topic[2])
+            if max(ids) <= 255:
+                found.setdefault(JsonTopic(FrameSender(*ids), topic[3]), channel)
+    return {channel: topic for topic, channel in found.items()}
 
 
 def _json_parts(
-    content: bytes, channels: Sequence[Channel], heard: set[FrameSender], progress: Progress
+    content: bytes,
+    topics: Mapping[Channel, JsonTopic],
+    heard: set[FrameSender],
+    progress: Progress,
 ) -> tuple[list[RecordingPart], int, tuple[Fact, ...]]:
-    """The JSON messages of senders not ``heard`` in frames, each once, how many are unknown, and why some are left out.
+    """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some are left out.
 
     None of a damaged chunk: no checksum shows a wrong digit there.
     """
-    kinds = _own_kinds(channels)
-    repeats = {
-        channel
-        for channel in channels
-        if channel.encoding in JSON and re.fullmatch("/?mavlink/out", channel.topic)
-    }
-    own = set(kinds.values())
-    needed = repeats or any(kind.sender not in heard for kind in own)
-    topics: dict[JsonTopic, _JsonMessages] = {}
+    named: dict[FrameSender, dict[str, list[tuple[int, McapMessage]]]] = {}
     unknown: Counter[str] = Counter()
     damaged = 0
-    for place, message in enumerate(McapRecording(content).messages(progress) if needed else ()):
-        kind = kinds.get(message.channel)
-        if message.channel in repeats and (repeated := json_kind(message.data)) not in own:
-            kind = repeated
-        if kind is None or kind.sender in heard:
+    for place, message in enumerate(McapRecording(content).messages(progress)):
+        topic = topics.get(message.channel)
+        if topic is None or topic.sender in heard:
             continue
         if not message.sound:
             damaged += 1
-        elif (definition := definition_named(kind.name)) is None:
-            unknown[kind.name] += 1
+        elif definition_named(topic.name) is None:
+            unknown[topic.name] += 1
         else:
-            if kind not in topics:
-                topics[kind] = _JsonMessages(kind.sender, definition)
-            topics[kind].add(place, message.log_time, message.data)
-    progress(1.0)
+            kinds = named.setdefault(topic.sender, {})
+            kinds.setdefault(topic.name, []).append((place, message))
     names = [name for name, _ in unknown.most_common(5)]
     more = len(unknown) - len(names)
     code = Repair.LOGGED_MESSAGES_LEFT_OUT
@@ -195,44 +185,29 @@ def _json_parts(
         *repair(code, count=damaged, flaw=Flaw.DAMAGED_CHUNK, name="JSON"),
         *repair(Repair.JSON_OF_NO_DIALECT, count=unknown.total(), names=names, more=more),
     )
-    return list(_parts(topics.values())), unknown.total(), left_out
+    parts = [part for sender, kinds in named.items() for part in _composed(sender, kinds)]
+    return parts, unknown.total(), left_out
 
 
-def _parts(messages: Iterable[_JsonMessages]) -> Iterator[RecordingPart]:
-    """Messages as frames."""
-    by_sender: dict[FrameSender, list[_JsonMessages]] = {}
-    for one in messages:
-        one.parse()
-        by_sender.setdefault(one.sender, []).append(one)
-    for own in by_sender.values():
-        sent, places = (
-            np.concatenate([getattr(one, name) for one in own]) for name in ("sequence", "places")
-        )
-        ends = np.cumsum([len(one.places) for one in own])
-        numbers = np.split(_numbered(sent.astype(np.int64), places), ends[:-1])
-        for one, sequence in zip(own, numbers, strict=True):
-            yield one.part(sequence)
-
-
-def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
-    """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
-    own = r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)"
-    topics = {
-        channel: re.fullmatch(own, channel.topic)
-        for channel in channels
-        if channel.encoding in JSON
-    }
-    kinds = {
-        channel: JsonTopic(FrameSender(int(topic[1]), int(topic[2])), topic[3])
-        for channel, topic in topics.items()
-        if topic is not None and max(int(topic[1]), int(topic[2])) <= 255
-    }
-    headed = {kind for channel, kind in kinds.items() if not channel.topic.startswith("/")}
-    return {
-        channel: kind
-        for channel, kind in kinds.items()
-        if channel.topic[:1] != "/" or kind not in headed
-    }
+def _composed(
+    sender: FrameSender, kinds: Mapping[str, Sequence[tuple[int, McapMessage]]]
+) -> Iterator[RecordingPart]:
+    """One sender's messages by name as frames; without sequence numbers theirs show no loss."""
+    read = {}
+    for name, messages in kinds.items():
+        definition = definition_named(name)
+        assert definition is not None
+        read[name] = definition, *payloads([one.data for _, one in messages], definition)
+    every = np.concatenate([[place for place, _ in messages] for messages in kinds.values()])
+    numbered = all((numbers != NO_SEQUENCE).all() for *_, numbers in read.values())
+    for name, (definition, made, good, numbers) in read.items():
+        places = np.array([place for place, _ in kinds[name]], dtype=np.int64)
+        if not numbered:
+            numbers = np.searchsorted(np.sort(every), places)
+        sequence = (numbers % 256).astype(np.uint8)
+        data, frames = composed_frames(made, definition, sender, sequence, good)
+        times = np.array([one.log_time for _, one in kinds[name]], dtype=np.uint64)
+        yield RecordingPart(data, frames, places, times)
 
 
 def _within(progress: Progress, first: float, last: float) -> Progress:
@@ -276,12 +251,12 @@ def parse(body: bytes) -> tuple[dict[str, Any], int, str | None]:
 
 
 def payloads(
-    messages: Sequence[Mapping[str, Any]], definition: MessageDefinition
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Payloads (N,) of ``definition.wire``, and (N,) whether each message is valid: all values have the right type.
+    bodies: Sequence[bytes], definition: MessageDefinition
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.int64]]:
+    """Payloads (N,) of ``definition.wire``, whether each body is valid, and its sequence number.
 
-    A missing field is zero where it is an extension or an integer, as on the wire, and else NaN. A parameter of
-    value NaN becomes a float.
+    It is where it has the message's name and all values have the right type. A missing field is zero where it is an
+    extension or an integer, as on the wire, and else NaN. A parameter of value NaN becomes a float.
     """
     wire = definition.wire
     empty = np.zeros(1, dtype=wire)
@@ -289,21 +264,24 @@ def payloads(
         if wire[name].base.kind == "f":
             empty[name] = nan
     fields = [(name, wire[name], empty[name].tolist()[0]) for name in wire.names or ()]
-    made = np.zeros(len(messages), dtype=wire)
-    good = np.zeros(len(messages), dtype=np.bool_)
+    made = np.zeros(len(bodies), dtype=wire)
+    good = np.zeros(len(bodies), dtype=np.bool_)
+    numbers = np.full(len(bodies), NO_SEQUENCE, dtype=np.int64)
     with np.errstate(over="raise", invalid="ignore"):
-        for row, message in enumerate(messages):
+        for row, body in enumerate(bodies):
+            message, numbers[row], called = parse(body)
             with suppress(TypeError, ValueError, ArithmeticError):
                 values = (
                     _value(message[name], kind, absent) if name in message else absent
                     for name, kind, absent in fields
                 )
                 made[row] = tuple(values)
-                good[row] = not message.keys().isdisjoint(definition.fields)
+                named = called in (None, definition.name)
+                good[row] = named and not message.keys().isdisjoint(definition.fields)
     if definition.name == "PARAM_VALUE":
         # PX4 sends an integer as the bits of a float. JSON has one NaN only, so the bits are lost.
         made["param_type"][np.isnan(made["param_value"])] = dialect.MAV_PARAM_TYPE_REAL32
-    return made, good
+    return made, good, numbers
 
 
 def _document(body: bytes) -> Any:
@@ -378,75 +356,3 @@ def _text(value: Any) -> bytes:
     codes = value if isinstance(value, list) else [value]
     # A character of an array is one byte.
     return bytes(ord(code) if isinstance(code, str) else code for code in codes)
-
-
-KIND_PATTERNS = [
-    re.compile(rb'"%s"\s*:\s*(\d{1,3})\b' % name) for name in (b"system_id", b"component_id")
-]
-KIND_PATTERNS.append(re.compile(rb'"type"\s*:\s*"(\w+)"'))
-
-
-class JsonTopic(NamedTuple):
-    """A message's ``name`` and its sender."""
-
-    sender: FrameSender
-    name: str
-
-
-@dataclass
-class _JsonMessages:
-    sender: FrameSender
-    definition: MessageDefinition
-    waiting: list[bytes] = field(default_factory=list)
-    places: array[int] = field(default_factory=partial(array, "q"))
-    log_times: array[int] = field(default_factory=partial(array, "Q"))
-    sequence: array[int] = field(default_factory=partial(array, "q"))
-    payloads: list[NDArray[np.void]] = field(default_factory=list)
-    good: list[NDArray[np.bool_]] = field(default_factory=list)
-
-    def add(self, place: int, log_time: int, body: bytes) -> None:
-        self.places.append(place)
-        self.log_times.append(log_time)
-        self.waiting.append(body)
-        if len(self.waiting) >= BATCH:
-            self.parse()
-
-    def parse(self) -> None:
-        written = [parse(body) for body in self.waiting]
-        self.waiting.clear()
-        self.sequence.extend(sequence for _, sequence, _ in written)
-        fields = [
-            message if name in (None, self.definition.name) else {} for message, _, name in written
-        ]
-        made, good = payloads(fields, self.definition)
-        self.payloads.append(made)
-        self.good.append(good)
-
-    def part(self, sequence: Bytes) -> RecordingPart:
-        """The messages as frames with these sequence numbers."""
-        made = np.concatenate(self.payloads)
-        good = np.concatenate(self.good)
-        data, frames = composed_frames(made, self.definition, self.sender, sequence, good)
-        return RecordingPart(data, frames, np.array(self.places), np.array(self.log_times))
-
-
-def json_kind(body: bytes) -> JsonTopic | None:
-    """Returns the topic of a body by the first names and numbers in it; None without them."""
-    found = [match[1].decode() for pattern in KIND_PATTERNS if (match := pattern.search(body))]
-    return (
-        JsonTopic(FrameSender(int(found[0]) & 0xFF, int(found[1]) & 0xFF), found[2])
-        if len(found) == 3
-        else None
-    )
-
-
-def _numbered(sequence: NDArray[np.int64], places: Places) -> Bytes:
-    """One sender's sequence numbers; missing ones continue from the one before, so that they show no loss."""
-    order = np.argsort(places, kind="stable")
-    known = sequence[order]
-    row = np.arange(len(order))
-    last = np.maximum.accumulate(np.where(known != NO_SEQUENCE, row, -1))
-    before = np.where(last >= 0, known[last], -1)
-    numbers = np.empty(len(order), dtype=np.uint8)
-    numbers[order] = (before + row - last) % 256
-    return numbers

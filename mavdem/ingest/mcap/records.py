@@ -12,13 +12,15 @@ viewers; numbers that JSON lacks are null there.
 from __future__ import annotations
 
 import json
+import re
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from itertools import repeat
+from math import isfinite
 from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
@@ -35,8 +37,7 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_RATIO
-from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions
-from mavdem.ingest.mavlink.framing import GOOD, Bytes, Progress, no_progress
+from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import repair
 
@@ -46,6 +47,8 @@ PRIVATE_OPCODES = 0x80
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
 # Channel, sequence, log time and publish time before a message's data
 MESSAGE_HEAD = struct.Struct("<HIQQ")
+_LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % LAST_OPCODE, re.DOTALL)
+"""The opcode of a record, none of which is as long as 4 GiB."""
 MAX_CHUNK_HEAD = 1 << 10  # Bytes before a chunk's records
 CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default, or unpacked together
 MAX_CHUNK_BYTES = 1 << 28  # Unpacked bytes of one chunk
@@ -150,7 +153,6 @@ class McapRecording:
     def _records(self, content: bytes, place: int) -> Iterator[tuple[int, int, int]]:
         """Opcode, start and end of the content of each record from ``place`` on; a chunk at the end may be cut."""
         end = len(content)
-        data = np.frombuffer(content, dtype=np.uint8)
         while place < end:
             if place + RECORD_HEAD.size <= end:
                 opcode, length = RECORD_HEAD.unpack_from(content, place)
@@ -169,7 +171,7 @@ class McapRecording:
             if content.startswith(MAGIC, place):
                 place += len(MAGIC)
                 continue
-            following = _next_record(content, data, place + 1)
+            following = _next_record(content, place + 1)
             if following < end or content is not self.content:
                 self.skipped += following - place
             else:
@@ -182,13 +184,11 @@ class McapRecording:
             return
         cut = self.cut and stop == len(self.content) < chunk.end
         most = min(self._allowance, MAX_CHUNK_BYTES)
-        records, whole = _unpacked(
-            chunk.compression, self.content[chunk.start : min(chunk.end, stop)], most
-        )
+        packed = self.content[chunk.start : min(chunk.end, stop)]
+        records = _unpacked(chunk.compression, packed, most)
         self._allowance -= len(records)
-        sound = cut or (
-            whole and len(records) == chunk.size and chunk.checksum in (0, zlib.crc32(records))
-        )
+        whole = len(records) == chunk.size and chunk.checksum in (0, zlib.crc32(records))
+        sound = cut or whole
         self.damaged += not sound
         for opcode, inner, end in self._records(records, 0):
             if opcode == Opcode.MESSAGE:
@@ -222,22 +222,10 @@ class McapRecording:
                 self.schemas[kind.id] = Schema(kind.name, kind.encoding, text)
 
 
-def _next_record(content: bytes, data: Bytes, place: int) -> int:
+def _next_record(content: bytes, place: int) -> int:
     """The first place from ``place`` on where records follow one another; the end without one."""
-    search = 1 << 12  # bytes, doubled each time, so that the cost is that of the skipped bytes
-    last = len(content) - RECORD_HEAD.size
-    while place <= last:
-        stop = min(place + search, last + 1)
-        opcodes = data[place:stop]
-        likely = place + np.flatnonzero((opcodes > 0) & (opcodes <= LAST_OPCODE))
-        for high in range(5, 9):  # no record is as long as 4 GiB
-            likely = likely[data[likely + high] == 0]
-        for candidate in likely.tolist():
-            if _follow_one_another(content, candidate):
-                return candidate
-        place = stop
-        search = 2 * search
-    return len(content)
+    likely = (found.start() for found in _LIKELY_HEAD.finditer(content, place))
+    return next((at for at in likely if _follow_one_another(content, at)), len(content))
 
 
 def _follow_one_another(content: bytes, place: int) -> bool:
@@ -254,41 +242,30 @@ def _follow_one_another(content: bytes, place: int) -> bool:
     return place <= len(content)
 
 
-def _unpacked(compression: str, packed: bytes, most: int) -> tuple[bytes, bool]:
-    """The records of a chunk as far as they can be unpacked, and whether they are whole; ``most`` of their bytes."""
+def _unpacked(compression: str, packed: bytes, most: int) -> bytes:
+    """The records of a chunk as far as they can be unpacked, and ``most`` of their bytes."""
     records = bytearray()
-    whole = compression in ("", "zstd", "lz4")
-    with suppress(zstandard.ZstdError, RuntimeError, MemoryError):  # RuntimeError: from lz4
-        for piece in _pieces(compression, packed):
-            if len(records) + len(piece) > most:
-                break
-            records += piece
-        else:
-            return bytes(records), whole
-    return bytes(records), False
+    opened: dict[str, Callable[[bytes], Any]] = {
+        "": BytesIO,
+        "lz4": _lz4,
+        "zstd": zstandard.ZstdDecompressor().stream_reader,
+    }
+    if compression in opened:
+        reader = opened[compression](packed)
+        # RuntimeError: from lz4; EOFError: it is cut
+        with suppress(zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
+            while piece := reader.read(min(CHUNK_BYTES, most - len(records))):
+                records += piece
+    return bytes(records)
 
 
-def _pieces(compression: str, packed: bytes) -> Iterator[bytes]:
-    if compression == "":
-        yield packed
-    elif compression == "zstd":
-        with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
-            while piece := reader.read(CHUNK_BYTES):
-                yield piece
-    elif compression == "lz4":
-        unpacker = lz4.frame.LZ4FrameDecompressor()
-        piece = unpacker.decompress(packed, max_length=CHUNK_BYTES)
-        while piece:
-            yield piece
-            piece = b"" if unpacker.eof else unpacker.decompress(b"", max_length=CHUNK_BYTES)
+def _lz4(packed: bytes) -> Any:
+    return lz4.frame.open(BytesIO(packed))
 
 
-HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
-BATCH = (
-    1 << 12
-)  # Messages of JSON that are held at a time: parsed, they take ten times the memory of their payloads
-# The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554
 MAX_STAMP = 2**64 // 1000 - 1
+"""The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554."""
+HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
 # Times (T,), s, and columns (T,) by name
 Series = tuple[NDArray[np.float64], Mapping[str, NDArray[np.float64]]]
 
@@ -301,35 +278,37 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     writer = started(file)
     raw = raw_channel(writer)
     channels: dict[str, int] = {}
-    frames = stream.stamped_frames()
-    rows = np.flatnonzero(stream.frames.end > stream.frames.start)
-    last = 0
-    for begin in range(0, len(rows), BATCH):
-        batch = rows[begin : begin + BATCH]
-        for row, (topic, body) in zip(batch.tolist(), _bodies(stream, batch), strict=True):
-            stamp, frame = next(frames)
-            last = stamp if stamp <= MAX_STAMP else last
-            write_message(writer, raw, last * 1000, frame)
-            if topic is not None:
-                if topic not in channels:
-                    channels[topic] = _registered(writer, topic, _schema(stream, row))
-                write_message(writer, channels[topic], last * 1000, json.dumps(body).encode())
+    parser = dialect.MAVLink(None)
+    last = count = 0
+    for stamp, frame in stream.stamped_frames():
+        last = stamp if stamp <= MAX_STAMP else last
+        write_message(writer, raw, last * 1000, frame)
+        count += 1
+        with suppress(dialect.MAVError):  # the message of another dialect, or damaged
+            message = parser.decode(bytearray(frame))
+            who = message.get_srcSystem(), message.get_srcComponent()
+            topic = "/".join(("mavlink", *map(str, who), message.get_type()))
+            if topic not in channels:
+                channels[topic] = _registered(writer, topic, _schema(type(message)))
+            numbers = zip(HEADER_FIELDS, (*who, message.get_seq(), message.id), strict=True)
+            fields = {_key(name): _plain(getattr(message, name)) for name in message.fieldnames}
+            body = {"header": dict(numbers), "message": {"type": message.get_type(), **fields}}
+            write_message(writer, channels[topic], last * 1000, json.dumps(body).encode())
     writer.finish()  # type: ignore[no-untyped-call]
-    return len(rows)
+    return count
 
 
 def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
     """Writes columns over time, s from 0 on, by topic as JSON, one message a row; a value not finite becomes null."""
     writer = started(file)
-    queue: list[tuple[float, int, str]] = []
+    queue: list[tuple[float, int, dict[str, Any]]] = []
     for topic, (time, named) in series.items():
         channel = _registered(writer, topic, _object({name: {"type": "number"} for name in named}))
-        # A column's numbers become text together; a row only puts them in their places.
-        row = "{" + ", ".join(json.dumps(name).replace("%", "%%") + ": %s" for name in named) + "}"
-        texts = [json.dumps(_numbers(column))[1:-1].split(", ") for column in named.values()]
-        queue += zip(time.tolist(), repeat(channel), map(row.__mod__, zip(*texts, strict=True)))
+        columns = [_plain(column.tolist()) for column in named.values()]
+        rows = (dict(zip(named, row, strict=True)) for row in zip(*columns, strict=True))
+        queue += zip(time.tolist(), repeat(channel), rows)
     for at, channel, body in sorted(queue, key=lambda entry: entry[0]):
-        write_message(writer, channel, round(at * 1e9), body.encode())
+        write_message(writer, channel, round(at * 1e9), json.dumps(body).encode())
     writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -358,93 +337,27 @@ def _registered(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
     return writer.register_channel(topic, "json", number)
 
 
-def _bodies(
-    stream: FrameStream, rows: NDArray[np.int64]
-) -> list[tuple[str | None, dict[str, Any]]]:
-    frames = stream.frames[rows]
-    bodies: list[tuple[str | None, dict[str, Any]]] = [(None, {})] * len(rows)
-    for message_id in np.unique(frames.message_id[frames.verdict == GOOD]).tolist():
-        definition = definitions()[message_id]
-        same = np.flatnonzero((frames.message_id == message_id) & (frames.verdict == GOOD))
-        values = columns(stream.data, frames.start[same], definition)
-        values_by_row = zip(
-            *(_values(values[name], definition, name) for name in definition.fields), strict=True
-        )
-        keys = [_key(name) for name in definition.fields]
-        for at, row in zip(same.tolist(), values_by_row, strict=True):
-            system, component, sequence = (
-                int(n[at]) for n in (frames.system, frames.component, frames.sequence)
-            )
-            header = dict(
-                zip(HEADER_FIELDS, (system, component, sequence, message_id), strict=True)
-            )
-            message = {"type": definition.name, **dict(zip(keys, row, strict=True))}
-            bodies[at] = (
-                f"mavlink/{system}/{component}/{definition.name}",
-                {"header": header, "message": message},
-            )
-    return bodies
-
-
 def _key(name: str) -> str:
     """A field's name in BlueOS's JSON, where ``type`` is the message's."""
     return "mavtype" if name == "type" else name
 
 
-def _values(column: NDArray[Any], definition: MessageDefinition, name: str) -> list[Any]:
-    if column.dtype.kind == "S":
-        return [value.decode("utf-8", errors="replace") for value in column.tolist()]
-    if column.dtype.kind == "f":
-        return _numbers(column)
-    entries = _entries(definition, name) if column.ndim == 1 else {}
-    listed = column.tolist()
-    return (
-        [{"type": entries[value]} if value in entries else value for value in listed]
-        if entries
-        else listed
-    )
+def _plain(value: Any) -> Any:
+    """A value as JSON has it: null for a number that is not finite."""
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _entries(definition: MessageDefinition, name: str) -> dict[int, str]:
-    """The names of the values of an enum field; empty for a bitmask and for other fields."""
-    message = dialect.mavlink_map[definition.message_id]
-    enum = message.fieldenums_by_name.get(name)
-    if enum is None or message.fielddisplays_by_name.get(name) == "bitmask":
-        return {}
-    return {
-        value: entry.name
-        for value, entry in dialect.enums[enum].items()
-        if not entry.name.endswith("_ENUM_END")
-    }
-
-
-def _numbers(column: NDArray[Any]) -> list[Any]:
-    """Floats in the fewest digits that are exact in their own width; None for a value that is not finite."""
-    if column.ndim > 1:
-        return [_numbers(row) for row in column]
-    digits = column.astype("U32").tolist() if column.dtype.itemsize == 4 else column.tolist()
-    return [
-        float(text) if good else None
-        for text, good in zip(digits, np.isfinite(column).tolist(), strict=True)
-    ]
-
-
-def _schema(stream: FrameStream, row: int) -> dict[str, Any]:
-    definition = definitions()[int(stream.frames.message_id[row])]
+def _schema(message: Any) -> dict[str, Any]:
     header = _object({name: {"type": "integer"} for name in HEADER_FIELDS})
-    fields = {_key(name): _field_schema(definition, name) for name in definition.fields}
+    fields = {}
+    for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
+        kind = message.fieldtypes[message.fieldnames.index(name)]
+        array = {"type": "array", "items": {"type": "number"}}
+        single = {"type": "string" if kind == "char" else "number"}
+        fields[_key(name)] = array if count and kind != "char" else single
     return _object({"header": header, "message": _object({"type": {"type": "string"}, **fields})})
-
-
-def _field_schema(definition: MessageDefinition, name: str) -> dict[str, Any]:
-    kind = definition.wire[name]
-    if kind.kind == "S":
-        return {"type": "string"}
-    if kind.subdtype is not None:
-        return {"type": "array", "items": {"type": "number"}}
-    return (
-        _object({"type": {"type": "string"}}) if _entries(definition, name) else {"type": "number"}
-    )
 
 
 def _object(properties: Mapping[str, Any]) -> dict[str, Any]:
