@@ -51,9 +51,6 @@ MAX_STAMP_OFFSET = 10.0
 MEDIAN_WINDOW = 101
 """Data messages whose median stamp is the time. When logging starts, each topic's last message, long past, is logged
 once; the topics that are read are fewer than half of the window."""
-# Bounded, so that a long stretch of letters is not read again from each of them.
-# Name and fields of a format
-FORMAT = re.compile(rb"([\w/-]{1,255}):((?:\w{1,255}(?:\[\d{1,4}\])? \w{1,255};)+)")
 SIZES = {
     "int8_t": 1,
     "uint8_t": 1,
@@ -69,24 +66,34 @@ SIZES = {
     "double": 8,
 }
 """Bytes of the basic types."""
-
-INFORMATION = re.compile(rb"char\[\d+\] (?:ver_sw|ver_hw|sys_uuid)|uint32_t ver_sw_release")
-"""Keys of information messages (I) that are kept: PX4's version, the kind of board, and its number."""
-
+INFORMATION = re.compile(
+    rb".(?:char\[\d+\] (?:ver_sw|ver_hw|sys_uuid)|uint32_t ver_sw_release)", re.S
+)
+"""The beginning of information messages (I) that are kept: PX4's version, the kind of board, and its number."""
+KINDS = {
+    "F": rb"(?P<name>[\w/-]+):(?P<fields>(?:\w+(?:\[\d{1,4}\])? \w+;)+)",
+    "A": rb"...[\w/-]+",
+    "P": rb".(?:int32_t|float) [\w-]+.{4}",
+    "I": rb".\w+(?:\[\d*\])? [ -~].*",
+    "M": rb"..\w+(?:\[\d*\])? [ -~].*",
+    "Q": rb"..(?:int32_t|float) [\w-]+.{4}",
+    "L": rb"[0-7].{8}[^\0-\x08\x0e-\x1a\x1c-\x1f]*",
+    "C": rb"[0-7].{10}[^\0-\x08\x0e-\x1a\x1c-\x1f]*",
+    "S": rb"\x2f\x73\x13\x20\x25\x0c\xbb\x12",
+    "O": rb"..",
+    "R": rb"..",
+    "B": rb".{40,}",
+}
+"""What the contents of messages begin with, by the letter of their kind, but for data (D)."""
+_KINDS = {ord(kind): re.compile(content, re.DOTALL) for kind, content in KINDS.items()}
+_BEGUN = re.compile(b"[%s]" % "".join([*KINDS, "D"]).encode())
+_DATA = ord("D")
 _FIELD = re.compile(rb"(\w+)(?:\[(\d+)\])? (\w+);")
 _LARGEST = 0xFFFF
 _NESTED = 16
 _HEADER = struct.Struct("<HB")
 _STAMP = struct.Struct("<Q")
 _ID = _DROPOUT = struct.Struct("<H")
-_BEGUN = (
-    rb"F(?=[\w/-]{1,255}+:)|A(?=...[\w/-])|[PI](?=.[a-z])|[MQ](?=..[a-z])"
-    rb"|[LC](?=[0-7])|S(?=\x2f)|(?<=\x02\x00)[OR]"
-)
-"""Letters of the kinds of messages but D, with the bytes beside them, so that a long run of one letter costs little."""
-_TOPIC = re.compile(rb"[\w/-]{1,255}")
-_KEY = re.compile(rb"(\w+)(\[\d*\])? [ -~]+")
-_TEXT = re.compile(rb"[^\x00-\x08\x0e-\x1a\x1c-\x1f]*")
 _APPENDED = 1
 
 
@@ -99,9 +106,6 @@ class UlogFormat(NamedTuple):
     size: int
     unpadded: int
     stamp: int = -1
-
-
-_BASIC = {kind.encode(): UlogFormat(size, size) for kind, size in SIZES.items()}
 
 
 def _appended(content: bytes, source: str) -> list[int]:
@@ -150,16 +154,14 @@ class WholeMessages:
         self.messages = self.bytes_skipped = self.damaged = self.cut = 0
         self._definitions, self._data = bytearray(), bytearray()
         self._stamps, self._numbers, self._dropouts = array("Q"), array("H"), array("H")
-        self._content = content
-        self._wanted = wanted
-        self._progress = progress
-        self._formats = Formats()
+        self._content, self._wanted = content, wanted
+        self._fields: dict[bytes, list[tuple[bytes, bytes, bytes]]] = {}
+        self._layouts: Mapping[bytes, UlogFormat] = {}
         # By number: the least and the greatest size of a message, and the place of its stamp; -1 where not wanted.
         self._topics: dict[int, tuple[int, int, int]] = {}
-        self._low_bytes: set[int] = set()
-        self._begun = _begun(self._low_bytes)
         ends = [*_appended(content, source), len(content)]
         for start, end in zip([FIRST_MESSAGE, *ends], ends, strict=False):
+            progress(start / max(len(content), 1))
             self._walk(start, end)
         header = MAGIC + b"\x01" + content[8:FIRST_MESSAGE].ljust(8, b"\0")
         self.content = b"".join((header, self._definitions, self._data))
@@ -170,27 +172,11 @@ class WholeMessages:
 
     def _walk(self, at: int, end: int) -> None:
         """Walks the messages of ``content[at:end]``; a message that ``end`` cuts off is left out."""
-        content = self._content
-        topics = self._topics
-        reported = at
         while at < end:
-            if at - reported > 1 << 20:
-                self._progress(at / len(content))
-                reported = at
             after = self._after(at, end)
             if after and self._likely(at, after, end):
                 self.messages += 1
-                kind = content[at + 2]
-                if kind == 0x44:  # D
-                    number = _ID.unpack_from(content, at + 3)[0]
-                    least, _, stamp = topics.get(number, (0, 0, -1))
-                    if stamp >= 0:
-                        # Without the padding at the end, which PX4 omits and pyulog does not expect.
-                        self._data += _HEADER.pack(least, kind) + content[at + 3 : at + 3 + least]
-                        self._numbers.append(number)
-                        self._stamps.append(_STAMP.unpack_from(content, at + stamp)[0])
-                else:
-                    self._keep(chr(kind), at, after)
+                self._keep(at, after)
                 at = after
                 continue
             resumed = self._resumed(at + 1, end)
@@ -223,7 +209,7 @@ class WholeMessages:
 
     def _resumed(self, at: int, end: int) -> int:
         """The first place from ``at`` on with a message that is possible by itself, and another after it."""
-        for kind in self._begun.finditer(self._content, at + 2, end):
+        for kind in _BEGUN.finditer(self._content, at + 2, end):
             start = kind.start() - 2
             after = self._after(start, end)
             if after and self._sound(start, after):
@@ -234,58 +220,34 @@ class WholeMessages:
 
     def _sound(self, at: int, after: int) -> bool | None:
         """Whether the bytes can be a message of its kind; None when that is not known."""
-        content = self._content
         size = after - at - 3
-        kind = content[at + 2]
-        if kind == 0x44:  # D, nearly all of them
-            if size <= 2:
-                return False
-            topic = self._topics.get(_ID.unpack_from(content, at + 3)[0])
+        kind = self._content[at + 2]
+        if kind in _KINDS:
+            is_first = kind != ord("B") or at == FIRST_MESSAGE
+            return is_first and _KINDS[kind].fullmatch(self._content, at + 3, after) is not None
+        if kind == _DATA and size > 2:
+            topic = self._topics.get(_ID.unpack_from(self._content, at + 3)[0])
             return None if topic is None else topic[0] <= size <= topic[1]
-        match chr(kind):
-            case "F":
-                return FORMAT.fullmatch(content, at + 3, after) is not None
-            case "A":
-                return size > 3 and _TOPIC.fullmatch(content, at + 6, after) is not None
-            case "P" | "I":
-                return self._is_pair(at + 3, after)
-            case "M" | "Q":
-                return size > 1 and self._is_pair(at + 4, after)
-            case "L" | "C" as kind_of_text:
-                first = at + (12 if kind_of_text == "L" else 14)
-                head = min(after, first + 128)
-                return (
-                    first <= after
-                    and content[at + 3] in b"01234567"
-                    and bool(_TEXT.fullmatch(content, first, head))
-                )
-            case "S":
-                return content[at + 3 : after] == bytes.fromhex("2F731320250CBB12")
-            case "O" | "R":
-                return size == 2
-            case "B":
-                return at == FIRST_MESSAGE and size >= 40
         # Kinds of later versions are letters too.
-        return None if size and chr(kind).isascii() and chr(kind).isalpha() else False
+        return None if size and kind != _DATA and bytes([kind]).isalpha() else False
 
-    def _is_pair(self, at: int, after: int) -> bool:
-        """Whether the bytes are a length, a key of that length ("int32_t NAME") and a value of the key's type."""
-        value = at + 1 + self._content[at] if at < after else after + 1
-        key = _KEY.fullmatch(self._content, at + 1, value) if value <= after else None
-        if key is None:
-            return False
-        return key[2] is not None or SIZES.get(key[1].decode(errors="replace"), -1) == after - value
-
-    def _keep(self, kind: str, at: int, after: int) -> None:
+    def _keep(self, at: int, after: int) -> None:
         message = self._content[at:after]
-        if kind == "F":
-            found = FORMAT.fullmatch(message, 3)
-            assert found is not None  # _sound has matched it
-            self._definitions += message if self._formats.add(found[1], found[2]) else b""
+        kind = chr(message[2])
+        if kind == "D":
+            number = _ID.unpack_from(message, 3)[0]
+            least, _, stamp = self._topics.get(number, (0, 0, -1))
+            if stamp >= 0:
+                # Without the padding at the end, which PX4 omits and pyulog does not expect.
+                self._data += _HEADER.pack(least, _DATA) + message[3 : 3 + least]
+                self._numbers.append(number)
+                self._stamps.append(_STAMP.unpack_from(message, stamp)[0])
+        elif kind == "F":
+            self._define(message)
         elif kind == "A":
             self._subscribe(message)
         elif (kind == "P" and not self._topics) or (
-            kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])
+            kind == "I" and INFORMATION.fullmatch(message, 3, 4 + message[3])
         ):
             self._definitions += message
         elif kind in ("P", "L"):
@@ -293,67 +255,48 @@ class WholeMessages:
         elif kind == "O":
             self._dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
 
+    def _define(self, message: bytes) -> None:
+        """Keeps a format, if it is the first of its name and consistent."""
+        found = _KINDS[ord("F")].fullmatch(message, 3)
+        assert found is not None  # _sound has matched it
+        fields = _FIELD.findall(found["fields"])
+        if found["name"] not in self._fields and len({name for *_, name in fields}) == len(fields):
+            self._fields[found["name"]] = fields
+            self._definitions += message
+
     def _subscribe(self, message: bytes) -> None:
         number = _ID.unpack_from(message, 4)[0]
         name = message[6:]
-        found = self._formats.layout(name)
-        if number in self._topics or found is None:
+        if not self._layouts:  # all formats come before
+            self._layouts = _laid_out(self._fields)
+        if number in self._topics or name not in self._layouts:
             return
+        found = self._layouts[name]
         stamp = -1
         if (self._wanted is None or name in self._wanted) and found.stamp >= 0:
             stamp = 5 + found.stamp
             self._data += message
-        if number & 0xFF not in self._low_bytes:
-            self._low_bytes.add(number & 0xFF)
-            self._begun = _begun(self._low_bytes)
         self._topics[number] = (2 + found.unpadded, 2 + found.size, stamp)
 
 
-class Formats:
-    """The formats of a file; a format may come before those that it contains.
-
-    Each is laid out once, when a topic of it is subscribed to first: a few formats that contain each other many times
-    would else take forever. One that contains itself, or misses another, or is too large, never is.
-    """
-
-    def __init__(self) -> None:
-        # Kind, which may be another format, length of an array, empty of one value, and name.
-        self._fields: dict[bytes, list[tuple[bytes, bytes, bytes]]] = {}
-        self._layouts: dict[bytes, UlogFormat | None] = dict(_BASIC)
-
-    def add(self, name: bytes, fields: bytes) -> bool:
-        """Adds what ``FORMAT`` found, if it is the first of its name and consistent; returns whether."""
-        found = _FIELD.findall(fields)
-        if name in self._fields or len({field for *_, field in found}) != len(found):
-            return False
-        self._fields[name] = found
-        return True
-
-    def layout(self, name: bytes, inside: int = 0) -> UlogFormat | None:
-        """Returns the layout of a format ``inside`` so many others; None where it has none."""
-        if name not in self._layouts and name in self._fields and inside < _NESTED:
-            self._layouts[name] = None  # inside itself
-            self._layouts[name] = self._laid_out(self._fields[name], inside)
-        return self._layouts.get(name)
-
-    def _laid_out(self, fields: list[tuple[bytes, bytes, bytes]], inside: int) -> UlogFormat | None:
-        size = unpadded = 0
-        stamp = -1
-        for kind, length, name in fields:
-            if (part := self.layout(kind, inside + 1)) is None:
-                return None
-            if (kind, length, name) == (b"uint64_t", b"", b"timestamp"):
-                stamp = size
-            size += part.size * max(int(length or 0), 1)
-            if not name.startswith(b"_padding"):
-                unpadded = size
-        return UlogFormat(size, unpadded, stamp) if size <= _LARGEST else None
-
-
-def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
-    """Where a message may begin, at the letter of its kind, for topics whose numbers have these low bytes."""
-    numbers = b"".join(b"\\x%02x" % number for number in sorted(low_bytes))
-    return re.compile(_BEGUN + (b"|D(?=[%s])" % numbers if numbers else b""), re.DOTALL)
+def _laid_out(formats: Mapping[bytes, list[tuple[bytes, bytes, bytes]]]) -> dict[bytes, UlogFormat]:
+    """The layouts of formats by name, from kind, length of an array and name of each field; none that is in itself."""
+    known = {kind.encode(): UlogFormat(size, size) for kind, size in SIZES.items()}
+    for _ in range(_NESTED):
+        for format_name, fields in formats.items():
+            if format_name in known or any(kind not in known for kind, *_ in fields):
+                continue
+            size = unpadded = 0
+            stamp = -1
+            for kind, length, name in fields:
+                if (kind, length, name) == (b"uint64_t", b"", b"timestamp"):
+                    stamp = size
+                size += known[kind].size * max(int(length or 0), 1)
+                if not name.startswith(b"_padding"):
+                    unpadded = size
+            if size <= _LARGEST:
+                known[format_name] = UlogFormat(size, unpadded, stamp)
+    return known
 
 
 def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:

@@ -115,6 +115,7 @@ def _stream(
         parts += written
     if not any((part.frames.verdict == GOOD).any() for part in parts):
         return None, unknown + sum(len(part.frames) for part in parts)
+    progress(1.0)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
     repairs = [*recording.repairs(), *left_out]
