@@ -76,10 +76,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
             with writing(out):
                 write(out, reports, seconds)
                 (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
-    found = [
-        [one.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip()]
-        for one in reports
-    ]
+    found = [[one.claim.name, one.status.value, one.sentence] for one in reports]
     print_result(
         document(reports, seconds),
         [Table(["item", "verdict", "findings"], found, words=True)],

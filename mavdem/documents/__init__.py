@@ -40,7 +40,7 @@ DOCUMENTS = {
     "convert": Published(Convert, 2, "`--json` of convert"),
     "twin": Published(Twin, 3, "`--json` of twin"),
     "fly": Published(Fly, 2, "`--json` of fly"),
-    "reproduce": Published(Reproduce, 2, "numbers.json, and `--json` of reproduce"),
+    "reproduce": Published(Reproduce, 3, "numbers.json, and `--json` of reproduce"),
     "error": Published(
         Failure, 2, "`--json` of any command that ends without a document of its own"
     ),

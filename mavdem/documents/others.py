@@ -126,15 +126,6 @@ class Check(Document):
     """the result with its numbers"""
 
 
-class Beyond(Document):
-    """Findings beyond the claim."""
-
-    sentence: Said
-    """what was found"""
-    checks: list[Check]
-    """conditions"""
-
-
 class Item(Document):
     """The paper's claims."""
 
@@ -150,8 +141,6 @@ class Item(Document):
     """what was found"""
     checks: list[Check]
     """conditions of the claim"""
-    beyond: Beyond
-    """findings beyond the claim"""
     numbers: Any
     """all figures, by name"""
     remarks: list[Said]

@@ -8,22 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.dem import Learned, Settings, learn
+from mavdem.dem import Learned, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import mspe, paired, relative_mspe
 from mavdem.evaluate.comparison import Outcome
-from mavdem.evaluate.scores import KNOWN, ratio
+from mavdem.evaluate.scores import KNOWN
 from mavdem.evaluate.window import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import (
     DATA,
     MEAN,
-    OTHERS,
-    OURS,
     PAPER,
     PEERS,
-    PLANT,
-    PLANT_WITHOUT,
     REAL,
     STARTS,
     WITH,
@@ -53,8 +49,6 @@ def prediction(runner: Runner) -> Result:
     """Learns from the sample experiment and forecasts its test data."""
     window = runner.sample
     learned = learn(window.train, PAPER)
-    papers = _numbers(window, learned)
-    defaults = _numbers(window, learn(window.train, Settings()))
     draws = runner.draws[WITH][runner.extent.sample]
     ahead = {
         f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO)
@@ -65,10 +59,7 @@ def prediction(runner: Runner) -> Result:
     gained = learned.free_energy.total - learned.free_energy.total[0]
     return Result(
         checks=prediction_checks(window, learned, errors_of(draws, DATA)),
-        numbers={WITH: papers, OURS: defaults},
-        tables=_prediction_table(
-            window.flight, {"the paper’s settings": papers, "default settings": defaults}
-        ),
+        numbers={WITH: _numbers(window, learned)},
         pictures=(
             Picture(
                 "Outputs, measured and predicted",
@@ -151,54 +142,21 @@ def converged_at(theta: Array) -> int:
 
 
 def _numbers(window: Window, learned: Learned) -> dict[str, Any]:
-    train = window.train
     test = window.test
     ahead, from_zero = (learned.forecast(test.inputs, from_zero=start) for start in (False, True))
     return {
-        "one_step_mspe": mspe(train.outputs[1:], learned.one_step()[1:]).per_output.tolist(),
-        "hold_last_one_step_mspe": mspe(train.outputs[1:], train.outputs[:-1]).per_output.tolist(),
-        "training_variance": train.outputs.var(axis=0).tolist(),
         "mspe": mspe(test.outputs, ahead).total,
         "mspe_from_zero": mspe(test.outputs, from_zero).total,
-        "over_constant_mean": float(relative_mspe(train, test, ahead)),
-        "over_constant_mean_from_zero": float(relative_mspe(train, test, from_zero)),
+        "over_constant_mean": relative_mspe(window.train, test, ahead),
+        "over_constant_mean_from_zero": relative_mspe(window.train, test, from_zero),
         "free_energy": learned.free_energy.total.tolist(),
         "theta": learned.learning.theta.tolist(),
-        "model": {name: value.tolist() for name, value in learned.model._asdict().items()},
-        "settled": learned.converged,
-        "rests_at": converged_at(learned.learning.theta),
     }
-
-
-def _prediction_table(flight: str, models: dict[str, dict[str, Any]]) -> tuple[Block, ...]:
-    shown = (
-        "mspe",
-        "mspe_from_zero",
-        "over_constant_mean",
-        "over_constant_mean_from_zero",
-        "rests_at",
-    )
-    rows = [
-        [name, *(rounded(numbers[error], 3) for error in shown)] for name, numbers in models.items()
-    ]
-    header = [
-        "DEM",
-        "MSPE",
-        "MSPE from 0",
-        "over constant mean",
-        "over it, from 0",
-        "converged at iteration",
-    ]
-    return Sentence(f"on {flight}, from the data and from state 0.", "150 steps ahead"), Table(
-        header, rows
-    )
 
 
 MSPE_WITH_COORDINATES = (0.0521, 0.0133, 0.0583, 0.0458, 0.1172)
 MSPE_WITHOUT_COORDINATES = (0.1197, 0.0640, 0.1647, 0.0518, 0.0951)
 """Table II (SSE_GC), p = 2 and p = 1: MSPE of experiments 1 to 5, summed over outputs; 0.2867 and 0.4953 in total."""
-# with generalized coordinates, and without
-SETTINGS = {"paper’s": (WITH, WITHOUT), "default": (PLANT, PLANT_WITHOUT)}
 # share of the experiments on which p = 2 must have the lower error, as on four of the paper's five
 MIN_SHARE = 0.8
 
@@ -207,14 +165,9 @@ Pair = tuple[Array, Array]
 
 
 def coordinates(runner: Runner) -> Result:
-    """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on recorded flights."""
+    """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on the real flight."""
     drawn = [runner.draws[name].values() for name in (WITH, WITHOUT)]
-    default = [
-        [[runner.trial(name, number)] for number in runner.experiments]
-        for name in (PLANT, PLANT_WITHOUT)
-    ]
     errors = {f"paper’s settings, from {start}": _pair(drawn, start) for start in STARTS}
-    ours = {f"default settings, from {start}": _pair(default, start) for start in STARTS}
     middle = {
         f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], DATA)
         for p, name in ((2, WITH), (1, WITHOUT))
@@ -225,25 +178,32 @@ def coordinates(runner: Runner) -> Result:
         }
         for start in STARTS
     }
-    recorded = _recorded(runner)
+    tried = [runner.trials[flight] for flight in runner.recorded]
+    real = [
+        paired(errors_of(trials[WITH], DATA), errors_of(trials[WITHOUT], DATA)) for trials in tried
+    ]
     return Result(
         checks=(
             *(coordinates_check(pair, what) for what, pair in errors.items()),
-            *_real_flight(recorded, "paper’s"),
-        ),
-        beyond=(
-            *(coordinates_check(pair, what) for what, pair in ours.items()),
-            *_real_flight(recorded, "default"),
+            *(
+                Check(
+                    f"{REAL}, from {DATA}: the median over windows of the error with p = 2 over that with p = 1 is "
+                    "less than 1",
+                    each.ratio < 1,
+                    f"on {REAL} the error ratio of p = 2 to p = 1 is {rounded(each.ratio, 3)}",
+                )
+                for each in real
+            ),
         ),
         numbers={
             "paper": {"with": MSPE_WITH_COORDINATES, "without": MSPE_WITHOUT_COORDINATES},
             **{
                 name: {"with": with_.tolist(), "without": without.tolist()}
-                for name, (with_, without) in (errors | ours).items()
+                for name, (with_, without) in errors.items()
             },
-            "recorded_flights": recorded,
+            "recorded_flights": [each._asdict() for each in real],
         },
-        tables=_coordinates_table(runner, errors | ours),
+        tables=_coordinates_table(runner, errors),
         pictures=(
             Picture(
                 "Forecasts of the test data",
@@ -272,31 +232,6 @@ def coordinates_check(errors: Pair, what: str) -> Check:
         f"{what}: the total MSPE is {rounded(with_.sum(), 3)} with p = 2 and {rounded(without.sum(), 3)} with p = 1, "
         f"lower with p = 2 on {less} of {len(with_)}",
     )
-
-
-def _real_flight(rows: list[dict[str, Any]], settings: str) -> list[Check]:
-    """Whether p = 2 has the lower error on the real flight, where it is available."""
-    return [
-        Check(
-            f"the real AR.Drone, {settings} settings, from the data: the median over windows of the error with p = 2 "
-            f"over that with p = 1 is less than 1",
-            row["ratio"] < 1,
-            f"on the real AR.Drone, {settings} settings, the error ratio of p = 2 to p = 1 is "
-            f"{rounded(row['ratio'], 3)}",
-        )
-        for row in rows
-        if row["flight"] == REAL and row["settings"] == settings
-    ]
-
-
-def _recorded(runner: Runner) -> list[dict[str, Any]]:
-    """By recorded flight: the error with generalized coordinates over that without, and on how many windows less."""
-    rows: list[dict[str, Any]] = []
-    for flight in runner.recorded:
-        for settings, pair in SETTINGS.items():
-            ours, theirs = (errors_of(runner.trials[flight][name], DATA) for name in pair)
-            rows.append({"flight": flight, "settings": settings, **paired(ours, theirs)._asdict()})
-    return rows
 
 
 def _coordinates_table(runner: Runner, errors: dict[str, Pair]) -> tuple[Block, ...]:
@@ -334,16 +269,14 @@ def _range(priors: Array) -> str:
     )
 
 
-# Methods in the order of tables and legends: the paper's four, then others
-SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)
-
-NAMES: dict[str, str] = {WITH: "DEM with the paper’s settings", OURS: "the joint model"}
+# Methods in the order of tables and legends
+SHOWN = (WITH, *PEERS, MEAN)
 
 Errors = dict[str, Array]  # The error (flights,) of each method
 
 
 def benchmark(runner: Runner) -> Result:
-    """Tries each method on the five experiments, and on all windows of all flights."""
+    """Tries each method on the five experiments, and on the windows of the real flight."""
     numbers = list(runner.experiments)
     experiments = {
         start: {
@@ -355,80 +288,35 @@ def benchmark(runner: Runner) -> Result:
     sample = {name: _trial(runner, name, runner.extent.sample, DATA).forecasts for name in SHOWN}
     ahead = {name: forecasts[KNOWN] for name, forecasts in sample.items() if forecasts}
     outputs = runner.sample.test.outputs
-    squares = {name: (((forecast - outputs) ** 2).sum(axis=1)) for name, forecast in ahead.items()}
-    relative = {
-        flight: {
-            name: float(np.median([ratio(trial.of(KNOWN))[-1] for trial in by_method[name]]))
-            for name in SHOWN
-        }
-        for flight, by_method in runner.trials.items()
+    squares = {name: ((forecast - outputs) ** 2).sum(axis=1) for name, forecast in ahead.items()}
+    real = {
+        flight: {name: errors_of(runner.trials[flight][name], DATA) for name in SHOWN}
+        for flight in runner.recorded
     }
-    parts = {
-        "real AR.Drone": [name for name in runner.recorded if name == REAL],
-        "autopilots’ flights": [name for name in runner.recorded if name != REAL],
-    }
-    recorded = {
-        where: {name: np.array([relative[flight][name] for flight in flights]) for name in SHOWN}
-        for where, flights in parts.items()
-        if flights
+    medians = {
+        flight: {name: np.median(values, keepdims=True) for name, values in errors.items()}
+        for flight, errors in real.items()
     }
     return Result(
         checks=(
-            *(least(experiments[start], WITH, PEERS, f"from {start}") for start in STARTS),
+            *(least(experiments[start], f"from {start}") for start in STARTS),
             _most_steps(squares, runner.sample.flight),
-            *(
-                least(recorded[name], WITH, PEERS, f"on the {name}")
-                for name in recorded
-                if name == "real AR.Drone"
-            ),
-        ),
-        beyond=(
-            *(least(experiments[start], OURS, PEERS, f"from {start}") for start in STARTS),
-            least(experiments[DATA], OURS, (*PEERS, *OTHERS), f"from {DATA}"),
-            *(
-                least(errors, OURS, (*PEERS, *OTHERS), f"on the {where}")
-                for where, errors in recorded.items()
-            ),
+            *(least(errors, f"on {flight}") for flight, errors in medians.items()),
         ),
         numbers={
             **{f"mspe, from {start}": plain(errors) for start, errors in experiments.items()},
             "squared_errors_by_step": plain(squares),
-            "all_windows": {
-                "flights": list(relative),
-                "median_error_over_constant_mean": {
-                    name: [row[name] for row in relative.values()] for name in SHOWN
-                },
-            },
-            "unstable_models": {
-                flight: {
-                    name: sum(trial.stable is False for trial in tried)
-                    for name, tried in trials.items()
-                }
-                | {"windows": len(trials[MEAN])}
-                for flight, trials in runner.trials.items()
-            },
+            **{f"mspe, windows of {flight}": plain(errors) for flight, errors in real.items()},
         },
-        tables=(
-            *_losses(
-                {f"experiments, from {start}": errors for start, errors in experiments.items()}
-                | recorded
-            ),
-            *(
-                block
-                for start, errors in experiments.items()
-                for block in _benchmark_table(start, errors, numbers)
-            ),
-            Sentence(
-                "the median over a flight’s windows of the error over the constant mean’s.",
-                "All windows:",
-            ),
-            Table(
-                ["flight", *(NAMES.get(name, name) for name in SHOWN)],
-                [
-                    [flight, *(rounded(ratios[name], 3) for name in SHOWN)]
-                    for flight, ratios in relative.items()
-                ],
-            ),
+        tables=tuple(
+            block
+            for start, errors in experiments.items()
+            for block in (
+                Sentence("", f"MSPE of the five experiments, from {start}."),
+                _by_experiment(
+                    "method", {name: values[:, None] for name, values in errors.items()}, numbers
+                ),
+            )
         ),
         pictures=(
             Picture(
@@ -453,26 +341,21 @@ def _trial(runner: Runner, name: str, number: int, start: str) -> Outcome:
     return (
         median_draw(runner.draws[WITH][number], start)
         if name == WITH
-        else runner.trial(name, number)
+        else runner.trials[runner.experiments[number].flight][name][0]
     )
 
 
-def least(errors: Errors, ours: str, peers: tuple[str, ...], where: str) -> Check:
-    """Returns whether a method has a lower error than each of its peers on all flights, ``where`` for the sentences."""
-    best = np.min([errors[name] for name in peers], axis=0)
-    less = int((errors[ours] < best).sum())
-    count = len(best)
-    against = "the paper’s peers" if peers == PEERS else f"all of {listed(peers)}"
+def least(errors: Errors, where: str) -> Check:
+    """Returns whether DEM has a lower error than each of its peers on all flights, ``where`` for the sentences."""
+    best = np.min([errors[name] for name in PEERS], axis=0)
+    less = int((errors[WITH] < best).sum())
+    ratio = float(np.exp(np.mean(np.log(errors[WITH] / best))))
     return Check(
-        f"{NAMES[ours]}, {where}: its error is lower than that of {listed(peers)} on every flight",
-        less == count,
-        f"{NAMES[ours]}, {where}, has a lower error than {against} on {less} of {count}; its error is "
-        f"{_ratio(errors[ours], best)} times that of the best of them",
+        f"{WITH}, {where}: its error is lower than that of {listed(PEERS)} on every flight",
+        less == len(best),
+        f"{WITH}, {where}, has a lower error than the paper’s peers on {less} of {len(best)}; its error is "
+        f"{rounded(ratio, 3)} times that of the best of them",
     )
-
-
-def _ratio(ours: Array, theirs: Array) -> str:
-    return rounded(float(np.exp(np.mean(np.log(ours / theirs)))), 3)
 
 
 def _most_steps(squares: dict[str, Array], flight: str) -> Check:
@@ -481,33 +364,7 @@ def _most_steps(squares: dict[str, Array], flight: str) -> Check:
     )
     share = float((errors.argmin(axis=0) == 0).mean())
     return Check(
-        f"{NAMES[WITH]}, {flight}: of the paper’s four methods it has the least squared error at over half of "
-        f"the steps",
+        f"{WITH}, {flight}: of the paper’s four methods it has the least squared error at over half of the steps",
         share > 0.5,
-        f"{NAMES[WITH]} has the least squared error of the four at {percent(share)} of the steps of {flight}",
+        f"{WITH} has the least squared error of the four at {percent(share)} of the steps of {flight}",
     )
-
-
-def _losses(parts: dict[str, Errors]) -> tuple[Block, ...]:
-    """On how many flights each other method has a lower error than DEM."""
-    others = [name for name in SHOWN if name not in (WITH, OURS)]
-    rows = []
-    for ours in (WITH, OURS):
-        for where, errors in parts.items():
-            cells = [
-                f"{(errors[name] < errors[ours]).sum()} of {len(errors[name])} ({_ratio(errors[ours], errors[name])})"
-                for name in others
-            ]
-            rows.append([f"{NAMES[ours]}, {where}", *cells])
-    title = Sentence(
-        "the number of flights on which another method has a lower error; in brackets, the ratio of DEM’s error to its "
-        "error (geometric mean over flights).",
-        "Where DEM loses:",
-    )
-    return title, Table(["", *others], rows)
-
-
-def _benchmark_table(start: str, errors: Errors, numbers: list[int]) -> tuple[Block, ...]:
-    by_name = {NAMES.get(name, name): values[:, None] for name, values in errors.items()}
-    title = Sentence("", f"MSPE of the five experiments, from {start}.")
-    return title, _by_experiment("method", by_name, numbers)

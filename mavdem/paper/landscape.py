@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.ascent import plain_rounds
@@ -26,10 +25,9 @@ from mavdem.dem.engine.generative import (
     embed,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import Array, inverse
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.paper.runner import Check, Result, Runner
-from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.figures.style import picture
 from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
@@ -152,12 +150,6 @@ PAPER = ScalarSettings(
 """The paper's section on algorithm settings, with η = (−8, 8) as in its figure."""
 
 
-def truth_within(theta: Array, covariance: Array) -> bool:
-    """Whether (A, B) lies in the 95 % region of a posterior: an ellipse, since A and B are correlated."""
-    error = theta[:2] - [A, B]
-    return bool(error @ inverse(covariance[:2, :2]) @ error < -2 * np.log(0.05))
-
-
 def value_at(
     model: GenerativeModel, samples: SufficientStatistics, belief: Belief, a: float, b: float
 ) -> float:
@@ -236,7 +228,6 @@ def run(runner: Runner) -> Result:
             ),
         ),
         numbers={"peak": peaks, "curvature_along_A": sharpness, "ends_over_posterior_sd": scatter},
-        tables=tables(beliefs, peaks),
         pictures=(
             Picture(
                 "The manifold",
@@ -246,8 +237,8 @@ def run(runner: Runner) -> Result:
             ),
             Picture(
                 "Fifty priors on a circle",
-                "Their ascents, each iteration on its own manifold; and where they end, with 95 % regions.",
-                partial(circle, model, samples, paths),
+                "Their ascents, each iteration on its own manifold.",
+                partial(circle, model, samples, paths["our"]),
             ),
             Picture(
                 "Cross-sections",
@@ -272,38 +263,6 @@ def ends(paths: list[list[Belief]]) -> tuple[Array, Array]:
     """Returns (priors, 2) the A and B at which ascents end, and (2,) the posterior standard deviation of one."""
     return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(
         np.diag(paths[0][-1].theta_covariance)[:2]
-    )
-
-
-def tables(beliefs: list[Belief], peaks: list[float]) -> tuple[Block, ...]:
-    """Returns estimates by iteration, and where the ascents of the cross-sections end."""
-    by_iteration = [
-        [
-            str(number),
-            *(f"{value:.2f}" for value in belief.theta[:2]),
-            f"{height:,.0f}",
-            f"{curvature(belief):,.0f}",
-        ]
-        for number, belief, height in zip(DRAWN, beliefs, peaks, strict=True)
-    ]
-    sections = []
-    for name, (settings, world) in SECTIONS.items():
-        end = plain_rounds(settings.model(), settings.samples(world, seed=0), SECTION_ITERATIONS)[
-            -1
-        ]
-        sd = np.sqrt(np.diag(end.theta_covariance))
-        cells = [
-            f"{value:.3f} ± {deviation:.3f}"
-            for value, deviation in zip(end.theta[:2], sd[:2], strict=True)
-        ]
-        sections.append(
-            [name, *cells, "yes" if truth_within(end.theta, end.theta_covariance) else "no"]
-        )
-    return (
-        Sentence("", "The estimate and F̄ᵒ there, by iteration."),
-        Table(["iteration", "A", "B", "F̄ᵒ, nats", "curvature along A"], by_iteration),
-        Sentence("", "Where the ascents from η = (−8, 8) end."),
-        Table(["settings", "A ± sd", "B ± sd", "truth in the 95 % region"], sections),
     )
 
 
@@ -337,31 +296,16 @@ def manifold(
 
 
 def circle(
-    model: GenerativeModel, samples: SufficientStatistics, paths: dict[str, list[list[Belief]]]
+    model: GenerativeModel, samples: SufficientStatistics, paths: list[list[Belief]]
 ) -> Figure:
-    """Draws our ascents on the last manifold of one, and the ends of all."""
-    ours = paths["our"]
+    """Draws ascents on the last manifold of one."""
     with picture(2.8) as figure:
-        above, near = figure.subplots(1, 2)
-        _from_above(above, model, samples, ours[0][-1])
-        for beliefs in ours:
+        axes = figure.subplots()
+        _from_above(axes, model, samples, paths[0][-1])
+        for beliefs in paths:
             theta = np.array([belief.theta[:2] for belief in beliefs])
-            above.plot(*theta.T, ".-", color="white", linewidth=0.5, markersize=2)
-        above.set_ylabel("B")
-        for number, (name, beliefs_of) in enumerate(paths.items()):
-            reached, _ = ends(beliefs_of)
-            values, vectors = np.linalg.eigh(beliefs_of[0][-1].theta_covariance[:2, :2])
-            # The 95 % quantile of χ² with two degrees of freedom is −2 ln 0.05.
-            width, height = 2 * np.sqrt(-2 * np.log(0.05) * values)
-            angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-            centre = (float(reached[:, 0].mean()), float(reached[:, 1].mean()))
-            near.add_patch(
-                Ellipse(centre, width, height, angle=angle, fill=False, edgecolor=distinct(number))
-            )
-            near.plot(*reached.T, ".", color=distinct(number), label=f"{name} settings")
-        near.plot(A, B, "+", color=TRUTH, markersize=9, label="truth")
-        near.set(xlabel="A")
-        near.legend()
+            axes.plot(*theta.T, ".-", color="white", linewidth=0.5, markersize=2)
+        axes.set_ylabel("B")
         return figure
 
 

@@ -21,15 +21,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import correlate
-from scipy.stats import chi2, jarque_bera, norm
+from scipy.stats import chi2, norm
 
 from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.window import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, REAL, Check, Result, Runner
-from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.truth import axis
@@ -65,7 +63,6 @@ def run(runner: Runner) -> Result:
             KNOWN: {name: noise.to_dict() for name, noise in known.items()},
             "real AR.Drone, learnt": [noise.to_dict() for noise in real],
         },
-        tables=_table({f"{name}, learned": noise for name, noise in shown.items()}, known),
         pictures=(
             Picture(
                 "Histograms of the process noise w^φ̇",
@@ -141,33 +138,6 @@ def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
     )
 
 
-def _table(learned: dict[str, Noise], known: dict[str, Noise]) -> tuple[Block, ...]:
-    rows = []
-    for name, noise in (
-        learned | {f"{name}, {KNOWN}": noise for name, noise in known.items()}
-    ).items():
-        tests = (noise.normality, noise.normality_if_white, noise.whiteness)
-        values = (
-            noise.sd,
-            noise.skewness,
-            noise.excess_kurtosis,
-            *(test.p_value for test in tests),
-        )
-        rows.append(
-            [name, *(rounded(value, 3) for value in values), f"{noise.smoothness * 1000:.0f}"]
-        )
-    header = [
-        "flight, model",
-        "sd, rad/s²",
-        "skewness",
-        "excess kurtosis",
-        "p Gaussian",
-        "p Gaussian if white",
-    ]
-    title = Sentence("of 700 samples, by flight and model.", "Process noise w^φ̇")
-    return title, Table([*header, "p white", "s, ms"], rows)
-
-
 LAGS = 10  # of the Ljung-Box test
 MAX_LAGS = 100  # lags of the reported autocorrelation; at most a quarter of the values
 # half width of the 95 % bounds of white noise's autocorrelation, times √N
@@ -182,11 +152,7 @@ class Significance(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """The statistics of one series of noise.
-
-    ``smoothness``: kernel width s, in seconds, of the Gaussian-kernel noise whose autocorrelation exp(−τ²/4s²) falls to
-    a half at the same lag. White noise has about a third of dt, the resolution of the samples.
-    """
+    """The statistics of one series of noise."""
 
     dt: float  # step between the values, s
     sd: float  # in the unit of the noise
@@ -197,14 +163,12 @@ class Noise(NamedTuple):
     autocorrelation: tuple[float, ...]  # at lags 0, 1, … in steps
     bound: float  # 95 % of white noise's autocorrelations lie within ± it
     normality: Significance  # test for Gaussian noise of any colour
-    normality_if_white: Significance  # test for white Gaussian noise
     whiteness: Significance  # test for white noise, of values that share no samples
     overlap: int  # values closer than so many steps share samples
-    smoothness: float
 
     def to_dict(self) -> dict[str, Any]:
         """Returns plain JSON values by name."""
-        tests = ("normality", "normality_if_white", "whiteness")
+        tests = ("normality", "whiteness")
         return self._asdict() | {name: getattr(self, name)._asdict() for name in tests}
 
 
@@ -218,7 +182,6 @@ def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
     scaled = (series - series.mean()) / sd
     correlation = autocovariance(scaled)
     histogram, edges = np.histogram(scaled, bins="auto", density=True)
-    plain = jarque_bera(series)
     bound = WHITE_BOUND / float(np.sqrt(len(series)))
     return Noise(
         dt,
@@ -230,10 +193,8 @@ def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
         autocorrelation=tuple(correlation[: min(MAX_LAGS, len(series) // 4) + 1].tolist()),
         bound=bound,
         normality=normality(scaled),
-        normality_if_white=Significance(float(plain.statistic), float(plain.pvalue)),
         whiteness=whiteness(series[::overlap]),
         overlap=overlap,
-        smoothness=dt * _kernel_width(correlation, bound),
     )
 
 
@@ -269,13 +230,3 @@ def whiteness(series: ArrayLike) -> Significance:
 def autocovariance(deviation: Array) -> Array:
     """Returns (N,) Σ x_t x_{t+k} / N at lags k = 0 … N − 1, of a series (N,) of mean zero."""
     return correlate(deviation, deviation)[len(deviation) - 1 :] / len(deviation)
-
-
-def _kernel_width(correlation: Array, bound: float) -> float:
-    """The kernel width, in steps, that belongs to the lag of half height; ln ρ is linear in the squared lag."""
-    after = int(np.flatnonzero(correlation < 0.5)[0])
-    before = after - 1
-    high = np.log(correlation[before])
-    low = np.log(max(correlation[after], bound))
-    squared_lag = before**2 + (high - np.log(0.5)) / (high - low) * (after**2 - before**2)
-    return float(np.sqrt(squared_lag / np.log(2)) / 2)

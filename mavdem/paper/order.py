@@ -14,8 +14,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.flight import Flight
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, TRAIN, Check, Result, Runner, hover, paper_scenario, percent
-from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.numbers import listed, rounded
+from mavdem.report.numbers import listed
 from mavdem.report.page import Picture
 from sitl_scenarios.simulation import fly
 
@@ -93,9 +92,6 @@ def run(runner: Runner) -> Result:
             },
             "failures": sorted({failure for failure in failures if failure}),
         },
-        tables=tuple(
-            block for inputs, table in by_inputs.items() for block in _table(inputs, table)
-        ),
         pictures=(
             Picture(
                 "F̄ below its maximum by model order, nats",
@@ -131,26 +127,3 @@ def checks(saturation: dict[str, list[int]]) -> tuple[Check, ...]:
         right = all(order == system for order in orders)
         found.append(Check(rule, right, f"F̄ of system {system} saturates at order {where}"))
     return tuple(found)
-
-
-def _table(inputs: str, table: Array) -> tuple[Block, ...]:
-    rows = []
-    for system, flights in zip(SYSTEMS, table, strict=True):
-        means = flights.mean(axis=0)
-        by_flight = ", ".join(map(str, sorted(map(saturates_at, flights))))
-        cells = [rounded(float(mean), 3) for mean in means]
-        rows.append(
-            [
-                f"{system}: [{', '.join(SYSTEMS[system])}]",
-                *cells,
-                str(saturates_at(means)),
-                by_flight,
-            ]
-        )
-    title = Sentence(
-        "mean of the flights; and where it saturates, of the mean and of each.",
-        f"F̄, inputs {inputs}:",
-    )
-    return title, Table(
-        ["system", *(f"n = {order}" for order in ORDERS), "saturates", "each flight"], rows
-    )

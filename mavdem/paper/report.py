@@ -55,11 +55,6 @@ class ItemReport:
             return f"Not tried: {' '.join(self.result.remarks)}"
         return f"{self.status.value.capitalize()}: {findings(self.result.checks)}."
 
-    @property
-    def beyond(self) -> str:
-        """The findings with settings that are not the paper's; empty where there are none."""
-        return f"Beyond the paper: {findings(self.result.beyond)}." if self.result.beyond else ""
-
     def to_dict(self) -> dict[str, Any]:
         """Returns plain JSON values by name."""
         claim = self.claim
@@ -70,10 +65,6 @@ class ItemReport:
             "verdict": self.status.value,
             "sentence": self.sentence,
             "checks": [check._asdict() for check in self.result.checks],
-            "beyond": {
-                "sentence": self.beyond,
-                "checks": [check._asdict() for check in self.result.beyond],
-            },
             "numbers": self.result.numbers,
             "remarks": [*claim.remarks, *self.result.remarks],
         }
@@ -88,12 +79,8 @@ class ItemReport:
         ]
         if result.checks:
             checks = [
-                [
-                    "beyond" if check in result.beyond else "holds" if check.holds else "fails",
-                    check.finding,
-                    check.rule,
-                ]
-                for check in (*sorted(result.checks, key=lambda check: check.holds), *result.beyond)
+                ["holds" if check.holds else "fails", check.finding, check.rule]
+                for check in sorted(result.checks, key=lambda check: check.holds)
             ]
             blocks += [Table(["check", "finding", "holds if"], checks, words=True), *result.tables]
             blocks += map(Sentence, (*claim.remarks, *result.remarks))
@@ -120,13 +107,12 @@ def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
             report.claim.title,
             Rated(report.status.value, levels.get(report.status, Level.UNKNOWN)),
             report.sentence,
-            report.beyond,
         ]
         for report in reports
     ]
     blocks: list[Block] = [
         Sentence(INTRODUCTION),
-        Table(["item", "verdict", "findings", "beyond the paper"], verdicts, words=True),
+        Table(["item", "verdict", "findings"], verdicts, words=True),
         Sentence(f"All numbers are in `{NUMBERS}`. It took {seconds:.0f} s."),
     ]
     subtitle = f"The experiments of {TITLE} (Anil Meera and Wisse), run again."

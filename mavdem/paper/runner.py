@@ -53,8 +53,9 @@ SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
 # samples of a window, as in the paper, at every rate
 TRAIN = 700
 TEST = 150
-# the name of TU Delft's recorded flight: the paper's vehicle in the paper's laboratory
-REAL = "ardrone_tudelft"
+REAL = "the real AR.Drone"
+"""TU Delft's recorded flight: the paper's vehicle in the paper's laboratory."""
+ARDRONE = SHARED / "ardrone_tudelft" / "expData10_29_25.mat"
 # left out at the start of the hover, while the motion of the take-off decays
 SKIPPED_HOVER_SECONDS = 3.0
 
@@ -121,9 +122,8 @@ def recorded_flights() -> Iterator[tuple[str, Flight]]:
             except NotLearnable:
                 continue
             yield path.stem if len(vehicles) == 1 else f"{path.stem} {name}", flight
-    path = SHARED / "ardrone_tudelft" / "expData10_29_25.mat"
-    if path.exists():
-        yield REAL, ardrone(path)
+    if ARDRONE.exists():
+        yield ARDRONE.parent.name, ardrone(ARDRONE)
 
 
 def ardrone(path: Path) -> Flight:
@@ -186,7 +186,6 @@ class Result:
 
     # these decide the status; without any, ``remarks`` has the reason
     checks: tuple[Check, ...] = ()
-    beyond: tuple[Check, ...] = ()  # of settings that are not the paper's; they decide nothing
     numbers: dict[str, Any] = field(default_factory=dict)  # plain JSON values by name
     tables: tuple[Block, ...] = ()  # with the sentences above them
     pictures: tuple[Picture, ...] = ()
@@ -199,18 +198,10 @@ PAPER_P1 = replace(PAPER, p=1, d=1, window=2)
 
 WITH = MethodName.PAPER
 WITHOUT = MethodName.PAPER_P1
-PLANT = MethodName.PLANT
-PLANT_WITHOUT = MethodName.PLANT_P1
-OURS = MethodName.JOINT
 PEERS = ("subspace(2)", "PEM(2)", "EM(2)")  # the paper's, with as many states as its model
-OTHERS = ("subspace(4)", "ARX(2)")  # textbook methods that the paper does not compare
 MEAN = HeldOutForecast.CONSTANT_MEAN
 
-METHODS = [
-    method
-    for method in evaluate.METHODS
-    if method.name in (OURS, PLANT, PLANT_WITHOUT, WITH, WITHOUT, *PEERS, *OTHERS, MEAN)
-]
+METHODS = [method for method in evaluate.METHODS if method.name in (WITH, WITHOUT, *PEERS, MEAN)]
 
 DATA = "the data"
 ZERO = "state 0"
@@ -239,9 +230,9 @@ class Extent:
 
     experiments: tuple[int, ...] = EXPERIMENTS  # numbers of the simulated flights
     duration: float | None = None  # of each of them, s, in place of the scenarios'
-    recorded: bool = True  # whether to use the recorded flights that are on this machine
-    # at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used
-    windows: int = 4
+    recorded: bool = (
+        True  # whether to use the real flight, and the authors' results, if on this machine
+    )
     priors: int = 40  # draws of the random prior η^θ
 
     @property
@@ -306,19 +297,10 @@ class Runner:
 
     @cached_property
     def recorded(self) -> dict[str, tuple[Window, ...]]:
-        """Windows of the recorded flights by name; empty where there are none."""
-        if not self.extent.recorded:
+        """All windows of the real flight by its name; empty where there is none."""
+        if not (self.extent.recorded and ARDRONE.exists()):
             return {}
-        found = {}
-        for name, flight in recorded_flights():
-            cut = windows(name, flight, TRAIN, TEST)
-            # At most so many, with the first and the last.
-            count = len(cut) if name == REAL else min(self.extent.windows, len(cut))
-            if cut:
-                found[name] = tuple(
-                    cut[i] for i in np.linspace(0, len(cut) - 1, count).round().astype(int)
-                )
-        return found
+        return {REAL: windows(REAL, ardrone(ARDRONE), TRAIN, TEST)}
 
     @cached_property
     def trials(self) -> dict[str, dict[str, list[Outcome]]]:
@@ -353,7 +335,3 @@ class Runner:
             Method(f"prior {seed}", partial(learn, settings=replace(settings, seed=seed)))
             for seed in seeds
         ]
-
-    def trial(self, method: str, number: int) -> Outcome:
-        """Returns a method's trial on an experiment."""
-        return self.trials[self.experiments[number].flight][method][0]

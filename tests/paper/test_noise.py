@@ -59,13 +59,3 @@ def test_whiteness_is_of_values_that_share_no_samples():
 
     assert rejections(noise.whiteness, averaged, 100) == 100
     assert FEWEST <= rejections(apart, averaged) <= MOST
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("steps", [1, 3, 10])
-def test_the_kernel_width_of_gaussian_kernel_noise_is_found(steps):
-    rng = np.random.default_rng(0)
-    found = np.array(
-        [noise.analyse_noise(gaussian(rng, steps, 5000), 0.01).smoothness for _ in range(100)]
-    )
-    assert found.mean() == pytest.approx(0.01 * steps, rel=0.05)

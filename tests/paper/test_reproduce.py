@@ -24,17 +24,14 @@ HELD = Check("a rule", True, "this is so")
 FAILED = Check("a rule", False, "that is not")
 
 
-def test_what_fails_is_said_first_and_what_is_beyond_the_paper_decides_nothing():
-    report = ItemReport(CLAIMS[0], Result(checks=(HELD, FAILED), beyond=(FAILED,)))
-    assert report.sentence == "Partly: that is not; but this is so." and report.beyond.endswith(
-        ": that is not."
-    )
-    held = ItemReport(CLAIMS[0], Result(checks=(HELD,), beyond=(FAILED,)))
+def test_what_fails_is_said_first():
+    report = ItemReport(CLAIMS[0], Result(checks=(HELD, FAILED)))
+    assert report.status is ClaimStatus.PARTLY
+    assert report.sentence == "Partly: that is not; but this is so."
+    held = ItemReport(CLAIMS[0], Result(checks=(HELD,)))
     assert held.status is ClaimStatus.REPRODUCED and held.sentence == "Reproduced: this is so."
-    assert (
-        ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",))).sentence
-        == "Not tried: Nothing is there."
-    )
+    untried = ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",)))
+    assert untried.sentence == "Not tried: Nothing is there."
     assert ItemReport(CLAIMS[0], Result(checks=(FAILED,))).status is ClaimStatus.NOT
 
 
@@ -80,8 +77,8 @@ def test_generalized_coordinates_must_win_in_total_and_mostly():
 
 def test_a_method_must_win_on_every_flight():
     errors = {WITH: np.array([1.0, 2.0]), **{name: np.array([3.0, 3.0]) for name in PEERS}}
-    won = forecasts.least(errors, WITH, PEERS, "from the data")
-    lost = forecasts.least(errors | {PEERS[0]: np.array([3.0, 1.5])}, WITH, PEERS, "from the data")
+    won = forecasts.least(errors, "from the data")
+    lost = forecasts.least(errors | {PEERS[0]: np.array([3.0, 1.5])}, "from the data")
     assert (won.holds, lost.holds) == (True, False)
     assert "on 2 of 2" in won.finding and "on 1 of 2" in lost.finding
 
