@@ -2,9 +2,12 @@
 
 import ast
 import hashlib
+import io
 import json
 import os
 import re
+import shlex
+from itertools import pairwise
 from math import isclose
 from pathlib import Path
 
@@ -122,17 +125,38 @@ def test_a_picture_is_as_new_as_what_it_shows(folder, request):
     assert not old, f"they show what an earlier version did: run tools/pictures {' '.join(old)}"
 
 
+class Terminal(io.StringIO):
+    """What is printed on a terminal."""
+
+    def isatty(self):
+        return True
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["README.md", "docs/report.md"])
-def test_a_page_shows_what_learn_prints(folder, page, request):
-    """Its block has the first lines of the screen, or all."""
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
+def test_a_page_shows_what_its_commands_print(page, tmp_path, monkeypatch, request):
+    """On a terminal of 80 columns: what the commands of the block before print."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "logs").symlink_to(ROOT / "logs")
+    for name, value in {"COLUMNS": "80", "TERM": "dumb", "NO_COLOR": "1"}.items():
+        monkeypatch.setenv(name, value)
     text = (ROOT / page).read_text()
-    (block,) = re.findall(r"^```\n(flight\.tlog: .*?)^```", text, re.DOTALL | re.MULTILINE)
-    printed = (
-        "\n".join((folder / "screen.txt").read_text().splitlines()[: len(block.splitlines())])
-        + "\n"
-    )
-    if request.config.getoption("--write-golden"):
-        (ROOT / page).write_text(text.replace(block, printed))
-        block = printed
-    assert alike(printed, block)
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    for (_, commands), (kind, shown) in pairwise(blocks):
+        if kind == "text":
+            now = _printed(commands, monkeypatch)
+            if request.config.getoption("--write-golden"):
+                text = text.replace(f"```text\n{shown}", f"```text\n{now}", 1)
+                (ROOT / page).write_text(text)
+                shown = now
+            assert alike(*(re.sub(r"took [0-9.]+ s", "", one) for one in (now, shown)))
+
+
+def _printed(commands, monkeypatch):
+    """What ``commands``, one a line, print that is not sent to a file."""
+    terminal = Terminal()
+    for line in commands.splitlines():
+        command, _, unseen = line.partition(" > ")
+        monkeypatch.setattr("sys.stdout", io.StringIO() if unseen else terminal)
+        assert main(shlex.split(command)[1:]) == 0
+    return terminal.getvalue()
