@@ -21,7 +21,6 @@ html_theme = "furo"
 html_title = f"mavdem {version}"
 html_show_sourcelink = html_copy_source = False
 html_math_renderer = "drawn"
-html_extra_path = ["../build/wheel"]  # which `tools/site` makes, for the tutorial
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 highlight_language = "none"  # of blocks that name none: commands and diagrams

@@ -26,6 +26,7 @@ from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
 from mavdem.heading import heading
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
+BREAK = "\\\n"  # ends a line within a paragraph
 WORDING = {"description", "title", "default"}  # of a schema: what may change without a new version
 
 
@@ -146,8 +147,8 @@ def file_page():
         if name != "model":
             records |= schema.get("$defs", {})
     described = dict[tuple[str, str], str]()
-    header = [f"- `{key}`: {text}" for key, text in zip(heading("", 0, {}), HEADER, strict=True)]
-    parts = ["# Files and JSON", INTRODUCTION, "## Every document", "\n".join(header)]
+    header = [f"`{key}`: {text}" for key, text in zip(heading("", 0, {}), HEADER, strict=True)]
+    parts = ["# Files and JSON", INTRODUCTION, "## Every document", BREAK.join(header)]
     for name, one in published().items():
         link = f"Version {one.version}: [`{name}` schema](schemas/{name}-{one.version}.json)."
         parts += [headings[name], link]
@@ -170,8 +171,8 @@ def _attributes(record):
     listed = re.findall(
         r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", getdoc(record) or "", re.MULTILINE
     )
-    return "\n".join(
-        f"- `{keys}`: " + re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
+    return BREAK.join(
+        f"`{keys}`: " + re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
         for keys, text in listed
     )
 
@@ -198,10 +199,10 @@ def _keys(record, place, described):
             elsewhere.setdefault(described[name, line], []).append(shown)
         else:
             here.setdefault(line, []).append(shown)
-    lines = [f"- {', '.join(keys)}{line}" for line, keys in here.items()]
-    lines += [f"- {', '.join(keys)}: as in {other}" for other, keys in elsewhere.items()]
-    lines += [f"- {', '.join(facts)}: the same as facts, [Sentence](#sentence)"] * bool(facts)
-    return "\n".join(lines)
+    lines = [f"{', '.join(keys)}{line}" for line, keys in here.items()]
+    lines += [f"{', '.join(keys)}: as in {other}" for other, keys in elsewhere.items()]
+    lines += [f"{', '.join(facts)}: the same as facts, [Sentence](#sentence)"] * bool(facts)
+    return BREAK.join(lines)
 
 
 def _link(key):

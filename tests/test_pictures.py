@@ -82,14 +82,12 @@ def alike(now, before):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The flight of README's five lines, and what was learned from it."""
+    """A simulated flight, and what was learned from it."""
     path = tmp_path_factory.mktemp("pictures")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
         assert main(["fly", "iris_identification_wind", "--out", "flight.tlog"]) == 0
-        with (path / "screen.txt").open("w") as screen:
-            patch.setattr("sys.stdout", screen)
-            assert main(["learn", "flight.tlog"]) == 0
+        assert main(["learn", "flight.tlog"]) == 0
     return path
 
 
@@ -104,13 +102,10 @@ def test_a_picture_is_as_new_as_what_it_shows(folder, request):
         recording.send_blueprint(live_blueprint(CHANNELS))
     shown = {
         "dashboard": recording_words(folder / "flight" / "flight.rrd"),
-        "report_page": page_words(folder / "flight" / "report.html"),
+        "browser": page_words(folder / "flight" / "report.html"),
         "live_dashboard": recording_words(folder / "live.rrd"),
         "simulated_flight": NUMBER.sub("", recording_words(folder / "blown.rrd")),
         "loops": code("report/figures/loops.py"),
-        **dict.fromkeys(
-            ("manifold", "circle", "cross_sections"), code("paper/figures.py", "paper/landscape.py")
-        ),
     }
     kept = json.loads(PICTURES.read_text()) if PICTURES.exists() else {}
     if request.config.getoption("--write-golden"):

@@ -7,7 +7,7 @@ of one generative model of vehicle, wind and autopilot, z = [outputs, turning co
 
 Its hidden states — lagging torque, wind, what the controller remembers — are what the past of z shows of them. The
 model is linear in W and Gaussian, so that DEM's steps have closed forms. F̄ is the logarithm of the evidence; it chooses
-L, the prior's precision and, where the mixer is not known, the combination of the motors: docs/method.md.
+L, the prior's precision and, where the mixer is not known, the combination of the motors: docs/how_it_works.md.
 """
 
 from __future__ import annotations

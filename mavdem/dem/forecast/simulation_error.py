@@ -2,7 +2,7 @@
 
 Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, and the residual is
 z, wind included. F̄ has λ at its maximum, which is known. It has many maxima; the ascent leads to the right one
-(docs/method.md).
+(docs/how_it_works.md).
 """
 
 from __future__ import annotations
