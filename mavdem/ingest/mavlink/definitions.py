@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.ingest.mavlink import framing
-from mavdem.ingest.mavlink.framing import HEADER, HEADER_1, MARKER_1, Bytes, Frames, rows_of
+from mavdem.ingest.mavlink.framing import (
+    HEADER,
+    HEADER_1,
+    MARKER_1,
+    MARKER_2,
+    Bytes,
+    Frames,
+    rows_of,
+)
 from mavdem.ingest.telemetry import Columns
 
 BATCH = 1 << 14  # Messages decoded together: few enough to stay in the processor's cache
@@ -182,48 +190,33 @@ def composed_frames(
     ``payloads`` (N,) are of ``definition.wire``. Where ``good`` (N,) is given and False, the row has no bytes and the
     verdict ``FAILED``. ``version`` 1 of MAVLink has ids below 256, no extension fields and no trailing zeros dropped.
     """
-    count = len(payloads)
     message_id = definition.message_id
-    sent = np.ascontiguousarray(payloads).view(np.uint8).reshape(count, definition.wire.itemsize)
-    fields: tuple[Any, ...]
+    sizes = payloads.dtype.itemsize
     if version == 1:
         # as slow to import as the other: only where it is needed
         from pymavlink.dialects.v10 import all as dialect_1
 
-        sent = sent[:, : dialect_1.mavlink_map[message_id].unpacker.size]  # without extensions
-        header = HEADER_1
-        width = sent.shape[1]
-        length = np.full(count, width)
-        fields = (MARKER_1, length, sequence, sender.system, sender.component, message_id)
-    else:
-        header = HEADER
-        width = sent.shape[1]
-        backwards = (sent != 0)[:, ::-1]
-        length = np.where(backwards.any(axis=1), width - backwards.argmax(axis=1), 1)
-        ids = (
-            sender.system,
-            sender.component,
-            *(message_id >> shift & 0xFF for shift in (0, 8, 16)),
-        )
-        fields = (framing.MARKER_2, length, 0, 0, sequence, *ids)
-    good = np.ones(count, dtype=np.bool_) if good is None else good
-    whole = np.zeros((count, header + width + framing.CHECKSUM), dtype=np.uint8)
-    for place, value in enumerate(fields):
-        whole[:, place] = value
-    whole[:, header : -framing.CHECKSUM] = sent
-    column = np.arange(whole.shape[1])
-    kept = ((column < header + length[:, None]) | (column >= header + width)) & good[:, None]
-    end = np.cumsum(kept.sum(axis=1))
+        sizes = dialect_1.mavlink_map[message_id].unpacker.size  # without extensions
+    who = (sender.system, sender.component)
+    headers = []
+    data = bytearray()
+    ends = []
+    for row, number in enumerate(sequence.tolist()):
+        payload = payloads[row].tobytes()[:sizes]
+        if version == 1:
+            header = bytes((MARKER_1, len(payload), number, *who, message_id))
+        else:
+            payload = payload.rstrip(b"\0") or b"\0"
+            header = bytes((MARKER_2, len(payload), 0, 0, number, *who))
+            header += message_id.to_bytes(3, "little")
+        headers.append(header.ljust(HEADER, b"\0"))
+        if good is None or good[row]:
+            checksum = framing.frame_checksum(header[1:] + payload, definition.seed)
+            data += header + payload + checksum.to_bytes(framing.CHECKSUM, "little")
+        ends.append(len(data))
+    end = np.array(ends, dtype=np.int64)
     start = np.concatenate([[0], end])[:-1]
-    verdict = np.where(good, framing.GOOD, framing.FAILED).astype(np.uint8)
-    frames = replace(
-        framing.headed_frames(start, whole[:, : framing.HEADER]), end=end, verdict=verdict
-    )
-    data = whole[kept]
-    body = start[good] + 1
-    at = end[good] - framing.CHECKSUM
-    seeds = np.full(len(body), definition.seed, dtype=np.int32)
-    sums = framing.checksums(np.pad(data, (0, framing.MAX_CHECKSUM_BYTES)), body, at - body, seeds)
-    data[at] = sums & 0xFF
-    data[at + 1] = sums >> 8
-    return data, frames
+    head = np.frombuffer(b"".join(headers), dtype=np.uint8).reshape(-1, HEADER)
+    verdict = np.where(end > start, framing.GOOD, framing.FAILED).astype(np.uint8)
+    frames = replace(framing.headed_frames(start, head), end=end, verdict=verdict)
+    return np.frombuffer(data, dtype=np.uint8), frames
