@@ -139,12 +139,16 @@ def joined_tables(tables: list[MessageTable]) -> MessageTable:
     return MessageTable(place[order], selected(joined([table.columns for table in tables]), order))
 
 
+NOT_NUMBERS = ("Message", "Name", "x", "y", "z")
+"""Fields with a text, or an array, a message: those of MSG, PARM and ISBD."""
+
+
 def numbers(table: MessageTable) -> MessageTable:
-    """Its fields with one number a message: in a damaged definition any field may be a text or an array."""
+    """Its fields with one number a message, for in a damaged definition any may be a text or an array, and those."""
     fields = {
         name: values
         for name, values in table.columns.items()
-        if values.ndim == 1 and values.dtype.kind in "iuf"
+        if name in NOT_NUMBERS or (values.ndim == 1 and values.dtype.kind in "iuf")
     }
     return MessageTable(table.place, fields)
 

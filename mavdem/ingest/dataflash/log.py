@@ -35,6 +35,7 @@ from mavdem.ingest.dataflash.translation import (
     GYROS,
     NEEDED,
     OF_FLIGHT,
+    texts_of,
     translated,
     under_later_names,
 )
@@ -193,26 +194,15 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
 
 
 def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
-    logged = {
-        message: under_later_names(message, numbers(recording.table(message))) for message in NEEDED
-    }
+    logged = {name: under_later_names(name, numbers(recording.table(name))) for name in NEEDED}
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
-    used = (*CLOCKS, "I", *GYROS, *ACCELEROMETERS)
-    gyros = {name: column for name, column in imu.columns.items() if name in used}
-    batches = recording.table("ISBD")
-    logged["ISBD"] = MessageTable(batches.place, dict(batches.columns))
-    said = recording.table("MSG")
-    texts = _texts(said, "Message")
-    if len(texts) == len(said.place):
-        words = {"Message": np.array(texts, dtype=np.object_)}
-        logged["MSG"] = MessageTable(said.place, {**numbers(said).columns, **words})
-    changed = recording.table("PARM")
-    named = {"Name": changed.columns.get("Name", changed.place[:0])}
-    logged["PARM"] = MessageTable(changed.place, {**numbers(changed).columns, **named})
-    tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
+    used = {*imu.columns} & {*CLOCKS, "I", *GYROS, *ACCELEROMETERS}
+    logged["IMU"] = MessageTable(imu.place, {name: imu.columns[name] for name in used})
+    tables, repairs = _on_boot_clock(logged)
+    texts = texts_of(logged["MSG"].columns, "Message")
     if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
         raise Unreadable(_no_flight(source, recording))
-    parameters, first = (_parameters(changed, way) for way in (1, -1))
+    parameters, first = (_parameters(logged["PARM"].columns, way) for way in (1, -1))
     kind = _mav_type(texts, parameters)
     # DSF counts the messages that the logger had no room for, anew with each boot.
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
@@ -265,46 +255,32 @@ def _on_boot_clock(
     }
     if not clocks:
         return {}, ()
-    seconds = np.concatenate(
-        [
-            np.asarray(tables[name].columns[field], dtype=np.float64) / CLOCKS[field]
-            for name, field in clocks.items()
-        ]
-    )
+    place = np.concatenate([tables[name].place for name in clocks])
+    stamps = (tables[name].columns[field] / CLOCKS[field] for name, field in clocks.items())
+    order = np.argsort(place, kind="stable")
+    place, seconds = place[order], np.concatenate(list(stamps))[order]
     # As a float, or in text, a damaged stamp may be anything.
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
-    order = np.argsort(np.concatenate([tables[name].place for name in clocks]), kind="stable")
-    on_clock, repairs = boot_clock([Sent("", np.arange(len(order)), seconds[order].copy)])
-    time = np.empty(len(order))
-    boot = np.empty(len(order), dtype=np.int64)
-    time[order], boot[order] = on_clock[""]
+    on_clock, repairs = boot_clock([Sent("", np.arange(len(place)), seconds.copy)])
+    time, boot = on_clock[""].time, on_clock[""].boot.astype(np.int64)
     placed: dict[str, Columns] = {}
-    first = 0
-    for name in clocks:
-        rows = slice(first, first + len(tables[name].place))
-        first = rows.stop
-        # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
-        kept = time[rows] == seconds[rows]
-        placed[name] = selected(
-            {**tables[name].columns, "time": time[rows], "boot": boot[rows]}, kept
-        )
-    stamped = np.concatenate([tables[name].place for name in clocks])[order]
-    for name in EVENTS:
-        table = tables[name]
-        if name not in clocks and len(table.place):
-            after = np.searchsorted(stamped, table.place)
-            before = order[np.maximum(after - 1, 0)]
-            after = order[np.minimum(after, len(order) - 1)]
-            stamps = [
-                table.columns[clock] / unit
-                for clock, unit in CLOCKS.items()
-                if clock in table.columns
-            ]
-            own = stamps[0] if stamps else -np.inf
+    for name, table in tables.items():
+        row = np.searchsorted(place, table.place)
+        if name in clocks:
+            # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
+            on_boot = {**table.columns, "time": time[row], "boot": boot[row]}
+            placed[name] = selected(on_boot, time[row] == seconds[row])
+        elif name in EVENTS and len(row):
+            before = np.maximum(row - 1, 0)
+            after = np.minimum(row, len(place) - 1)
+            own = next(
+                (table.columns[one] / CLOCKS[one] for one in CLOCKS if one in table.columns),
+                -np.inf,
+            )
             placed[name] = {
                 **table.columns,
-                "time": np.maximum(np.minimum(own, time[after]), time[before]),
+                "time": np.clip(own, time[before], np.maximum(time[after], time[before])),
                 "boot": boot[before],
             }
     lost = np.count_nonzero(impossible)
@@ -312,23 +288,11 @@ def _on_boot_clock(
     return placed, left_out + repairs
 
 
-def _parameters(logged: MessageTable, way: int) -> dict[str, float]:
+def _parameters(logged: Columns, way: int) -> dict[str, float]:
     """The last values, or the first, ``way`` -1."""
-    values = numbers(logged).columns.get("Value")
-    names = _texts(logged, "Name")
-    if values is None or len(names) != len(values):
-        return {}
-    pairs = zip(names[::way], values.astype(float)[::way].tolist(), strict=True)
+    values = logged.get("Value", np.zeros(0)).astype(float)[::way].tolist()
+    pairs = zip(texts_of(logged, "Name")[::way], values, strict=False)
     return {name: value for name, value in pairs if isfinite(value)}
-
-
-def _texts(logged: MessageTable, field: str) -> list[str]:
-    values = logged.columns.get(field, logged.place[:0]).tolist()
-    return [
-        value.split(b"\0", 1)[0].decode("utf-8", errors="replace")
-        for value in values
-        if isinstance(value, bytes)
-    ]
 
 
 def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:

@@ -211,13 +211,25 @@ def _filter_status(tables: Mapping[str, Columns]) -> tuple[str, Columns | None]:
     return name, {**found, "flags": alike | glitching}
 
 
+def texts_of(columns: Columns, field: str) -> list[str]:
+    """Returns the texts of a field; empty ones where it has none."""
+    values = columns.get(field, np.zeros(0)).tolist()
+    return [
+        value.split(b"\0", 1)[0].decode("utf-8", errors="replace")
+        if isinstance(value, bytes)
+        else ""
+        for value in values
+    ]
+
+
 def _texts(tables: Mapping[str, Columns]) -> Columns | None:
     """STATUSTEXT of MSG, which has no severity."""
     logged = tables.get("MSG", {})
     if "Message" not in logged:
         return None
     severity = np.full(len(logged["time"]), NO_SEVERITY, dtype=np.uint8)
-    return stamped(logged, {"severity": severity, "text": logged["Message"]})
+    texts = np.array(texts_of(logged, "Message"), dtype=np.object_)
+    return stamped(logged, {"severity": severity, "text": texts})
 
 
 ANGLES = ("Roll", "Pitch", "Yaw")
@@ -247,6 +259,7 @@ NEEDED = (
     "MODE",
     "ERR",
     "MSG",
+    "PARM",
     "SIDD",
     "SIDS",
     "ESC",
@@ -445,7 +458,7 @@ def _tuning(tables: Mapping[str, Columns], attitude: Columns | None) -> Columns 
 def _parameters_set(tables: Mapping[str, Columns]) -> Columns | None:
     """PARAM_VALUE, when the logger began and when one was set."""
     logged = having(tables, "PARM", ("Value",))
-    if logged is None or len(logged["Name"]) != count(logged):
+    if logged is None or "Name" not in logged:
         return None
     value = logged["Value"].astype(np.float32)
     return stamped(logged, {"param_id": logged["Name"], "param_value": value})
@@ -553,25 +566,23 @@ def _each_second(
     logged = joined(
         [{"time": columns["time"], "boot": columns["boot"]} for columns in tables.values()]
     )
-    rows_of_boot = rows_by(logged["boot"]) if len(changes) else {}
-    for boot, rows in rows_by(changes[:, 0].astype(np.int64)).items():
-        own = changes[rows]
-        own = own[np.argsort(own[:, 1], kind="stable")]
-        times = np.unique(logged["time"][rows_of_boot[boot]])
+    for boot in np.unique(changes[:, 0]):
+        own = changes[changes[:, 0] == boot]
+        at, before, after = own[np.argsort(own[:, 1], kind="stable"), 1:].T
+        times = np.unique(logged["time"][logged["boot"] == boot])
         _, first = np.unique(np.floor(times), return_index=True)
-        time = np.union1d(times[first], own[:, 1])
-        last = np.searchsorted(own[:, 1], time, side="right") - 1
-        state = np.where(last < 0, own[0, 2], own[np.maximum(last, 0), 3])
+        time = np.union1d(times[first], at)
+        passed = np.searchsorted(at, time, side="right")
+        state = np.append(before[0], after)[passed]
         if undefined:
-            agree = np.append(own[:-1, 3] == own[1:, 2], False)
-            unsure = (last >= 0) & (time > own[last, 1]) & ~agree[last]
-            following = own[np.minimum(last + 1, len(own) - 1)]
-            soon = (following[:, 1] > time) & (following[:, 1] <= time + 1.0)
-            state[unsure] = np.where(soon, following[:, 2], 0)[unsure]
+            unsure = np.concatenate([[False], after[:-1] != before[1:], [True]])[passed]
+            soon = np.append(at, np.inf)[passed] <= time + 1.0
+            until_next = np.where(soon, np.append(before, 0)[passed], 0)
+            state = np.where(unsure & ~np.isin(time, at), until_next, state)
         else:
             # What it was and what it became, each twice: a single row would be taken for damage.
-            state = np.append(own[:, [2, 2, 3, 3]].ravel(), state)
-            time = np.append(np.repeat(own[:, 1], 4), time)
+            state = np.append(np.column_stack([before, before, after, after]).ravel(), state)
+            time = np.append(np.repeat(at, 4), time)
             order = np.argsort(time, kind="stable")
             time, state = time[order], state[order]
         parts.append(np.column_stack([np.full(len(time), boot), time, state]))
