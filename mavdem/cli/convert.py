@@ -38,8 +38,8 @@ def convert_command(
     if not os.path.isdir(os.path.dirname(out) or "."):
         raise click.BadParameter(f"there is no folder {os.path.dirname(out)}.", param_hint="OUT")
     try:
-        with progress(f"Converting {source}") as done:
-            written = convert_file(source, out, axis, vehicle, inputs, done)
+        with progress(f"Converting {source}", measured=False):
+            written = convert_file(source, out, axis, vehicle, inputs)
     except ValueError as error:
         # Unreadable and NotLearnable are ValueErrors too, with sentences of their own.
         if type(error) is not ValueError:

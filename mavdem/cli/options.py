@@ -192,8 +192,8 @@ def read_source(source: str, params: Path | None = None) -> Log:
     Parameters that it does not have are those of the file ``params``.
     """
     refuse_link(source)
-    with progress(f"Reading {source}") as done:
-        log = read_log(source, done)
+    with progress(f"Reading {source}", measured=False):
+        log = read_log(source)
     return log if params is None else with_parameters(log, params)
 
 

@@ -33,7 +33,7 @@ from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.framing import GOOD, Progress, no_progress
+from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap, write_series
 from mavdem.ingest.telemetry import rows_by
 from mavdem.ingest.tlog import write_tlog
@@ -271,7 +271,6 @@ def convert(
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Converts ``source`` to the format of ``out``'s ending, and reports what was written.
 
@@ -281,10 +280,10 @@ def convert(
     inputs have in common; if they come at rates far apart, or only one is there, each at its own stamps, NaN elsewhere.
 
     ``out`` appears whole or not at all; ``axis``, ``vehicle`` and ``inputs`` of a table are as for
-    :func:`mavdem.read_flight`, ``progress`` is called with the fraction of the reading that is done. The report, plain
-    JSON values, holds of a stream the frames written, messages left out, frames unread, stamps that had to be taken
-    from the frame before, bytes skipped, and repairs; of a table its samples, columns, step (None at a stream's own
-    stamps), how attitude and motors were resampled, whether a model can be learned from it, and cautions.
+    :func:`mavdem.read_flight`. The report, plain JSON values, holds of a stream the frames written, messages left
+    out, frames unread, stamps that had to be taken from the frame before, bytes skipped, and repairs; of a table
+    its samples, columns, step (None at a stream's own stamps), how attitude and motors were resampled, whether a
+    model can be learned from it, and cautions.
 
     Raises:
         Unreadable: ``source`` cannot be read, or ``out`` not written.
@@ -304,18 +303,18 @@ def convert(
         require("parquet", f"{out}")
     try:
         if out.suffix.lower() in TABLES:
-            written = _convert_to_table(source, out, axis, vehicle, inputs, progress)
+            written = _convert_to_table(source, out, axis, vehicle, inputs)
         else:
-            written = _convert_stream(source, out, progress)
+            written = _convert_stream(source, out)
     except OSError as error:
         because = error.strerror or str(error)
         raise Unreadable(Fact(Place.FILE_FAILED, path=str(out), because=because)) from None
     return {"source": str(source), "out": str(out), **written}
 
 
-def _convert_stream(source: Path, out: Path, progress: Progress) -> dict[str, Any]:
+def _convert_stream(source: Path, out: Path) -> dict[str, Any]:
     kind = out.suffix.lower()
-    stream = read_stream(source, progress)
+    stream = read_stream(source)
     if stream.form == kind:
         raise ValueError(f"{source} is a {kind} already: choose another format")
     with atomic_write(out) as file:
@@ -333,9 +332,9 @@ def _convert_stream(source: Path, out: Path, progress: Progress) -> dict[str, An
 
 
 def _convert_to_table(
-    source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None, progress: Progress
+    source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None
 ) -> dict[str, Any]:
-    log = read_log(source, progress)
+    log = read_log(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     verdict = learnability_of(signals, log.components)
     segment = None if verdict.flight else longest_recorded(signals)

@@ -10,7 +10,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
-from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress, no_progress
+from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
@@ -40,7 +40,7 @@ ARCHIVES = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip"}
 STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 
-def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progress) -> Log:
+def read_log(path: str | bytes | os.PathLike[str]) -> Log:
     """Reads a recorded flight.
 
     >>> log = mavdem.ingest.read_log("flight.tlog")
@@ -52,7 +52,6 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progr
     Args:
         path: a telemetry log (.tlog), an MCAP recording of MAVLink or ROS 2 (.mcap), an ArduPilot DataFlash log (.bin,
             or as text .log) or a PX4 ULog (.ulg), whatever its name, or an xz archive of one; str, bytes or path-like.
-        progress: called with the fraction done.
 
     Raises:
         Unreadable: the file cannot be opened, has another format, or contains no flight.
@@ -72,7 +71,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress = no_progr
             from mavdem.ingest.mcap.log import read_mcap as read
         case Format.TLOG:
             from mavdem.ingest.tlog import read_tlog as read
-    return read(name, progress)
+    return read(name)
 
 
 def looks_like_log(path: str | bytes | os.PathLike[str]) -> bool:
@@ -92,9 +91,7 @@ def _has_marker(beginning: bytes) -> bool:
     return beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
 
 
-def read_stream(
-    path: str | bytes | os.PathLike[str], progress: Progress = no_progress
-) -> FrameStream:
+def read_stream(path: str | bytes | os.PathLike[str]) -> FrameStream:
     """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
 
     Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.
@@ -103,10 +100,10 @@ def read_stream(
     if kind is Format.MCAP:
         from mavdem.ingest.mcap.log import mcap_stream
 
-        return mcap_stream(name, progress)
+        return mcap_stream(name)
     if kind is not Format.TLOG:
         raise Unreadable(Fact(Source.FORMAT_WITHOUT_FRAMES, path=name, name=kind))
-    return tlog_stream(name, progress)
+    return tlog_stream(name)
 
 
 def format_of(path: str | bytes | os.PathLike[str]) -> tuple[str, Format]:

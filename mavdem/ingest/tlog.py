@@ -23,10 +23,8 @@ from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import (
     GOOD,
     Bytes,
-    Progress,
     concatenated,
     find_frames,
-    no_progress,
     rows_of,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
@@ -35,19 +33,19 @@ from mavdem.ingest.telemetry import Log, repair
 STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
 
 
-def read_tlog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
+def read_tlog(path: str | os.PathLike[str]) -> Log:
     """Reads a telemetry log; a damaged one as far as possible.
 
     Raises Unreadable: the file cannot be opened, or contains no MAVLink.
     """
-    return assemble(tlog_stream(path, progress))
+    return assemble(tlog_stream(path))
 
 
-def tlog_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
+def tlog_stream(path: str | os.PathLike[str]) -> FrameStream:
     """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(file_bytes(path))
-    frames = concatenated(list(find_frames(data, seeds(), STAMP_BYTES, progress)))
+    frames = concatenated(list(find_frames(data, seeds(), STAMP_BYTES)))
     space = np.diff(frames.start, prepend=0)
     space[1:] = frames.start[1:] - frames.end[:-1]
     covered = np.minimum(space, STAMP_BYTES) + frames.end - frames.start

@@ -30,7 +30,6 @@ from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, notes
 from mavdem.ingest.telemetry import (
     Log,
@@ -149,7 +148,6 @@ class WholeMessages:
         content: bytes,
         wanted: Container[bytes] | None,
         source: str,
-        progress: Progress = no_progress,
     ) -> None:
         self.messages = self.bytes_skipped = self.damaged = self.cut = 0
         self._definitions, self._data = bytearray(), bytearray()
@@ -161,7 +159,6 @@ class WholeMessages:
         self._topics: dict[int, tuple[int, int, int]] = {}
         ends = [*_appended(content, source), len(content)]
         for start, end in zip([FIRST_MESSAGE, *ends], ends, strict=False):
-            progress(start / max(len(content), 1))
             self._walk(start, end)
         header = MAGIC + b"\x01" + content[8:FIRST_MESSAGE].ljust(8, b"\0")
         self.content = b"".join((header, self._definitions, self._data))
@@ -299,7 +296,7 @@ def _laid_out(formats: Mapping[bytes, list[tuple[bytes, bytes, bytes]]]) -> dict
     return known
 
 
-def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
+def read_ulog(path: str | os.PathLike[str]) -> Log:
     """Reads a ULog file; a damaged one as far as possible. It has one vehicle, PX4's.
 
     In the ``Log``, ``frames`` counts the whole messages of the file. There are no receive times. Raises Unreadable: the
@@ -309,7 +306,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
     content = file_bytes(path)
     if not content.startswith(MAGIC):
         raise Unreadable(Fact(Source.FORMAT_UNKNOWN, path=source, name="ulog"))
-    found = WholeMessages(content, {name.encode() for name in NEEDED}, source, progress)
+    found = WholeMessages(content, {name.encode() for name in NEEDED}, source)
     log = ULog(io.BytesIO(found.content))
     values = [
         *log.initial_parameters.items(),
@@ -373,7 +370,6 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress = no_progress) ->
         board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
         hardware=str(log.msg_info_dict.get("ver_hw", "")),
     )
-    progress(1.0)
     return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
 
 

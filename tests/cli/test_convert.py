@@ -110,7 +110,7 @@ def of_hover(monkeypatch):
     def made(*rates, **options):
         hover = Hover()
         log = log_of_vehicles((hover.telemetry(*rates, **options),), 1, 0)
-        monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+        monkeypatch.setattr(conversion, "read_log", lambda source: log)
         return hover
 
     return made

@@ -1,6 +1,5 @@
 """Whole logs: who flew, what was mended, and one clear sentence for what cannot be read."""
 
-import lzma
 import os
 import random
 import struct
@@ -13,9 +12,7 @@ import pytest
 import ulog_files
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import SAMPLES, flight, frame, heartbeat, message, refused, tlog
-from mcap_files import converted
-from ros2_files import Ros2Recorder, px4_flight
+from mavlink_streams import flight, frame, heartbeat, message, refused, tlog
 
 from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
@@ -322,35 +319,6 @@ def test_what_is_no_file_is_said(tmp_path):
 def test_what_is_no_path_is_named(path):
     with pytest.raises(ValueError, match="path must"):
         read_log(path)  # type: ignore[arg-type]
-
-
-def recorded(kind: str, folder: Path) -> Path:
-    """A short flight in a file of this kind."""
-    sample = folder / "flight.tlog"
-    path = folder / f"flight.{kind}"
-    sample.write_bytes((SAMPLES / "px4_wind5_steps.tlog").read_bytes()[:60_000])
-    if kind == "tlog":
-        return sample
-    if kind == "mcap":
-        return converted(sample, folder)
-    if kind == "ros2":
-        with Ros2Recorder(path) as recorder:
-            px4_flight(recorder)
-    elif kind == "xz":
-        path.write_bytes(lzma.compress(sample.read_bytes()))
-    elif kind == "ulg":
-        path.write_bytes(ulog_files.log(*ulog_files.flight(ulog_files.TIMES)))
-    else:
-        path.write_bytes(dataflash_logs.log(*dataflash_logs.flight(TIMES)))
-    return path
-
-
-@pytest.mark.parametrize("kind", ["tlog", "xz", "mcap", "ros2", "ulg", "bin"])
-def test_progress_rises_to_one(kind, tmp_path):
-    seen: list[float] = []
-    path = recorded(kind, tmp_path)
-    assert read_log(path, seen.append).vehicles
-    assert seen == sorted(seen) and seen[-1] == 1.0
 
 
 @pytest.mark.filterwarnings("error")

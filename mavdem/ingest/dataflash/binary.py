@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
-from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import joined, repair, selected
 
 # The header's two bytes, and the bytes of it and the id
@@ -153,8 +152,6 @@ def numbers(table: MessageTable) -> MessageTable:
     return MessageTable(table.place, fields)
 
 
-BLOCK = 1 << 22  # Bytes between two calls of ``progress``
-
 _FORMAT_BEGUN = re.compile(
     HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL
 )
@@ -163,10 +160,10 @@ _FORMAT_BEGUN = re.compile(
 _Dated = list[tuple[int, FormatDefinition]]
 
 
-def read_binary(content: bytes, progress: Progress = no_progress) -> DataflashRecording:
-    """Returns the messages in the bytes of a binary log; ``progress`` is called with the fraction done."""
+def read_binary(content: bytes) -> DataflashRecording:
+    """Returns the messages in the bytes of a binary log."""
     scan = _Scan(content)
-    scan.run(progress)
+    scan.run()
     # Padded, so that the last message may be read with any definition.
     data = np.zeros(len(content) + MAX_MESSAGE_BYTES, dtype=np.uint8)
     data[: len(content)] = np.frombuffer(content, dtype=np.uint8)
@@ -203,18 +200,14 @@ class _Scan:
         self.lengths[FORMAT_ID] = FORMAT.length
         self._learn_definitions()
 
-    def run(self, progress: Progress) -> None:
+    def run(self) -> None:
         content = self.content
         lengths = self.lengths
         starts = self.starts
         size = len(content)
         place = 0
-        reported = 0
         first, second = HEADER
         while place <= size - HEADER_LENGTH:
-            if place >= reported:
-                progress(place / size)
-                reported = place + BLOCK
             if content[place] == first and content[place + 1] == second:
                 kind = content[place + 2]
                 length = lengths[kind]
@@ -228,7 +221,6 @@ class _Scan:
                     place = self._next_header(place + 1)
             else:
                 place = self._after_damage(place)
-        progress(1.0)
 
     def skipped(self) -> int:
         """Bytes that belong to no message, without the fill of a flash chip's last page."""

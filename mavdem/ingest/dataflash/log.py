@@ -41,7 +41,6 @@ from mavdem.ingest.dataflash.translation import (
 )
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.telemetry import (
     Columns,
     Log,
@@ -62,15 +61,12 @@ _BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
 _Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, and their values
 
 
-def read_text(content: bytes, progress: Progress = no_progress) -> DataflashRecording:
-    """Returns the messages in the bytes of a text log; ``progress`` is called with the fraction done."""
+def read_text(content: bytes) -> DataflashRecording:
+    """Returns the messages in the bytes of a text log."""
     groups: dict[str, dict[FormatDefinition, _Lines]] = {}
     holding: dict[str, FormatDefinition] = {}
     skipped = lost = 0
-    every = max(content.count(b"\n") // 100, 1)
     for number, line in enumerate(content.split(b"\n")):
-        if number % every == 0:
-            progress(min(number / (100 * every), 1.0))
         name, _, values = line.partition(b",")
         text = name.decode("latin-1").strip()
         if text == binary.FORMAT.name and (definition := _definition(values)) is not None:
@@ -86,7 +82,6 @@ def read_text(content: bytes, progress: Progress = no_progress) -> DataflashReco
         elif line.strip():
             skipped += len(line) + 1
             lost += 1
-    progress(1.0)
     counts = {name: sum(map(len, group.values())) for name, group in groups.items()}
     return DataflashRecording(
         counts={name: count for name, count in counts.items() if count},
@@ -174,7 +169,7 @@ FRAME_NAMES = {
 _FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
 
 
-def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
+def read_dataflash(path: str | os.PathLike[str]) -> Log:
     """Reads a DataFlash log; a damaged one as far as possible.
 
     The log has one vehicle. Its component counts the messages under DataFlash's names ("ATT"), the telemetry has them
@@ -182,11 +177,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress = no_progres
     """
     source = os.fspath(path)
     content = file_bytes(path)
-    recording = (
-        read_text(content, progress)
-        if is_dataflash_text(content)
-        else read_binary(content, progress)
-    )
+    recording = read_text(content) if is_dataflash_text(content) else read_binary(content)
     counts = recording.counts
     frames = sum(counts.values())
     vehicle = _vehicle(recording, source)

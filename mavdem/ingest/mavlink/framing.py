@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from array import array
 from binascii import crc_hqx
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
@@ -101,13 +101,6 @@ _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 Places = NDArray[np.int64]
-Progress = Callable[[float], None]  # Called repeatedly with the fraction done, 0 to 1
-
-
-def no_progress(fraction: float) -> None:
-    """Shows no progress."""
-
-
 MARKER_1: int = dialect.PROTOCOL_MARKER_V1
 MARKER_2: int = dialect.PROTOCOL_MARKER_V2
 SIGNED: int = dialect.MAVLINK_IFLAG_SIGNED
@@ -164,9 +157,7 @@ def concatenated(tables: Sequence[Frames]) -> Frames:
     )
 
 
-def find_frames(
-    data: Bytes, seeds: NDArray[np.int32], gap: int = 0, progress: Progress = no_progress
-) -> Iterator[Frames]:
+def find_frames(data: Bytes, seeds: NDArray[np.int32], gap: int = 0) -> Iterator[Frames]:
     """Yields every frame in ``data``, also of unknown messages and with failed checksums, table by table.
 
     ``seeds`` is CRC_EXTRA by message id, -1 where the dialect has no such message; ``gap`` the bytes between one frame
@@ -188,7 +179,6 @@ def find_frames(
             decided = until
             waiting = []
         waiting.append(block.loose(block.start >= decided))
-        progress(end / max(size, 1))
 
 
 def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple[Frames, Places]:

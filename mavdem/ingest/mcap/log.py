@@ -47,9 +47,7 @@ from mavdem.ingest.mavlink.framing import (
     GOOD,
     MARKER_1,
     MARKER_2,
-    Progress,
     find_in_pieces,
-    no_progress,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
@@ -61,37 +59,35 @@ NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) that are not of frames, whatever the first byte."""
 
 
-def read_mcap(path: str | os.PathLike[str], progress: Progress = no_progress) -> Log:
+def read_mcap(path: str | os.PathLike[str]) -> Log:
     """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics, also where it is damaged.
 
     Raises Unreadable: it cannot be opened or contains neither; MissingExtra: the reader of ROS 2 is not installed.
     """
     recording = McapRecording(file_bytes(path))
-    stream, seen = _stream(os.fspath(path), recording, progress)
+    stream, seen = _stream(os.fspath(path), recording)
     if stream is None:
         if not flight_topics(recording.channels.values(), recording.schemas):
             raise Unreadable(_nothing_in(path, recording, seen))
         require("ros2", os.fspath(path))
-        return read_ros2(recording, os.fspath(path), _within(progress, 0.5, 1.0))
+        return read_ros2(recording, os.fspath(path))
     return assemble(stream)
 
 
-def mcap_stream(path: str | os.PathLike[str], progress: Progress = no_progress) -> FrameStream:
+def mcap_stream(path: str | os.PathLike[str]) -> FrameStream:
     """Returns the MAVLink of an MCAP recording, JSON too, as frames; raises ``Unreadable``: no file, or none in it."""
     recording = McapRecording(file_bytes(path))
-    stream, seen = _stream(os.fspath(path), recording, progress)
+    stream, seen = _stream(os.fspath(path), recording)
     if stream is None:
         raise Unreadable(_nothing_in(path, recording, seen))
     return stream
 
 
-def _stream(
-    source: str, recording: McapRecording, progress: Progress
-) -> tuple[FrameStream | None, int]:
+def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, int]:
     """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
     carriers: dict[Channel, bool] = {}
     carried: dict[Channel, list[tuple[int, McapMessage]]] = {}
-    for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
+    for place, message in enumerate(recording.messages()):
         channel = message.channel
         if channel not in carriers:
             marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
@@ -109,13 +105,10 @@ def _stream(
     left_out: tuple[Fact, ...] = ()
     unknown = 0
     if any(topic.sender not in heard for topic in topics.values()):
-        written, unknown, left_out = _json_parts(
-            recording.content, topics, heard, _within(progress, 0.5, 1.0)
-        )
+        written, unknown, left_out = _json_parts(recording.content, topics, heard)
         parts += written
     if not any((part.frames.verdict == GOOD).any() for part in parts):
         return None, unknown + sum(len(part.frames) for part in parts)
-    progress(1.0)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
     repairs = [*recording.repairs(), *left_out]
@@ -159,7 +152,6 @@ def _json_parts(
     content: bytes,
     topics: Mapping[Channel, JsonTopic],
     heard: set[FrameSender],
-    progress: Progress,
 ) -> tuple[list[RecordingPart], int, tuple[Fact, ...]]:
     """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some are left out.
 
@@ -168,7 +160,7 @@ def _json_parts(
     named: dict[FrameSender, dict[str, list[tuple[int, McapMessage]]]] = {}
     unknown: Counter[str] = Counter()
     damaged = 0
-    for place, message in enumerate(McapRecording(content).messages(progress)):
+    for place, message in enumerate(McapRecording(content).messages()):
         topic = topics.get(message.channel)
         if topic is None or topic.sender in heard:
             continue
@@ -209,10 +201,6 @@ def _composed(
         data, frames = composed_frames(made, definition, sender, sequence, good)
         times = np.array([one.log_time for _, one in kinds[name]], dtype=np.uint64)
         yield RecordingPart(data, frames, places, times)
-
-
-def _within(progress: Progress, first: float, last: float) -> Progress:
-    return lambda fraction: progress(first + (last - first) * fraction)
 
 
 def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> Fact:

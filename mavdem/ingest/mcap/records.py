@@ -37,7 +37,6 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_RATIO
-from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import repair
 
@@ -120,7 +119,7 @@ class McapRecording:
     cut: bool = False
     _allowance: int = 0
 
-    def messages(self, progress: Progress = no_progress) -> Iterator[McapMessage]:
+    def messages(self) -> Iterator[McapMessage]:
         """Every message whose channel is known, in the order of the file."""
         self._allowance = MAX_BYTES + MAX_RATIO * len(self.content)
         first = len(MAGIC) if self.content.startswith(MAGIC) else 0
@@ -135,12 +134,10 @@ class McapRecording:
         for opcode, start, stop in records:
             if opcode == Opcode.CHUNK:
                 yield from self._in_chunk(start, stop)
-                progress(stop / len(self.content))
             elif opcode == Opcode.MESSAGE:
                 message = self._message(self.content, start, stop, sound)
                 if message is not None:
                     yield message
-        progress(1.0)
 
     def repairs(self) -> tuple[Fact, ...]:
         """Each kind of damage."""

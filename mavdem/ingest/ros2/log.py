@@ -30,7 +30,6 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.framing import Progress, no_progress
 from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
@@ -179,7 +178,7 @@ PX4_STAMP = "timestamp"  # µs: when a message was published
 SECOND = 1_000_000_000  # Nanoseconds
 
 
-def read_ros2(recording: McapRecording, source: str, progress: Progress = no_progress) -> Log:
+def read_ros2(recording: McapRecording, source: str) -> Log:
     """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
 
     In the ``Log``, ``frames`` counts the messages that were read. The ``recording`` was read once, so that its channels
@@ -195,7 +194,7 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress = no_pro
     first = np.inf
     last = -np.inf
     anew = McapRecording(recording.content)
-    for place, message in enumerate(anew.messages(progress)):
+    for place, message in enumerate(anew.messages()):
         channel = message.channel
         if channel not in readers:
             undefined += channel.encoding == CDR and channel.schema not in recording.schemas
