@@ -48,7 +48,6 @@ class VehicleFact(Code):
     OTHER_VEHICLE = auto()
     NOT_A_MULTIROTOR = auto()
     VEHICLE_REBOOTED = auto()
-    CLOCK_SET_BACK = auto()
     CLOCK_JUMPED = auto()
     OTHER_CLOCK = auto()
 
@@ -68,7 +67,6 @@ class Rows(Code):
     MOTOR_ORDER_ASSUMED = auto()
     MOTOR_ORDER_KNOWN = auto()
     INPUTS_CHANGED = auto()
-    ONLY_MOTORS_SHOW_LANDING = auto()
     ONLY_DEMAND = auto()
     MESSAGES_RESUMED = auto()
     NOTHING_RECEIVED = auto()
@@ -77,7 +75,6 @@ class Rows(Code):
 class RateFact(Code):
     """What becomes of the message rates that a vehicle is asked for."""
 
-    RATE_NOT_CONFIRMED = auto()
     RATE_REFUSED = auto()
     RATES_ASKED_AGAIN = auto()
     RATE_BELOW_ASKED = auto()

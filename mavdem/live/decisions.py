@@ -5,8 +5,7 @@ of the outputs.
 
 A landing is known only once it has happened, and the last seconds before it are taken back. While the autopilot does
 not report whether it is in the air, a vehicle that descends may be landing: nothing is settled until it has not
-descended for ``TRANSIENT_SECONDS``. Without a vertical speed it may be landing in a mode that lands, on standby, and
-when its motors fall far below their level in flight.
+descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors show a landing, once it is over.
 """
 
 from __future__ import annotations
@@ -50,22 +49,11 @@ from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Array, Columns, Telemetry, joined, log_of_vehicles
-from mavdem.ingest.vocabulary import (
-    ACTIVE,
-    ARMED,
-    CUSTOM_MODE,
-    IN_AIR,
-    LANDING_MODES,
-    STANDBY,
-    UNNAMED,
-)
+from mavdem.ingest.vocabulary import ARMED, IN_AIR, UNNAMED
 from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
 REPORTED = ("armed", "landed_state")
-# Of the collective in flight: on the ground it idles at a third
-TOUCHDOWN_SHARE = 0.5
-TOUCHDOWN_SECONDS = 0.2
 # Of each stream of outputs, and of each kind of what shows the phase
 MAX_ROWS = 512
 MAX_REPORTS = 4096
@@ -222,10 +210,6 @@ class Phase:
         self._start = self._reviewed = -inf
         self._settled_from: float | None = None
         self._beat: tuple[float, bool] | None = None
-        self._was_active = self._may_land = False
-        # Mean collective in settled flight, and of how many values
-        self._level = 0.0
-        self._levels = 0
         self._landing: float | None = None
 
     @property
@@ -246,11 +230,6 @@ class Phase:
         """Since when, s, the flight is settled; None where it is not ``now``."""
         return self._settled_from if self.settled(now) else None
 
-    def evident(self, time: float) -> bool:
-        """Whether EXTENDED_SYS_STATE or a vertical speed comes at ``time``, s."""
-        climbs = (self._rows[kind][-1][0] for kind in CLIMB_FIELDS if self._rows[kind])
-        return time <= max(self._reported_until, *(last + REPORT_SECONDS for last in climbs), -inf)
-
     @property
     def _reported_until(self) -> float:
         """While EXTENDED_SYS_STATE comes, it decides; otherwise the motors' thrust."""
@@ -267,16 +246,8 @@ class Phase:
         self._landing = None
         return since
 
-    def take_heartbeat(
-        self, time: float, autopilot: int, base_mode: int, mode: int = 0, state: int = 0
-    ) -> None:
+    def take_heartbeat(self, time: float, base_mode: int) -> None:
         """A HEARTBEAT of the vehicle's own type and autopilot: only two equal ones in a row change the state."""
-        self._was_active |= state == ACTIVE  # some vehicles are on standby always
-        lands = bool(base_mode & CUSTOM_MODE) and mode in LANDING_MODES.get(autopilot, ())
-        lands |= self._was_active and state == STANDBY
-        if lands and self._may_land and not self.evident(time):
-            self._unsettle(time)
-        self._may_land = lands
         armed = bool(base_mode & ARMED)
         since, before = self._beat or (time, armed)
         self._beat = time, armed
@@ -320,15 +291,12 @@ class Phase:
             self._take_back(max((end for _, end in flights if end < now), default=now))
             self.steady = False
             self._settled_from = None
-            self._level = 0.0
-            self._levels = 0
         if flight is not None:
             # The take-off is carried on once the mean collective around it is known; later it is no longer in sight.
             if not self.steady or (isfinite(flight[0]) and now < self._start + AVERAGING_SECONDS):
                 self._start = flight[0]
             self.steady = True
             self._settle(now, climb)
-        self._check_touchdown(now)
         self._reviewed = now
 
     def _signals(self, now: float) -> Signals:
@@ -365,21 +333,6 @@ class Phase:
             new = (climb.time > max(since, self._reported_until)) & (climb.time <= averaged_until)
             if len(sinking := climb.time[sinks & new]):
                 self._unsettle(float(sinking[-1]))
-
-    def _check_touchdown(self, now: float) -> None:
-        """Without better evidence, motors far below their level in flight show that the vehicle stands."""
-        shares = [
-            share for time, share in self._rows["collective"] if time > now - TOUCHDOWN_SECONDS
-        ]
-        share = sum(shares) / max(len(shares), 1)
-        settled = self.settled(now)
-        if shares and share < TOUCHDOWN_SHARE * self._level and not self.evident(now):
-            if settled:
-                self._take_back(now)
-            self._unsettle(now)
-        elif shares and settled:
-            self._levels += 1
-            self._level += (share - self._level) / self._levels
 
     def _unsettle(self, time: float) -> None:
         """It may be landing at ``time``."""

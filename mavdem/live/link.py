@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
-from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1, MARKER_2
+from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
@@ -68,9 +68,11 @@ class Link:
     def __init__(self, name: str) -> None:
         self.name = name
         self._events: list[Fact] = []
-        # By MAVLink ids: address, when it was heard, and one that was refused, or the first again once that is said.
-        self._first: dict[bytes, tuple[Any, float, Any]] = {}
-        self._not_before = self._came = 0.0
+        # By MAVLink ids: address and when it was heard, another that was refused, and of which that is said
+        self._first: dict[bytes, tuple[Any, float]] = {}
+        self._rivals: dict[bytes, Any] = {}
+        self._said = set[bytes]()
+        self._not_before = 0.0
         # datagrams that this machine's buffer had no room for: nobody read them in time
         self.dropped = 0
         # UNIX s of the latest piece; until then everything was read
@@ -119,13 +121,11 @@ class Link:
                     if received:
                         break  # return what came; the next call raises
                     self._lose(LinkError.CLOSED)
-                if piece:
-                    self._came = time.monotonic()
-                    if self._admits(piece):
-                        received.append((self._arrival, piece))
-                    else:
-                        # nor is anything sent to a vehicle that only shares the ids
-                        self._peers.pop(self._from, None)
+                if piece and self._admits(piece):
+                    received.append((self._arrival, piece))
+                elif piece:
+                    # nor is anything sent to a vehicle that only shares the ids
+                    self._peers.pop(self._from, None)
             if len(received) < MAX_PIECES:
                 self._emptied = time.time()
         except OSError as error:
@@ -239,23 +239,23 @@ class Link:
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
-        ids = b""
-        now = self._came
-        if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
-            ids = datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7]
-        if self._from is None or ids[1:] != bytes([AUTOPILOT_COMPONENT]):
+        now = time.monotonic()
+        if len(datagram) < HEADER_1 or self._from is None:
             return True
-        first, heard, rival = self._first.get(ids, (self._from, now, None))
+        ids = datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7]
+        if ids[1:] != bytes([AUTOPILOT_COMPONENT]):
+            return True
+        first, heard = self._first.get(ids, (self._from, now))
         if first != self._from and now - heard <= HEARD_SECONDS:
-            self._first[ids] = first, heard, rival or self._from
+            self._rivals.setdefault(ids, self._from)
             return False
-        if rival not in (None, first, self._from):
-            # Both send; one that restarts from another port would not send from the first again.
-            addresses = [f"{host}:{port}" for host, port, *_ in (first, rival)]
+        self._first[ids] = self._from, now
+        # Both send; one that restarts from another port would not send from the first again.
+        if first == self._from and ids in self._rivals and ids not in self._said:
+            self._said.add(ids)
+            addresses = [f"{host}:{port}" for host, port, *_ in (first, self._rivals[ids])]
             subject = f"{ids[0]}:{ids[1]}"
             self._events.append(Fact(LinkFact.TWO_ADDRESSES, subject=subject, names=addresses))
-            rival = first
-        self._first[ids] = self._from, now, rival if first == self._from else None
         return True
 
     def _lose(self, cause: LinkError, error: OSError | None = None) -> NoReturn:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
@@ -50,9 +50,8 @@ WINDOW_SECONDS = 5.0
 MIN_WINDOW_SECONDS = 2.0
 SLOW = 0.7  # Share of the rate reached before, below which a message is asked for again
 PAUSE_SECONDS = 10.0
-MAX_PAUSE_SECONDS = 60.0
-"""Between two requests of one message, at least; doubled each time while nobody confirms. Another ground station that
-sets rates back, MAVProxy every 15 s, costs as long each time as it takes to ask again."""
+"""Between two requests of one message that was reached. Another ground station that sets rates back, MAVProxy every
+15 s, costs as long each time as it takes to ask again."""
 
 
 class Arrivals:
@@ -93,17 +92,15 @@ class _Interval:
     message_id: int
     name: str  # of the message
     rate: float  # asked for, Hz
-    least: bool = False  # whether about that rate is enough, however it is reached
+    needed: float  # Hz, below which it is asked for
+    is_told: bool  # whether what becomes of it is reported
     before: int | None = None  # the former interval, µs, once known
     queries: int = 0  # so far
-    settings: int = 0  # since the last reset
-    unrefused: int = 0  # number of settings ever that the vehicle did not refuse
+    settings: int = 0  # since it came fast enough last
     last: float = -np.inf  # s, of the last query or setting
-    done: bool = False  # whether no reply is awaited
-    refused: bool = False  # by the vehicle
-    reached: float = 0.0  # Hz reached since it was set
-    again: int = 0  # number of times that it was asked for again since it last stayed
-    came: bool = False  # whether it has come since it was last asked for
+    is_set: bool = False  # whether the vehicle may have changed it
+    reached: bool = False  # whether it came fast enough after that
+    falls: int = 0  # number of times that it became slow again
     restored: bool = False  # whether the vehicle confirmed the former interval
 
 
@@ -111,10 +108,10 @@ class RateRequest:
     """Makes a vehicle send attitude and motor outputs at a rate, Hz, and restores its former rates at the end.
 
     ``evidence``, messages that distinguish flight from landing, are asked for at ``EVIDENCE_RATE``. Each interval is
-    queried, then set, one at a time since a confirmation does not name the message. What comes much slower later, after
-    a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the
-    interval, the one measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most,
-    until they come. ``events``: facts to report; the caller removes them.
+    queried, then set until the message comes as fast, ``MAX_TRIES`` times at most; what then comes is enough. What
+    comes much slower later, after a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where
+    the vehicle never reports the interval, the one measured before is restored. ``parameters`` are asked for by name,
+    ``MAX_TRIES`` times at most, until they come. ``events``: facts to report; the caller removes them.
     """
 
     def __init__(
@@ -128,15 +125,15 @@ class RateRequest:
         self.events: list[Fact] = []
         self._target = vehicle
         self._parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
-        self._next = -np.inf
-        self._intervals = [
-            _Interval(number, definitions()[number].name, rate) for number in messages
-        ]
+        # s: when the next parameter, and the next setting may be asked for; a confirmation does not name the message
+        self._next = self._free = -np.inf
+        names = {number: definitions()[number].name for number in (*messages, *evidence)}
+        self._intervals = [_Interval(id, names[id], rate, rate, True) for id in messages]
+        least = SLOW * EVIDENCE_RATE
         self._intervals += [
-            _Interval(number, definitions()[number].name, EVIDENCE_RATE, True)
-            for number in evidence
+            _Interval(id, names[id], EVIDENCE_RATE, least, False) for id in evidence
         ]
-        self._contested = self._restoring = False
+        self._restoring = False
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
     def due(
@@ -155,40 +152,54 @@ class RateRequest:
             frames.append(_frame(asked, GROUND_STATION))
             self._next = now + PARAMETER_SECONDS
         for interval in self._intervals:
-            rate = None if measured is None else measured.get(interval.message_id, 0.0)
-            self._watch(interval, now, rate)
-            if interval.done or now - interval.last < REPLY_SECONDS:
+            if now - interval.last < REPLY_SECONDS:
                 continue
             if interval.before is None and interval.queries < MAX_TRIES:
                 interval.queries += 1
+                interval.last = now
                 frames.append(self._command(GET_INTERVAL, interval.message_id))
-            elif any(
-                each.settings and not each.done and now - each.last < REPLY_SECONDS
-                for each in self._intervals
-            ):
-                continue  # a setting may still be confirmed
-            elif rate is None and (interval.least or not interval.unrefused):
-                continue
-            elif rate is not None and (
-                rate >= SLOW * interval.rate
-                if interval.least
-                else not interval.unrefused and rate >= interval.rate
-            ):
-                interval.done = True  # what comes faster already stays as it is
-            elif interval.settings < MAX_TRIES:
-                if interval.before is None:
-                    interval.before = round(1e6 / rate) if rate else STOPPED
-                interval.settings += 1
-                interval.unrefused += 1
-                frames.append(
-                    self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate))
-                )
-            else:
-                interval.done = True
-                if not interval.least:
-                    self.events.append(Fact(RateFact.RATE_NOT_CONFIRMED, subject=interval.name))
-            interval.last = now
+            elif now >= self._free and (measured is not None or interval.is_set):
+                frames += self._set(interval, now, (measured or {}).get(interval.message_id, 0.0))
         return frames
+
+    def _set(self, interval: _Interval, now: float, rate: float) -> list[bytes]:
+        """Sets the interval of a message that comes too slowly, at ``rate``, Hz."""
+        if rate >= interval.needed:
+            interval.settings = 0
+            interval.reached = interval.is_set
+            return []
+        pause = PAUSE_SECONDS if interval.reached else WINDOW_SECONDS
+        if interval.is_set and now - interval.last < pause:
+            return []
+        if interval.settings == MAX_TRIES:
+            interval.needed = SLOW * rate
+            self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
+            return []
+        if interval.reached:
+            self._report_fall(interval, rate)
+        if interval.before is None:
+            interval.before = round(1e6 / rate) if rate else STOPPED
+        interval.needed = SLOW * interval.rate
+        interval.reached = False
+        interval.settings += 1
+        interval.is_set = True
+        interval.last = now
+        self._free = now + REPLY_SECONDS
+        return [self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate))]
+
+    def _report_fall(self, interval: _Interval, rate: float) -> None:
+        """Reports a message that became slow: the first time, and that another program sets it back."""
+        interval.falls += rate > 0
+        if interval.falls <= 1:
+            self._report(interval, RateFact.RATE_FELL, former_rate=interval.rate)
+        # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
+        contested = [each for each in self._intervals if each.falls == MAX_TRIES and each.is_told]
+        if contested == [interval]:
+            self.events.append(Fact(RateFact.RATES_CONTESTED))
+
+    def _report(self, interval: _Interval, code: RateFact, **figures: float) -> None:
+        if interval.is_told:
+            self.events.append(Fact(code, subject=interval.name, **figures))
 
     def take(self, message: Message) -> None:
         """Takes a MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
@@ -198,13 +209,8 @@ class RateRequest:
         if message.name == "MESSAGE_INTERVAL":
             possible = second == STOPPED or second >= SHORTEST_INTERVAL
             for interval in self._intervals:
-                # After a setting it is not the former interval.
-                if (
-                    interval.message_id == first
-                    and interval.before is None
-                    and not interval.settings
-                    and possible
-                ):
+                is_former = interval.before is None and not interval.is_set
+                if interval.message_id == first and is_former and possible:
                     interval.before = second
                     interval.last = -np.inf
         elif first != SET_INTERVAL or second == dialect.MAV_RESULT_IN_PROGRESS or not ours:
@@ -212,82 +218,34 @@ class RateRequest:
         elif self._restoring:
             if self.unconfirmed:  # in the order of the requests
                 self.unconfirmed.popleft().restored = second == dialect.MAV_RESULT_ACCEPTED
-        elif waiting := [
-            interval for interval in self._intervals if interval.settings and not interval.done
-        ]:
-            # It does not contain the message: take the one that was set last.
-            latest = max(waiting, key=lambda interval: interval.last)
-            latest.done = True
-            latest.refused = second != dialect.MAV_RESULT_ACCEPTED
-            latest.unrefused -= latest.refused
-            if latest.refused and not latest.least:
-                self.events.append(Fact(RateFact.RATE_REFUSED, subject=latest.name, result=second))
+        else:
+            self._free = -np.inf
+            latest = max(self._intervals, key=lambda interval: interval.last)
+            if second != dialect.MAV_RESULT_ACCEPTED and latest.settings:
+                latest.needed = 0.0
+                latest.is_set = False
+                self._report(latest, RateFact.RATE_REFUSED, result=second)
 
     def restart(self) -> None:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
-        self._intervals = [
-            replace(
-                each,
-                settings=0,
-                last=-np.inf,
-                done=False,
-                refused=False,
-                reached=0.0,
-                again=0,
-                came=False,
-            )
-            for each in self._intervals
-        ]
-        if any(each.unrefused for each in self._intervals):
+        if any(each.is_set for each in self._intervals):
             self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
+        for each in self._intervals:
+            each.settings = 0
+            each.reached = False
+            each.last = -np.inf
+            each.needed = SLOW * each.rate
 
     def restore(self) -> list[bytes]:
         """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""
         self._restoring = True
         self.unconfirmed = deque(
-            each for each in self._intervals if each.unrefused and not each.restored
+            each for each in self._intervals if each.is_set and not each.restored
         )
         return [
             self._command(SET_INTERVAL, each.message_id, each.before or STOPPED)
             for each in self.unconfirmed
         ]
-
-    def _watch(self, interval: _Interval, now: float, rate: float | None) -> None:
-        """Sets the interval of a message again that comes much slower than before, or that was never confirmed."""
-        if rate is None or not interval.done or interval.refused:
-            return
-        interval.reached = max(interval.reached, min(rate, interval.rate))
-        unconfirmed = interval.settings == MAX_TRIES and not interval.reached
-        if rate >= SLOW * interval.reached and not unconfirmed:
-            if rate and not interval.came and now - interval.last >= WINDOW_SECONDS:
-                interval.came = True
-                if rate < 0.9 * interval.rate and not (interval.least or interval.again):
-                    self.events.append(
-                        Fact(
-                            RateFact.RATE_BELOW_ASKED,
-                            subject=interval.name,
-                            rate=rate,
-                            needed_rate=interval.rate,
-                        )
-                    )
-            if now - interval.last >= MAX_PAUSE_SECONDS:
-                interval.again = 0
-            return
-        if now - interval.last < min(
-            PAUSE_SECONDS * 2 ** (interval.again * unconfirmed), MAX_PAUSE_SECONDS
-        ):
-            return
-        if not interval.least and not unconfirmed and not self._contested:
-            reached = interval.reached
-            self.events.append(Fact(RateFact.RATE_FELL, subject=interval.name, former_rate=reached))
-        # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
-        if rate and interval.came and interval.again >= 2 and not self._contested:
-            self._contested = True
-            self.events.append(Fact(RateFact.RATES_CONTESTED))
-        interval.settings = 0
-        interval.done = False
-        interval.again = interval.again + 1
-        interval.came = False
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
         given = (first, second, *[0.0] * 5)

@@ -41,7 +41,6 @@ DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the s
 RESUME_SECONDS = 0.25
 # The finest stamps: a point no further behind the latest sample coincides with it
 STAMP_RESOLUTION_SECONDS = 1e-6
-JUST_BOOTED = 10.0  # s; what a clock shows after a reboot at most, where no message was lost
 # A rate that differs by this factor from the one that decided the step is another rate
 OTHER_RATE_RATIO = 1.3
 
@@ -93,23 +92,15 @@ class BootClock:
         self._held: list[Message] = []
         self._run: list[float] = []
         self._shifts: dict[str, float] = {}
-        # in the numbers of the vehicle's messages, so far and at ``now``
-        self.breaks = self._breaks = 0
-        self._back = 0.0  # s by which its clock was set back without a reboot
         self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
         self.left_out = False  # whether the next gap is known and not to be reported
 
     def place(self, message: Message) -> list[PlacedMessage]:
         """What can be placed after this message: itself, and messages held back before."""
-        if message.stamp > 0:
-            message = message._replace(stamp=message.stamp + self._back)
-        else:
-            return (
-                []
-                if isnan(self._latest)
-                else [PlacedMessage(message, self._latest, self.boot, False)]
-            )
+        if message.stamp <= 0:
+            is_placed = not isnan(self._latest)
+            return [PlacedMessage(message, self._latest, self.boot, False)] * is_placed
         if message.name in ATTITUDE_MESSAGES:
             return self._place_reference(message)
         time = self._time_of(message)
@@ -129,7 +120,6 @@ class BootClock:
             )
             self.now = max(self.now, time)
             self._accepted += 1
-            self._breaks = self.breaks
             self._held = []
             self._run = []
             self.left_out = False
@@ -145,23 +135,11 @@ class BootClock:
         first = self._run[0]
         before = self.now
         held = self._held
-        later = 0.0
-        if (
-            0 < before - first <= WRAP_GAP
-            and first - self._back > JUST_BOOTED
-            and self.breaks == self._breaks
-        ):
-            self._report(Fact(VehicleFact.CLOCK_SET_BACK, offset=before - first, clock=before))
-            later = before - first + self._run[1] - first
-        elif first < before:
+        if first < before:
             self.boot = self.boot + 1
-            later = -self._back
             self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=before))
         elif not isnan(before) and not self.left_out:
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=first - before, clock=before))
-        held = [m._replace(stamp=m.stamp + later) for m in held]
-        first = first + later
-        self._back = self._back + later
         self._held = []
         self._run = []
         self.left_out = False

@@ -25,7 +25,6 @@ VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones ch
 # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 ENOUGH_MESSAGES = 3
 MAX_LISTED = 8  # Vehicles named in one sentence
-NEAR = 32  # The step, either way, up to which a number goes on
 COPY_FRAMES = 128  # Frames of a sender within which an equal one is a copy: half of its numbers
 
 
@@ -44,7 +43,6 @@ class Sender:
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
         # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
         self.held = False
-        self.breaks = 0  # in its sequence of numbers
         self._beats: list[tuple[int, int]] = []
         # by its number the latest frame, and frames so far then
         self._recent: dict[int, tuple[Frame, int]] = {}
@@ -111,7 +109,6 @@ class Sender:
             self._missing += missing
         self._interval = self._interval + (min(gap, 1.0) - self._interval) / 64
         self.left_out = False
-        self.breaks += not 0 < (number - self._last) % 256 <= NEAR
 
     def _count_arrived(self, message_id: int) -> None:
         """Counts an undamaged message, which may show what the sender is."""

@@ -124,7 +124,7 @@ class LiveStream:
         self._reviewed = -inf
         self._connected_from = inf
         self._received = 0.0
-        self._left_out = self._said_evidence = False
+        self._left_out = False
         self._obstacle: Fact | None = Fact(Rows.RATES_BEING_MEASURED)
         self._enough = True
 
@@ -243,7 +243,6 @@ class LiveStream:
         if message.name in REPLIES:
             self._replies.append(message)
             return
-        self._clock.breaks = sender.breaks
         for placed in self._clock.place(message):
             if placed.boot != self.boot:
                 self._reboot(placed.boot)
@@ -267,11 +266,11 @@ class LiveStream:
             if not (name == DEMAND_MESSAGE and port):  # group 0 of the demand is flight control
                 yield from self._add(name, port, time, values)
         elif name == "HEARTBEAT":
-            kind, autopilot, *state = message.values
+            kind, autopilot, base_mode, *_ = message.values
             identity = enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
             # Not of another vehicle with the same ids.
             if identity == (sender.kind, sender.autopilot):
-                self._phase.take_heartbeat(time, autopilot, *state)
+                self._phase.take_heartbeat(time, base_mode)
         elif name in FLAGS:
             self.air.flags = message.values[0]
         elif name == "EXTENDED_SYS_STATE" or name in CLIMB_FIELDS:
@@ -395,10 +394,6 @@ class LiveStream:
                 self._report(fact)
             because = self.alarms.obstacle(now, self._phase.flying)
             self._watchdog.watches(Watched.MOTORS, because, now)
-        if self._phase.settled(now) and not self._phase.evident(now) and not self._said_evidence:
-            self._said_evidence = now - self._connected_from >= DECISION_SECONDS
-            if self._said_evidence:
-                self._report(self._fact(Rows.ONLY_MOTORS_SHOW_LANDING))
 
     def _choose_inputs(self, sender: Sender) -> None:
         """Chooses the inputs again, by the rates of messages and by what moves."""

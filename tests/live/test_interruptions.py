@@ -65,27 +65,6 @@ def test_a_message_that_is_lost_is_bridged():
     settled_uniform(made)
 
 
-def test_a_clock_that_is_set_back_in_flight_goes_on_without_a_reboot():
-    """From 18 s, which the vehicle's clock shows as 68 s, it shows 5 s less."""
-    first = Flight(hover=FLIGHT.hover, clock=50.0).frames(end=18.0)
-    rest = Flight(hover=FLIGHT.hover, clock=45.0, number=len(first)).frames(start=18.0, end=22.0)
-    made = replay(first + rest)
-    (fact,) = (fact for fact in made.facts if "clock" in fact.figures)
-    assert fact.code is VehicleFact.CLOCK_SET_BACK
-    assert dict(fact.figures) == pytest.approx({"offset": 5.0, "clock": 68.0}, abs=0.05)
-    assert (
-        made.segments().keys() == {0} and made.stream.boot == 0 and made.stream.status().lost == 0
-    )
-    times = np.array([row.time for row in made.rows])
-    np.testing.assert_allclose(
-        [row.outputs[0] for row in made.rows], FLIGHT.hover.roll(times - 50.0), atol=1e-3
-    )
-    assert times[-1] == pytest.approx(72.0, abs=0.05)
-    assert replay(FLIGHT.frames(end=9.0), made.stream).rows[-1].time == pytest.approx(
-        9.0, abs=0.05
-    ), "after a reboot"
-
-
 def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
     frames = []
     for time, data in FLIGHT.frames(end=18.0):

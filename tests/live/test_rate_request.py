@@ -46,40 +46,22 @@ def said(frames: list[bytes]) -> list[tuple[int, int, float]]:
     return [(each.command, int(each.param1), each.param2) for each in messages]
 
 
-def known(rate: float, message: int = 30, before: int = 250_000) -> RateRequest:
-    """A request about one message, whose former interval is known and another one set."""
-    request = request_of(rate, message)
-    request.due(0.0, {message: 4.0})
-    request.take(told("MESSAGE_INTERVAL", message, before))
-    assert said(request.due(0.1, {message: 4.0})) == [(SET_INTERVAL, message, round(1e6 / rate))]
-    return request
-
-
-def settled(rate: float = 100.0) -> RateRequest:
-    """A request about one message that came at 4 Hz and now comes as it was asked for."""
-    request = known(rate)
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-    assert request.due(5.0, {30: rate}) == []
-    return request
-
-
 def test_intervals_are_noted_then_set_and_given_back():
     request = request_of(100.0)
-    request.due(0.0, {})
+    assert said(request.due(0.0, None)) == [(GET_INTERVAL, 30, 0), (GET_INTERVAL, 36, 0)]
     assert request.restore() == [], "nothing was set so far"
     request = request_of(100.0)
-    assert said(request.due(0.0, {})) == [(GET_INTERVAL, 30, 0), (GET_INTERVAL, 36, 0)]
+    request.due(0.0, None)
     assert request.due(0.5, {}) == [], "an answer is waited for"
     request.take(told("MESSAGE_INTERVAL", 30, 250_000))
     request.take(told("MESSAGE_INTERVAL", 36, STOPPED))
     # One at a time: a confirmation does not name the message.
-    assert said(request.due(0.6, {})) == [(SET_INTERVAL, 30, 10_000)]
-    assert request.due(0.7, {}) == []
+    assert said(request.due(0.6, {30: 4.0})) == [(SET_INTERVAL, 30, 10_000)]
+    assert request.due(0.7, {30: 4.0}) == []
     request.take(told("MESSAGE_INTERVAL", 30, 10_000))
     request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-    assert said(request.due(0.8, {})) == [(SET_INTERVAL, 36, 10_000)]
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-    assert request.due(10.0, {}) == [] and request.events == []
+    assert said(request.due(0.8, {30: 4.0})) == [(SET_INTERVAL, 36, 10_000)]
+    assert request.due(10.0, {30: 100.0, 36: 99.0}) == [] and request.events == []
     assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)]
 
 
@@ -89,42 +71,22 @@ def test_a_greeting_is_the_heartbeat_of_a_ground_station_that_nobody_misses():
     assert said_of_it == (254, dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 3)
 
 
-def test_no_answer_and_a_refusal_are_reported():
-    silent = request_of(50.0, 30)
-    sent = [silent.due(float(second), {}) for second in range(9)]
-    assert sum(map(len, sent)) == 6 and silent.events == [
-        Fact(RateFact.RATE_NOT_CONFIRMED, subject="ATTITUDE")
-    ]
-    refused = known(50.0, 375, STOPPED)
+def test_a_refusal_and_what_is_never_reached_are_reported_and_not_asked_for_again():
+    refused = request_of(50.0, 375)
+    refused.due(0.0, None)
+    refused.take(told("MESSAGE_INTERVAL", 375, STOPPED))
+    assert len(refused.due(0.1, {})) == 1
     refused.take(told("COMMAND_ACK", SET_INTERVAL, 4))
-    assert refused.due(9.0, {}) == [] and refused.restore() == []
+    assert [refused.due(float(second), {}) for second in range(1, 60)] == [[]] * 59
+    assert refused.restore() == []
     refusal = Fact(RateFact.RATE_REFUSED, subject="ACTUATOR_OUTPUT_STATUS", result=4)
     assert refused.events == [refusal]
-
-
-@pytest.mark.parametrize("slow", [{30: 4.0}, {}])
-def test_what_was_set_back_is_asked_for_again_and_what_it_was_before_stays_known(slow):
-    request = settled()
-    assert said(request.due(30.0, slow)) == [(SET_INTERVAL, 30, 10_000)]
-    (event,) = request.events
-    assert event == Fact(RateFact.RATE_FELL, subject="ATTITUDE", former_rate=100.0)
-    # Whoever sets it back over and over is not answered each second.
-    sent = 0
-    for second in range(31, 61):
-        request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-        sent += len(request.due(float(second), slow))
-    assert sent <= 3
-    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
-
-
-def test_what_merely_falters_or_was_never_reached_is_not_asked_for_again():
-    request = settled()
-    assert [request.due(float(second), {30: 80.0}) for second in range(6, 60)] == [[]] * 54
-    slow = known(400.0)
-    slow.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-    assert [slow.due(float(second), {30: 50.0}) for second in range(1, 60)] == [[]] * 59
+    slow = request_of(400.0, 30)
+    sent = [slow.due(float(second), {30: 50.0}) for second in range(60)]
+    assert len([frames for frames in sent if frames]) == 6, "three queries, three settings"
     below = Fact(RateFact.RATE_BELOW_ASKED, subject="ATTITUDE", rate=50.0, needed_rate=400.0)
     assert slow.events == [below]
+    assert [slow.due(float(second), {30: 36.0}) for second in range(60, 90)] == [[]] * 30
 
 
 @pytest.mark.parametrize("interval", [0, 5, -5, -(2**31)])
@@ -139,14 +101,12 @@ def test_an_interval_that_cannot_be_is_never_restored(interval):
 
 
 def test_answers_to_others_and_to_other_commands_are_not_ours():
-    request = settled()
+    request = request_of(100.0, 30)
+    for second in range(9):
+        request.due(float(second), {30: 4.0})
     assert request.restore()
-    for command, to in (
-        (SET_INTERVAL, (254, 190)),
-        (SET_INTERVAL, (255, 1)),
-        (400, US),
-        (GET_INTERVAL, US),
-    ):
+    others = (SET_INTERVAL, (254, 190)), (SET_INTERVAL, (255, 1)), (400, US), (GET_INTERVAL, US)
+    for command, to in others:
         request.take(told("COMMAND_ACK", command, 0, to))
         assert request.restore(), "it is still awaited"
     request.take(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
