@@ -197,7 +197,7 @@ class RateRequest:
         if contested == [interval]:
             self.events.append(Fact(RateFact.RATES_CONTESTED))
 
-    def _report(self, interval: _Interval, code: RateFact, **figures: float) -> None:
+    def _report(self, interval: _Interval, code: RateFact, **figures: Any) -> None:
         if interval.is_told:
             self.events.append(Fact(code, subject=interval.name, **figures))
 
