@@ -98,7 +98,7 @@ def advice(loop: Loop) -> Advice:
 
 def assessment_page(assessment: Assessment) -> str:
     """Returns the HTML of the page of an ``assessment``."""
-    from mavdem.report.page import review_page
+    from mavdem.report.flight_page import review_page
 
     return review_page(assessment)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mavdem.assessment import Assessment
 from mavdem.export.conversion import write_channels
 from mavdem.extras import missing
-from mavdem.report.page import review_page
+from mavdem.report.flight_page import review_page
 
 if TYPE_CHECKING:
     from mavdem.view import Target

@@ -49,7 +49,6 @@ def test_every_file_that_is_no_python_is_installed():
 def test_without_rerun_learning_writes_all_but_its_recording(
     without_rerun, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     (tmp_path / "flight.rrd").write_text("of a run before")
     words = [
         "learn",

@@ -32,7 +32,7 @@ from mavdem.evaluate.window import (
 )
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
-from mavdem.report.page import comparison_page
+from mavdem.report.page import methods_page
 
 COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
 
@@ -135,7 +135,7 @@ def compare_command(
     if out is not None:
         with files_in(out, COMPARISON_FILES) as (document, html, table):
             document.write_text(json_text(report) + "\n")
-            html.write_text(comparison_page(compared, from_zero), "utf-8", "replace")
+            html.write_text(methods_page(compared, from_zero), "utf-8", "replace")
             rows = compared.rows()
             with table.open("w", newline="") as file:
                 writer = csv.DictWriter(file, rows[0], lineterminator="\n")

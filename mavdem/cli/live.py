@@ -43,8 +43,8 @@ from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import in_background, run
 from mavdem.live.session import LiveSession
+from mavdem.report.flight_page import live_page
 from mavdem.report.live import spent_on, watching, whole_seconds
-from mavdem.report.page import live_page
 from mavdem.report.words import advised, go_on, headline, section
 
 # between two status lines, and two of one in its place

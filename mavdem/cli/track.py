@@ -45,7 +45,7 @@ from mavdem.report.words import advised
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
 # the function that makes a flight's page, as workers call it
-PAGE = "mavdem.report.page:flight_page"
+PAGE = "mavdem.report.flight_page:flight_page"
 
 
 @click.command("track")

@@ -34,8 +34,8 @@ from mavdem.paper.runner import (
     plain,
 )
 from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed, rounded
-from mavdem.report.page import Picture
 
 MIN_EXPLAINED = 0.99  # least share of each output's variance that one-step predictions must explain
 MAX_ITERATIONS = 10  # iterations within which the parameters must converge
@@ -66,7 +66,6 @@ def prediction(runner: Runner) -> Result:
                 "By DEM with the paper’s settings: one step ahead on training data, and 150 steps ahead on test data "
                 "(grey background), from the data and from state 0, as in the authors’ code.",
                 partial(figures.forecasts, window, {"": ahead}, learned.one_step()),
-                large=True,
             ),
             Picture(
                 "Learning",
@@ -209,7 +208,6 @@ def coordinates(runner: Runner) -> Result:
                 "Forecasts of the test data",
                 "With generalized coordinates (p = 2) and without, each from the random prior with the median error.",
                 partial(figures.forecasts, runner.sample, ahead),
-                large=True,
             ),
         ),
     )
@@ -323,7 +321,6 @@ def benchmark(runner: Runner) -> Result:
                 "Forecasts of the test data",
                 f"Of {runner.sample.flight}, from the data.",
                 partial(figures.forecasts, runner.sample, {"": ahead}),
-                large=True,
             ),
             Picture(
                 "Squared error by step",

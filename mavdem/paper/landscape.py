@@ -28,9 +28,8 @@ from mavdem.dem.engine.generative import (
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.paper.runner import Check, Result, Runner
-from mavdem.report.figures.style import picture
+from mavdem.report.figures.style import Picture, picture
 from mavdem.report.numbers import rounded
-from mavdem.report.page import Picture
 from mavdem.report.palette import INK_ON_LIGHT, TRUTH, distinct
 
 # the true ones, 1/s
@@ -233,7 +232,6 @@ def run(runner: Runner) -> Result:
                 "The manifold",
                 "F̄ᵒ over A and B by iteration, from above; cross: the truth, dot: the estimate.",
                 partial(manifold, model, samples, beliefs),
-                large=True,
             ),
             Picture(
                 "Fifty priors on a circle",
@@ -245,7 +243,6 @@ def run(runner: Runner) -> Result:
                 "F̄ᵒ along A and along B, thousand nats, through the estimate of each iteration, from η = (−8, 8); "
                 "dots: the estimates.",
                 cross_sections,
-                large=True,
             ),
         ),
     )

@@ -28,7 +28,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.window import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, REAL, Check, Result, Runner
-from mavdem.report.page import Picture
+from mavdem.report.figures.style import Picture
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.truth import axis
 

@@ -14,8 +14,8 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.flight import Flight
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, TRAIN, Check, Result, Runner, hover, paper_scenario, percent
+from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed
-from mavdem.report.page import Picture
 from sitl_scenarios.simulation import fly
 
 SYSTEMS = {1: ("φ̇",), 2: ("φ", "φ̇"), 3: ("ẏ", "φ", "φ̇"), 4: ("y", "ẏ", "φ", "φ̇")}

@@ -35,7 +35,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.report.blocks import Block
-from mavdem.report.page import Picture
+from mavdem.report.figures.style import Picture
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.gains import cycle_of

@@ -8,8 +8,6 @@ from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
 
-from markupsafe import Markup
-
 from mavdem.condition.wind_velocity import from_point
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
@@ -30,6 +28,8 @@ from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.fleet import TROUBLE, cut, doubt, urgency, vehicle_health
 from mavdem.report.numbers import MOST_NAMED, TORQUE, plus_minus, rounded
 from mavdem.report.page import environment
+from mavdem.report.plans import rose_of_flights
+from mavdem.report.vehicle_charts import vehicle_group
 
 # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 MAX_DRAWN = 20
@@ -63,7 +63,7 @@ def fleet_page(
             "conclusion": words.conclusion(flights),
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
-            "figure": _svg(flights, name) if name in drawn else "",
+            "group": vehicle_group(flights) if name in drawn else None,
             "is_open": place < MOST_NAMED and (health in TROUBLE or bool(doubt(flights))),
         }
         for place, (name, flights) in enumerate((name, vehicles[name]) for name in ranked)
@@ -84,7 +84,7 @@ def fleet_page(
         .render(
             blocks=words.fleet_blocks(rows),
             vehicles=parts,
-            rose=_svg(flights, "rose", rose=True),
+            rose=rose_of_flights(flights),
             not_drawn=len(flown_often) - len(drawn),
             first=Table(kept, lines[:FIRST_SHOWN], words=True),
             table={
@@ -95,18 +95,6 @@ def fleet_page(
             },
         )
     )
-
-
-def _svg(flights: Sequence[Sequence[FlightRow]], name: str, rose: bool = False) -> Markup:
-    # matplotlib takes a second to load
-    from mavdem.report.figures.flights import vehicle_figure, wind_rose
-    from mavdem.report.figures.style import svg
-
-    try:
-        figure = wind_rose(flights) if rose else vehicle_figure(flights)
-    except ValueError:  # nothing is known
-        return Markup("")
-    return Markup(svg(figure, name))
 
 
 def _number(

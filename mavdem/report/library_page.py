@@ -1,7 +1,7 @@
 """The pages of ``mavdem serve``: the library, a flight while it is read, a vehicle, what changed, and refusals.
 
 The page of a flight is that of its folder, with a bar above it. No page has a script of its own: there is one, apart,
-and those that draw the timeline, whose hashes a policy can name.
+and those that draw the charts, whose hashes a policy can name.
 """
 
 from __future__ import annotations
@@ -13,11 +13,9 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import files
-from threading import Lock
 from typing import Any
 
 from jinja2 import Environment
-from markupsafe import Markup
 
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
@@ -25,13 +23,13 @@ from mavdem.fleet.row import Flight
 from mavdem.report.blocks import Block
 from mavdem.report.fleet import vehicle_words
 from mavdem.report.page import environment
+from mavdem.report.vehicle_charts import vehicle_group
 
 PLACE = "<main>\n"
 """Of the bar in a flight's page."""
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
-_DRAWING = Lock()
-SCRIPTS = ("uplot/uPlot.iife.min.js", "timeline.js")
-"""Those within a flight's page."""
+SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
+"""Those that draw the charts within a page."""
 
 
 @cache
@@ -78,25 +76,12 @@ def with_bar(page: str, **known: Any) -> str:
     )
 
 
-def vehicle_page(
-    flights: Sequence[Flight], changes: Iterable[Block], figure: str, **known: Any
-) -> str:
+def vehicle_page(flights: Sequence[Flight], changes: Iterable[Block], **known: Any) -> str:
     """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
     said = vehicle_words(flights) if flights else ""
-    return served("vehicle", words=said, changes=[*changes], figure=Markup(figure), **known)
-
-
-def vehicle_svg(flights: Sequence[Flight]) -> str:
-    """Returns the picture of a vehicle's figures over its flights; empty where nothing is known."""
-    # matplotlib takes a second to load
-    from mavdem.report.figures.flights import vehicle_figure
-    from mavdem.report.figures.style import svg
-
-    with _DRAWING:  # matplotlib has one style for all threads
-        try:
-            return svg(vehicle_figure(flights), "vehicle")
-        except ValueError:
-            return ""
+    group = vehicle_group(flights) if len(flights) > 1 else None
+    groups = [] if group is None else [group]
+    return served("vehicle", words=said, changes=[*changes], groups=groups, **known)
 
 
 def refusal_page(fact: Fact, asks: bool, **known: Any) -> str:

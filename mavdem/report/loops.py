@@ -46,7 +46,7 @@ def tune_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
         filters = gyro_filters(loop.controller, loop.crossover)
         blocks += section("loop_filters", filters=filters, crossover=loop.crossover)
         blocks += [*section("loop_measured", loop=loop), *map(caution, loop.cautions)]
-        blocks += _gains(advice) if advice.gains else []
+        blocks += gain_blocks(advice) if advice.gains else []
     named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
     return [*blocks, *section("loop_not_checked", named=named)]
 
@@ -60,7 +60,7 @@ def advice_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
             blocks.append(Sentence(str(advice), lead))
         else:
             blocks.append(Sentence(f"{advice.rating} {advice.sentence}", lead))
-            blocks += _gains(advice)[:1] if advice.gains else []
+            blocks += gain_blocks(advice)[:1] if advice.gains else []
     return blocks
 
 
@@ -83,7 +83,8 @@ def _interval(loop: OpenLoop, name: str, scale: float) -> str:
     return f"{rounded(scale * value)} ({rounded(scale * low)} to {rounded(scale * high)})"
 
 
-def _gains(advice: Advice) -> list[Block]:
+def gain_blocks(advice: Advice) -> list[Block]:
+    """Returns the gains to set, where they change, and what to expect of them."""
     rows = [
         [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{gain.set / gain.now:.2f}"]
         for name, gain in advice.gains.items()

@@ -1,18 +1,18 @@
-"""Timeline: what a flight did, in rows on one axis of time, for the page's zoomable plots and for its still picture."""
+"""Timeline: what a flight did, as charts on one axis of time, which a page zooms together."""
 
 from __future__ import annotations
 
-from base64 import b64encode
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from itertools import cycle
+from itertools import chain, cycle
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment import phases
 from mavdem.alignment.drive import AXES, Signal
-from mavdem.alignment.signals import Signals, attitude, held, setpoints
+from mavdem.alignment.signals import Setpoint, Signals, attitude, held
 from mavdem.analysis.findings import known_wind
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
@@ -21,119 +21,71 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
-from mavdem.report import palette
-from mavdem.report.numbers import TORQUE, named, readable
+from mavdem.report.charts import TIME, Axis, Chart, Line, Mark, over_time
+from mavdem.report.numbers import TORQUE, readable, short
+from mavdem.report.palette import (
+    BAD,
+    BASELINE,
+    COMMAND,
+    DISTINCT,
+    DISTURBANCE,
+    MEASURED,
+    PREDICTED,
+    TRUTH,
+)
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
 
-GAP_STEPS = 3.0  # usual steps of a line without a sample, beyond which it breaks
 AROUND = 5.0  # s shown before arming and after disarming
-NO_VALUE = -(2**15)
 ANGLE = readable("rad")
 
 
-class Line(NamedTuple):
-    """``values`` (N,) over ``time`` (N,), s, NaN where it breaks, and the half width of their 90 % band, if any."""
-
-    name: str
-    colour: str
-    time: Array
-    values: Array
-    half: Array | None = None
-
-    @property
-    def step(self) -> float:
-        """The usual time between two samples, s."""
-        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else np.inf
-
-    def at(self, grid: Array) -> Array:
-        """Returns (2, M): values and half widths at times of an even ``grid`` (M,).
-
-        Where several samples fall into two steps of it, these have the least and the largest: no peak is lost.
-        """
-        after = np.clip(np.searchsorted(self.time, grid), 1, len(self.time) - 1)
-        apart = self.time[after] - self.time[after - 1] > GAP_STEPS * self.step
-        bands = 0 * self.time if self.half is None else self.half
-        found, half = (np.interp(grid, self.time, one) for one in (self.values, bands))
-        found[apart | (grid < self.time[0]) | (grid > self.time[-1])] = np.nan
-        pairs = np.searchsorted(self.time, np.append(grid[::2], 2 * grid[-1] - grid[-2]))
-        several = np.flatnonzero(np.diff(pairs)[: len(grid) // 2] > 2)
-        if len(several):
-            starts = np.minimum(pairs[:-1], len(self.time) - 1)
-            low, high = (one.reduceat(self.values, starts)[several] for one in (np.fmin, np.fmax))
-            falls = self.values[starts[several]] > self.values[pairs[several + 1] - 1]
-            found[2 * several], found[2 * several + 1] = np.where(falls, (high, low), (low, high))
-        return np.array([found, half])
-
-
-class Row(NamedTuple):
-    """Lines of one unit."""
-
-    title: str
-    unit: str
-    lines: tuple[Line, ...]
-
-
 class Timeline(NamedTuple):
-    """The ``rows`` of a flight in its ``span``, and what goes through all of them, in s of one clock.
+    """The ``rows`` of a flight in its ``span``, charts of one clock, s, and what goes through all of them.
 
-    ``trained`` are the parts that the model was trained on, ``modes`` beginning, end and name of each flight mode,
-    ``events`` what happened; ``position`` is the path (N, 3), m north, east and down.
+    ``axes`` are angle, rate and the error of the rate, by axis. ``trained`` are the parts that the model was trained
+    on, ``modes`` beginning, end and name of each flight mode, ``events`` what happened; ``position`` is the path
+    (N, 3), m north, east and down.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[Chart, ...]
     span: tuple[float, float]
+    axes: Mapping[str, tuple[Chart, ...]] = MappingProxyType({})
     trained: tuple[tuple[float, float], ...] = ()
     modes: tuple[tuple[float, float, str], ...] = ()
     events: tuple[Event, ...] = ()
     position: Signal | None = None
 
-    def thinned(self, points: int) -> Iterator[tuple[Row, Array, list[Array]]]:
-        """Yields each row with its times (M,), at most about so many ``points``, and of each line (2, M) as of it."""
-        first, last = self.span
-        for row in self.rows:
-            step = max(min(line.step for line in row.lines), (last - first) / points)
-            grid = np.asarray(first + step * np.arange(int((last - first) / step) + 1), np.float64)
-            yield row, grid, [line.at(grid) for line in row.lines]
+    @property
+    def happened(self) -> tuple[Chart, ...]:
+        """The modes, and all rows with events and what was trained on."""
+        strip = Chart("Modes", self._time, Axis(""), spans=self.modes, group="flight")
+        return (*([strip] if self.modes else []), *map(self.marked, self.rows))
 
-    def as_json(self, points: int) -> dict[str, Any]:
-        """Returns what the page's script draws, with values as 16-bit integers, base64."""
-        rows = [
-            {
-                "title": named(row.title, row.unit),
-                "times": (float(grid[0]), float(np.ptp(grid[:2]))),
-                "lines": [
-                    (
-                        line.name,
-                        line.colour,
-                        _packed(mean),
-                        None if line.half is None else _packed(half),
-                    )
-                    for line, (mean, half) in zip(row.lines, found, strict=True)
-                ],
-            }
-            for row, grid, found in self.thinned(points)
-        ]
-        events = [
-            (event.seconds, event.is_alarm) for event in self.events if np.isfinite(event.seconds)
-        ]
-        return {
-            "span": self.span,
-            "modes": self.modes,
-            "events": events,
-            "trained": self.trained,
-            "rows": rows,
-        }
+    @property
+    def _time(self) -> Axis:
+        return TIME._replace(ends=self.span)
+
+    def marked(self, chart: Chart) -> Chart:
+        """Returns a ``chart`` of the flight in its span, with events and what was trained on."""
+        marks = (
+            Mark(event.seconds, colour=BAD if event.is_alarm else MEASURED)
+            for event in self.events
+            if np.isfinite(event.seconds)
+        )
+        spans = tuple((*part, "") for part in self.trained)
+        lines = tuple(filter(None, (_within(line, self.span) for line in chart.lines)))
+        return chart._replace(x=self._time, lines=lines, marks=tuple(marks), spans=spans)
 
 
-def _packed(values: Array) -> tuple[float, float, str]:
-    """The least value, the step of what is counted in it, and the counts as 16-bit integers in base64."""
-    finite = values[np.isfinite(values)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
-    step = (high - low) / (2**16 - 2) or 1.0
-    counts = np.nan_to_num(np.rint((values - low) / step) + NO_VALUE + 1, nan=NO_VALUE)
-    return low, step, b64encode(counts.astype("<i2").tobytes()).decode()
+def _within(line: Line, span: tuple[float, float]) -> Line | None:
+    """The part of a line in a span; None of one without."""
+    rows = slice(*np.searchsorted(line.x, (span[0], np.nextafter(span[1], np.inf))))
+    if len(line.x[rows]) < 2:
+        return None
+    low, high = (None if one is None else one[rows] for one in (line.low, line.high))
+    return line._replace(x=line.x[rows], y=line.y[rows], low=low, high=high)
 
 
 def timeline_of(assessment: Assessment) -> Timeline | None:
@@ -150,30 +102,36 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         return None
     segments = analysis.verdict.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
-    torques = tuple(
+    torques = (
         line
         for name, one in assessment.analyses.items()
         for line in torque_lines(name, one.learned, one.flights)
     )
     known = (
         *_driven(signals, boot),
-        Row("Wind torque", TORQUE.name, torques),
         *wind_rows(evidence.air, boot),
-        *_rest(signals, boot),
+        over_time("Wind torque", TORQUE.name, torques),
     )
-    if not (rows := tuple(row for row in known if row.lines)):
+    axes = {axis: tuple(_of_axis(signals.about(axis), boot)) for axis in AXES}
+    rows = tuple(row for row in known if row.lines)
+    shown = [line.x for row in (*rows, *chain(*axes.values())) for line in row.lines]
+    if not shown:
         return None
     armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
-    ends = min(row.lines[0].time[0] for row in rows), max(row.lines[0].time[-1] for row in rows)
-    span = float(max(ends[0], armed[0][0] - AROUND)), float(min(ends[1], armed[-1][1] + AROUND))
+    first = max(min(float(time[0]) for time in shown), armed[0][0] - AROUND)
+    last = min(max(float(time[-1]) for time in shown), armed[-1][1] + AROUND)
     changes = signals.modes(boot)
-    ends_of_modes = zip(changes, [*changes[1:], (span[1], "")], strict=False)
-    modes = [(max(at, span[0]), min(end, span[1]), name) for (at, name), (end, _) in ends_of_modes]
-    trained = tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights)
+    ends_of_modes = zip(changes, [*changes[1:], (last, "")], strict=False)
+    modes = ((max(at, first), min(end, last), name) for (at, name), (end, _) in ends_of_modes)
     place = signals.position
-    flown = tuple(mode for mode in modes if mode[0] < mode[1])
     return Timeline(
-        rows, span, trained, flown, events_of(assessment, boot), place and _of(place, boot)
+        rows,
+        (first, last),
+        axes,
+        tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights),
+        tuple(mode for mode in modes if mode[0] < mode[1]),
+        events_of(assessment, boot),
+        place and _of(place, boot),
     )
 
 
@@ -196,57 +154,68 @@ def _of(signal: Signal, boot: int) -> Signal | None:
     )
 
 
-def _driven(signals: Signals, boot: int) -> Iterator[Row]:
-    """Attitude with setpoint by axis, and motors; without lines where they were not recorded."""
-    for axis in AXES:
-        lines = list[Line]()
-        if (found := attitude(signals.telemetry, axis)) is not None and np.count_nonzero(
-            rows := found.boot == boot
-        ) > 1:
-            time = found.time[rows]
-            angle = ANGLE.scale * found.angle[rows]
-            if axis == "yaw":
-                turned = np.exp(1j * found.angle[rows])
-                mean = np.angle(turned.mean())  # the cut is opposite of it
-                angle = ANGLE.scale * (np.angle(turned * np.exp(-1j * mean)) + mean % (2 * np.pi))
-                angle[np.flatnonzero(np.abs(np.diff(angle)) > 180)] = np.nan
-            asked = (
-                one for one in setpoints(signals.telemetry, axis) if one.name == f"{axis} setpoint"
-            )
-            wanted = [ANGLE.scale * held(one, boot, time) for one in asked]
-            lines = [Line(axis, palette.PREDICTED, time, angle)]
-            lines += [
-                Line("setpoint", palette.TRUTH, time, one)
-                for one in wanted
-                if np.isfinite(one).any()
-            ]
-        yield Row(axis.capitalize(), ANGLE.name, tuple(lines))
+def _of_axis(signals: Signals, boot: int) -> Iterator[Chart]:
+    """Yields angle and rate with what was asked, and the error of the rate; what was not recorded is left out."""
+    seen = signals.attitude
+    if seen is None:
+        return
+    axis = signals.axis
+    scale = ANGLE.scale
+    yield from _beside(axis.capitalize(), "°", axis, seen.angles, signals.asked, boot, scale)
+    rate, asked = signals.rates or (seen.rates, None)
+    if np.nanstd(rate.values) > 10 * np.nanstd(seen.rate):  # that firmware sends degrees
+        scale = 1.0
+    title = f"{axis.capitalize()} rate"
+    yield from _beside(title, "°/s", "rate", rate, asked, boot, scale)
+    if asked is not None and (own := _of(rate, boot)) is not None:
+        wanted = held(Setpoint("", "", "", asked), boot, own.time)
+        error = Line("error", DISTURBANCE, own.time, scale * (own.values - wanted))
+        if np.isfinite(error.y).any():
+            yield over_time(f"{title} error", "°/s", [error])
+
+
+def _beside(
+    title: str, unit: str, name: str, seen: Signal, asked: Signal | None, boot: int, scale: float
+) -> Iterator[Chart]:
+    """Yields what was seen beside what was asked for."""
+    if (own := _of(seen, boot)) is None:
+        return
+    lines = [Line(name, PREDICTED, own.time, scale * own.values)]
+    if asked is not None:
+        wanted = scale * held(Setpoint("", "", "", asked), boot, own.time)
+        if np.isfinite(wanted).any():
+            lines.append(Line("setpoint", TRUTH, own.time, wanted))
+    yield over_time(title, unit, lines)
+
+
+def _driven(signals: Signals, boot: int) -> Iterator[Chart]:
+    """Yields height, motors and battery; without lines where they were not recorded."""
+    height, volts = signals.height, signals.voltage
+    if height is not None:
+        yield over_time("Height", "m", _lines(height, boot, ["height"]))
     if (motors := signals.motors) is not None:
         shares = Signal(motors.time, motors.boot, 100 * motors.scale.fraction(motors.outputs))
-        yield Row("Motors", "%", _lines(shares, boot, motors.layout.names))
-
-
-def _rest(signals: Signals, boot: int) -> Iterator[Row]:
-    """Height and battery."""
-    for title, unit, signal in (("Height", "m", signals.height), ("Battery", "V", signals.voltage)):
-        if signal is not None:
-            yield Row(title, unit, _lines(signal, boot, [title.lower()]))
+        names = [short(name) for name in motors.layout.names]
+        yield over_time("Motors", "%", _lines(shares, boot, names))
+    if volts is not None:
+        yield over_time("Battery", "V", _lines(volts, boot, ["battery"]))
 
 
 def _lines(
-    signal: Signal, boot: int, names: Sequence[str], colours: Sequence[str] = palette.DISTINCT
-) -> tuple[Line, ...]:
+    signal: Signal, boot: int, names: Sequence[str], colours: Sequence[str] = DISTINCT
+) -> Iterator[Line]:
     if (own := _of(signal, boot)) is None:
-        return ()
-    columns = zip(names, cycle(colours), own.values.reshape(len(own.time), -1).T, strict=False)
-    return tuple(Line(name, colour, own.time, values) for name, colour, values in columns)
+        return
+    columns = own.values.reshape(len(own.time), -1).T
+    for name, colour, values in zip(names, cycle(colours), columns, strict=False):
+        yield Line(name, colour, own.time, values)
 
 
 def torque_lines(axis: str, learned: Learned | None, flights: Sequence[Flight]) -> Iterator[Line]:
     """Yields the wind torque on an ``axis`` of the ``flights`` that a model was learned from; none if not known."""
     wind = None if learned is None else known_wind(learned.wind_torque, learned.physical)
     if wind is not None and len(wind.torque) == sum(map(len, flights)):
-        colour = palette.COMMAND if axis in AXES[1:] else palette.DISTURBANCE
+        colour = COMMAND if axis in AXES[1:] else DISTURBANCE
         starts = np.cumsum([len(flight) for flight in flights])[:-1]
         time = np.concatenate([flight.time for flight in flights])
         both = TORQUE.scale * wind.torque, TORQUE.scale * wind.band
@@ -256,18 +225,16 @@ def torque_lines(axis: str, learned: Learned | None, flights: Sequence[Flight]) 
 def _broken(
     starts: Any, time: Array, name: str, colour: str, values: Array, half: Array | None = None
 ) -> Line:
-    """A line that breaks before each of the samples ``starts``."""
-    around = None if half is None else np.insert(half, starts, np.nan)
-    return Line(
-        name,
-        colour,
-        np.insert(time, starts, time[starts]),
-        np.insert(values, starts, np.nan),
-        around,
-    )
+    """A line with a band of this ``half`` width that breaks before each of the samples ``starts``."""
+    gaps = np.insert(values, starts, np.nan)
+    line = Line(name, colour, np.insert(time, starts, time[starts]), gaps)
+    if half is None:
+        return line
+    around = np.insert(half, starts, np.nan)
+    return line._replace(low=gaps - around, high=gaps + around)
 
 
-def wind_rows(air: Air, boot: int) -> Iterator[Row]:
+def wind_rows(air: Air, boot: int) -> Iterator[Chart]:
     """Yields speed and, where it is known, direction of the wind in a ``boot``, with the autopilot's own estimates."""
     wind, own, _ = air
     if wind is None or wind.boot != boot:
@@ -276,11 +243,11 @@ def wind_rows(air: Air, boot: int) -> Iterator[Row]:
     speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
     courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
     for part, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
-        lines: tuple[Line, ...] = (Line("wind", palette.DISTURBANCE, wind.time, line, width),)
+        lines = [Line("wind", DISTURBANCE, wind.time, line, line - width, line + width)]
         if own is not None:
             theirs = Signal(own.time, own.boot, by_compass(own.values, 0 * own.values, mean)[part])
-            lines += _lines(theirs, boot, ["autopilot's own"], [palette.BASELINE])
-        yield Row(title, unit, lines)
+            lines += _lines(theirs, boot, ["autopilot's own"], [BASELINE])
+        yield over_time(title, unit, lines)
 
 
 def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
@@ -291,37 +258,24 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     segments, time, measured, *others = history.rows.T
     if np.count_nonzero(np.isfinite(measured)) < 2:
         return None
-    gaps = np.flatnonzero(np.diff(segments)) + 1
-    line = partial(_broken, gaps, time)
+    line = partial(_broken, np.flatnonzero(np.diff(segments)) + 1, time)
     (predicted, band, torque, torque_band, *air) = others[:6]
     ahead = ANGLE.scale * predicted, ANGLE.scale * band
+    around = TORQUE.scale * torque, TORQUE.scale * torque_band
     angles = (
-        line("measured", palette.MEASURED, ANGLE.scale * measured),
-        line(f"{AHEAD:g} s ahead", palette.PREDICTED, *ahead),
+        line("measured", MEASURED, ANGLE.scale * measured),
+        line(f"{AHEAD:g} s ahead", PREDICTED, *ahead),
     )
-    motors = zip(history.motors, cycle(palette.DISTINCT), others[6:], strict=False)
+    motors = (
+        line(short(name), colour, 100 * values)
+        for name, colour, values in zip(history.motors, cycle(DISTINCT), others[6:], strict=False)
+    )
     rows = (
-        Row(axis.capitalize(), ANGLE.name, angles),
-        Row(
-            "Motors",
-            "%",
-            tuple(line(name, colour, 100 * values) for name, colour, values in motors),
-        ),
-        Row(
-            "Wind torque",
-            TORQUE.name,
-            (
-                line(
-                    f"on {axis}",
-                    palette.DISTURBANCE,
-                    TORQUE.scale * torque,
-                    TORQUE.scale * torque_band,
-                ),
-            ),
-        ),
-        Row("Wind", "m/s", (line("wind", palette.DISTURBANCE, *air),)),
+        over_time(axis.capitalize(), ANGLE.name, angles),
+        over_time("Motors", "%", motors),
+        over_time("Wind torque", TORQUE.name, [line(f"on {axis}", DISTURBANCE, *around)]),
+        over_time("Wind", "m/s", [line("wind", DISTURBANCE, *air)]),
     )
-    known = tuple(row for row in rows if any(np.isfinite(one.values).any() for one in row.lines))
-    return Timeline(
-        known, (float(time[0]), float(time[-1])), tuple(history.learned), (), tuple(history.events)
-    )
+    known = tuple(row for row in rows if any(np.isfinite(one.y).any() for one in row.lines))
+    span = float(time[0]), float(time[-1])
+    return Timeline(known, span, trained=tuple(history.learned), events=tuple(history.events))

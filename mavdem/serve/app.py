@@ -46,7 +46,6 @@ from mavdem.report.library_page import (
     script_hashes,
     served,
     vehicle_page,
-    vehicle_svg,
     with_bar,
     words,
 )
@@ -288,7 +287,6 @@ class Server:
         page = vehicle_page(
             flights,
             baseline_blocks(*change) if change else (),
-            vehicle_svg(flights) if len(flights) > 1 else "",
             name=name,
             entries=entries,
             baseline=len({row.key for row in healthy}),

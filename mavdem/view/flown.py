@@ -18,7 +18,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.report.timeline import Line, Row
+from mavdem.report.charts import Chart, Line, over_time
 from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
 # the viewer draws every row, and all arrows along a path at once
@@ -103,7 +103,7 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
         recording.send_blueprint(shown, make_active=False)
 
 
-def _rows(pose: Pose) -> list[Row]:
+def _rows(pose: Pose) -> list[Chart]:
     """What was flown in the air, and the errors of what the autopilot knew of it."""
     rows = np.flatnonzero(pose.carries())
     true, known = (np.degrees(euler_angles(q[rows])) for q in (pose.attitude, pose.known_attitude))
@@ -121,7 +121,7 @@ def _rows(pose: Pose) -> list[Row]:
     )
     time = pose.time[rows]
     return [
-        Row(
+        over_time(
             title,
             unit,
             tuple(

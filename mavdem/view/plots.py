@@ -18,8 +18,8 @@ from mavdem.facts import Level
 from mavdem.files import atomic_write
 from mavdem.fleet.row import as_text
 from mavdem.report import palette
-from mavdem.report.numbers import named, rounded
-from mavdem.report.timeline import Row
+from mavdem.report.charts import Chart
+from mavdem.report.numbers import rounded
 
 BOOT_CLOCK = "boot clock"
 """Timeline of flights, s: the vehicle's boot clock; live that of its first boot, which goes on where another begins."""
@@ -85,21 +85,17 @@ class Plot:
     lines: list[tuple[Lines, Array, Array]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, origin: str, row: Row, gusts: Sequence[tuple[float, float]] = ()) -> Plot:
-        """Returns the plot of a ``row`` of the timeline with its bands, and ``gusts`` from start to end, s, behind."""
-        usual = [0.0 if line.half is None else np.nanmedian(line.half) for line in row.lines]
-        edges = [
-            line.values + way * half
-            for line, half in zip(row.lines, usual, strict=True)
-            for way in (-1, 1)
-        ]
-        plot = cls(origin, named(row.title, row.unit), range_of(*edges))
+    def of(cls, origin: str, chart: Chart, gusts: Sequence[tuple[float, float]] = ()) -> Plot:
+        """Returns the plot of a ``chart`` with its bands, and ``gusts`` from start to end, s, behind."""
+        ends = ((line.y, line.low, line.high) for line in chart.lines)
+        shown = [one for parts in ends for one in parts if one is not None]
+        plot = cls(origin, chart.y.label, range_of(*shown))
         plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
-        for line in row.lines:
-            if line.half is not None:
-                band = line.values - line.half, line.values + line.half
-                plot.area("90 % band", faint(line.colour, palette.BAND_OPACITY), line.time, *band)
-            plot.line(line.name, line.colour, line.time, line.values)
+        for line in chart.lines:
+            if line.low is not None and line.high is not None:
+                shade = faint(line.colour, palette.BAND_OPACITY)
+                plot.area("90 % band", shade, line.x, line.low, line.high)
+            plot.line(line.name, line.colour, line.x, line.y)
         return plot
 
     def line(self, name: str, colour: str, time: Array, values: Array, width: float = 1.2) -> None:

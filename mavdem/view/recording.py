@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.alignment.drive import AXES
-from mavdem.alignment.signals import attitude
 from mavdem.assessment import Assessment
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.step_response import StepResponse
@@ -22,13 +20,13 @@ from mavdem.fleet.row import as_text
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, markdown
+from mavdem.report.charts import Chart, Line, over_time
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables
-from mavdem.report.numbers import TORQUE, named, readable
-from mavdem.report.page import loop_picture
+from mavdem.report.numbers import named, readable
 from mavdem.report.screen import detail_blocks, motor_blocks, screen, title
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
-from mavdem.report.timeline import Line, Row, Timeline, timeline_of
+from mavdem.report.timeline import Timeline, timeline_of
 from mavdem.report.words import advised, headline
 from mavdem.view.flown import path_with_wind
 from mavdem.view.plots import (
@@ -63,7 +61,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
         page = _Page(recording, assessment, timeline)
         words = [title(flights), *screen(learned, held_out, assessment=assessment)]
         tabs: list[rrb.Container | rrb.View] = [
-            page.flight(_rates(assessment, timeline)),
+            page.flight(),
             *page.air(learned, flights),
             *page.loops(),
             page.forecasts(learned, held_out, series_of(flights, learned)),
@@ -96,10 +94,17 @@ class _Page:
         happened = [event for event in timeline.events if first < event.seconds < last]
         self._alarms = [event.seconds for event in happened if event.is_alarm]
 
-    def flight(self, rates: Row) -> rrb.Container:
+    def flight(self) -> rrb.Container:
         """Headline and next step above; axes, rates, motors and the rest on one axis of time; lights and events."""
-        shown = [row for row in self._timeline.rows if row not in self._wind]
-        shown.insert(len(AXES), rates)
+        axes = self._timeline.axes.values()
+        rates = (chart.lines[0] for charts in axes for chart in charts[1:2])
+        lines = (
+            line._replace(name=axis, colour=palette.distinct(number))
+            for number, (axis, line) in enumerate(zip(AXES, rates, strict=False))
+        )
+        shown = [chart for charts in axes for chart in charts[:1]]
+        shown.append(over_time("Rates", "°/s", lines))
+        shown += [row for row in self._timeline.rows if row not in self._wind]
         judgement = self._assessment.judgement
         said = f"**{headline(judgement.headline)}**\n\n**Next:** {advised(judgement.next_step)}"
         above = _text(self._recording, "headline", "", said)
@@ -114,7 +119,7 @@ class _Page:
         return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
 
     @property
-    def _wind(self) -> list[Row]:
+    def _wind(self) -> list[Chart]:
         """The rows of the wind, in m/s and as a torque."""
         return [row for row in self._timeline.rows if row.title.startswith("Wind")]
 
@@ -146,7 +151,16 @@ class _Page:
         evidence = self._assessment.evidence
         loops = {} if evidence is None else evidence.loops
         known = {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
-        pictures = [self._picture(axis, loop) for axis, loop in known.items()]
+        hertz = np.linspace(0.5, 30.0, 60)
+        pictures = [
+            self._bars(
+                f"loops/{axis}",
+                f"{axis} rate loop: sensitivity |S| over Hz",
+                hertz,
+                np.interp(hertz, loop.rate.frequency, 1 / np.abs(1 + loop.rate.response[0])),
+            )
+            for axis, loop in known.items()
+        ]
         parts = list[rrb.View | rrb.Container]()
         if steps:
             parts.append(rrb.Grid(*steps, grid_columns=2))
@@ -173,8 +187,8 @@ class _Page:
         ]
         bound = Line("F(t)", palette.BOUND, samples, energy[:, 0])
         plots += [
-            Plot.of("process_noise", Row("Process noise w of DEM", "° and s", tuple(lines))),
-            Plot.of("free_energy", Row("Free energy F(t) of each sample", "nats", (bound,))),
+            Plot.of("process_noise", over_time("Process noise w of DEM", "° and s", lines)),
+            Plot.of("free_energy", over_time("Free energy F(t) of each sample", "nats", (bound,))),
         ]
         return rrb.Vertical(*self._drawn(plots), name="Forecast")
 
@@ -192,11 +206,11 @@ class _Page:
         return rrb.Horizontal(bars, details, name="Learning")
 
     def _plots(
-        self, origin: str, rows: Sequence[Row], gusts: Sequence[tuple[float, float]] = ()
+        self, origin: str, rows: Sequence[Chart], gusts: Sequence[tuple[float, float]] = ()
     ) -> list[rrb.View]:
         """Views of rows; ``gusts`` are drawn behind a torque."""
         plots = [
-            Plot.of(f"{origin}/{number}", row, gusts if row.unit == TORQUE.name else ())
+            Plot.of(f"{origin}/{number}", row, gusts if row.title == "Wind torque" else ())
             for number, row in enumerate(rows)
         ]
         return self._drawn(plots)
@@ -207,15 +221,6 @@ class _Page:
             plot.marks("went wrong", palette.BAD, self._alarms)
             plot.draw(self._recording)
         return [plot.view(*self._timeline.span) for plot in plots]
-
-    def _picture(self, axis: str, loop: Loop) -> rrb.View:
-        """The picture of the page of the loops of an ``axis``."""
-        file = BytesIO()
-        figure = loop_picture(loop).draw()
-        figure.savefig(file, format="png", facecolor=palette.PAPER_LIGHT)
-        image = rr.EncodedImage(contents=file.getvalue(), media_type="image/png")
-        self._recording.log(f"loops/{axis}", image, static=True)
-        return rrb.Spatial2DView(origin=f"loops/{axis}", name=f"Loops of {axis}")
 
     def _bars(self, origin: str, name: str, at: Array, values: Array) -> rrb.View:
         """A view of bars at places ``at``, evenly apart."""
@@ -234,20 +239,6 @@ def _text(
     text = as_text(words if isinstance(words, str) else markdown(words))
     recording.log(origin, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
-
-
-def _rates(assessment: Assessment, timeline: Timeline) -> Row:
-    """The body rates of the boot that the model is of."""
-    assert assessment.evidence is not None and assessment.analysis is not None
-    boot = assessment.analysis.flights[0].provenance["segment"]["boot"]
-    first, last = timeline.span
-    lines = list[Line]()
-    for number, axis in enumerate(AXES):
-        if (known := attitude(assessment.evidence.signals.telemetry, axis)) is not None:
-            rows = (known.boot == boot) & (known.time >= first) & (known.time <= last)
-            rate = np.degrees(known.rate[rows])
-            lines.append(Line(axis, palette.distinct(number), known.time[rows], rate))
-    return Row("Rates", "°/s", tuple(lines))
 
 
 def _forecast(i: int, held_out: HeldOut, measured: Series, label: str) -> Plot:

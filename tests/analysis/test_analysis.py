@@ -28,7 +28,6 @@ from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
 from mavdem.report.blocks import Sentence, Table, text_of
-from mavdem.report.page import model_pictures
 from mavdem.report.screen import analysis_blocks, motor_blocks, vehicle_blocks
 from mavdem.report.words import headline
 
@@ -59,9 +58,6 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
     assert slow.alarms == () and "Hz" in str(slow.reason) and slow.reason.remedy
     assert "Lean:" in told and "Mean lean" not in told and told.count("± is") == 1
-    assert not {"Step response", "Poles"} & {
-        one.title for one in model_pictures(slow.learned, slow.findings)
-    }
     with pytest.raises(ValueError, match="40 samples a second"):
         slow.learned.simulate(slow.flights[0].inputs)
 

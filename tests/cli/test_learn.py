@@ -30,7 +30,7 @@ from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.page import flight_page, live_page
+from mavdem.report.flight_page import flight_page, live_page
 from mavdem.report.words import headline as words_of
 
 FLIGHT = str(FLIGHT)
@@ -41,14 +41,8 @@ def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-@pytest.fixture
-def without_pictures(monkeypatch):
-    """For tests of other things: drawing the page's pictures takes longer than learning from a few seconds."""
-    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
-
-
 @pytest.mark.slow
-def test_the_document_is_the_report_of_the_library(without_pictures, tmp_path, capsys):
+def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
     words = [
         "learn",
@@ -120,7 +114,7 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
 
 
 @pytest.mark.slow
-def test_a_flight_too_short_names_the_options_that_fit(without_pictures, tmp_path, capsys):
+def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]
     assert run(*words) == 1
     said = capsys.readouterr()
@@ -130,9 +124,7 @@ def test_a_flight_too_short_names_the_options_that_fit(without_pictures, tmp_pat
 
 
 @pytest.mark.slow
-def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(
-    without_pictures, tmp_path, capsys
-):
+def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", tmp_path, "--start", "50", "--json"]
     assert run(*words) == 0
     report = strict_json(capsys.readouterr().out)
@@ -148,9 +140,7 @@ def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it
 
 
 @pytest.mark.slow
-def test_segments_of_one_boot_are_learnt_from_together(
-    without_pictures, tmp_path, monkeypatch, capsys
-):
+def test_segments_of_one_boot_are_learnt_from_together(tmp_path, monkeypatch, capsys):
     whole = read_flight(FLIGHT)
     known = whole.provenance
     boots = [
@@ -205,9 +195,7 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
 
 
 @pytest.mark.slow
-def test_what_cannot_be_written_leaves_the_old_results(
-    without_pictures, tmp_path, monkeypatch, capsys
-):
+def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, capsys):
     for name in FILES:
         (tmp_path / name).write_text("old")
 

@@ -45,6 +45,5 @@ def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
 @pytest.mark.slow
 def test_a_log_is_learned_from_and_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     monkeypatch.setattr("mavdem.view.show", lambda path: path.unlink())
     assert run("open", LOGS / "ardupilot_wind5_steps.tlog", "--axis", "pitch") == 0

@@ -36,7 +36,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     } == {("1", "1", "9")}
     page = (out / "tune.html").read_text()
     assert (
-        page.count("<svg") == 1
+        page.count('<figure class="chart"') == 6
         and all(name in page for name in gains)
         and "Nothing was sent" in page
     )

@@ -54,9 +54,9 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     for segment in (1, 2, 3):
         flown(history, 2.0, segment, 110.0 + 5 * segment)
     measured = live_timeline(history, "roll").rows[0].lines[0]
-    assert np.isnan(measured.values).sum() == 3
+    assert np.isnan(measured.y).sum() == 3
     # no line is drawn across a gap
-    assert np.diff(measured.time)[~np.isnan(measured.values[1:])].max() < 1.0
+    assert np.diff(measured.x)[~np.isnan(measured.y[1:])].max() < 1.0
 
 
 def test_the_torque_of_a_motor_is_no_wind():

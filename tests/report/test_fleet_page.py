@@ -12,9 +12,9 @@ from fleet_rows import fleet_rows, flight_row
 
 from mavdem.fleet.row import FlightRow, flights_of
 from mavdem.report.blocks import Sentence
-from mavdem.report.figures.flights import vehicle_figure
 from mavdem.report.fleet_page import FIRST_SHOWN, fleet_page
 from mavdem.report.palette import BAD
+from mavdem.report.vehicle_charts import vehicle_group
 
 
 def parts(text):
@@ -37,13 +37,7 @@ def table_of(text):
     return json.loads(re.search(r'id="rows" type="application/json">(.*?)</script>', text)[1])
 
 
-@pytest.fixture
-def without_figures(monkeypatch):
-    """For tests of other things."""
-    monkeypatch.setattr("mavdem.report.fleet_page._svg", lambda *_, **__: "")
-
-
-def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded(without_figures):
+def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     text = fleet_page(fleet_rows(20))
     found = parts(text)
     assert list(found) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
@@ -60,7 +54,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     assert "No log holds a flight" in fleet_page([FlightRow(file="a.bin", status="It is empty.")])
     assert "No log holds a flight" in fleet_page([])
     alone = fleet_page([flight_row("quad", 0)])
-    assert "<svg" not in alone and list(parts(alone)) == ["quad"]
+    assert "<figure" not in alone and list(parts(alone)) == ["quad"]
     # Flights that do not say whose they are are drawn as nobody's.
     text = fleet_page([flight_row("unknown", number) for number in range(4)])
     assert parts(text) == {} and "they are not compared" in text
@@ -76,12 +70,9 @@ def test_what_changed_since_the_baseline_stands_with_its_vehicle():
 
 
 def panels(rows):
-    """The axes of the figure of a vehicle, by title."""
-    return {
-        axes.get_title(loc="left"): axes
-        for axes in vehicle_figure(flights_of(rows)).axes
-        if axes.get_visible()
-    }
+    """The charts of a vehicle, by title."""
+    columns = vehicle_group(flights_of(rows)).columns
+    return {chart.title: chart for column in columns for chart in column}
 
 
 def test_a_quantity_that_is_not_known_of_one_flight_leaves_a_gap_and_of_none_no_panel():
@@ -91,7 +82,7 @@ def test_a_quantity_that_is_not_known_of_one_flight_leaves_a_gap_and_of_none_no_
         for number in range(8)
     ]
     drawn = panels(rows)
-    values = drawn["Rate damping (1/s)"].lines[0].get_ydata()
+    values = drawn["Rate damping (1/s)"].lines[0].y
     assert np.flatnonzero(np.isnan(values)).tolist() == [3] and values[7] == 7.5
     assert "Motor time constant (ms)" not in drawn and not any(
         "Effectiveness" in title for title in drawn
@@ -109,7 +100,7 @@ def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
         ("unit of demand", [False, False, True, True]),
     ):
         line = drawn[f"Effectiveness on roll (°/s² per {unit})"].lines[0]
-        assert np.isfinite(line.get_ydata()).tolist() == known
+        assert np.isfinite(line.y).tolist() == known
 
 
 @pytest.mark.slow
@@ -147,7 +138,7 @@ def hostile():
 
 def test_what_comes_from_a_log_is_text_and_no_script_scheme_is_linked():
     text = fleet_page(hostile())
-    assert text.count("<script>") == 1 and "<b><" not in text and "<script>document" not in text
+    assert text.count("<script>") == 4 and "<b><" not in text and "<script>document" not in text
     assert "javascript:" not in text and '"javascript%3Aalert%281%29"' in text
     assert set(re.findall(r"\w+://[^/]*", text)) == {"http://www.w3.org"}  # of SVG's own names
     assert "@import" not in text and "src=" not in text and "\\nothing" in text
@@ -183,7 +174,7 @@ return found;
 
 
 @pytest.mark.slow
-def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(without_figures, tmp_path):
+def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(tmp_path):
     rows = fleet_rows(1000)
     text = fleet_page(rows)
     few = table_of(text)
@@ -221,7 +212,7 @@ def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_tabl
     assert shown(fleet_page(hostile()), FITS, tmp_path, width) == ("Fleet", True)
 
 
-def test_columns_of_which_nothing_is_known_are_left_out(without_figures):
+def test_columns_of_which_nothing_is_known_are_left_out():
     nothing = dict.fromkeys(
         ("effect", "damping", "lag", "wind_torque_sd", "residual_mean", "error_ratio")
     )

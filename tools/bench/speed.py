@@ -42,7 +42,7 @@ from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import run
 from mavdem.live.session import LiveSession
-from mavdem.report.page import flight_page
+from mavdem.report.flight_page import flight_page
 
 
 def ours(path: str) -> int:

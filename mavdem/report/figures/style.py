@@ -1,13 +1,13 @@
-"""Style: the size, the letters and the lines that all figures share, where their legends stand, and SVG for a page.
+"""Style: the size, the letters and the lines that all figures of matplotlib share, and charts drawn by it.
 
 A figure is drawn in the colours of ``mavdem.report.palette``, with angles in degrees and nothing behind it: whoever
-shows it decides what it stands on. Of lines of many samples only the extremes are drawn.
+shows it decides what it stands on.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO, StringIO
 from pathlib import Path
@@ -17,18 +17,17 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from cycler import cycler
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from mavdem.dem.engine.linalg import Array
-from mavdem.dem.record import Record
+from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Plan
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
 WIDTH = 5.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
-MAX_POINTS = 1200  # of a line or a band, beyond which the extremes of half as many parts are drawn
 PIXELS_PER_INCH = 200  # of figures that a notebook shows: twice what a page shows
 INKED = (
     "text.color",
@@ -47,10 +46,6 @@ STYLE: Any = {
     "axes.prop_cycle": cycler(color=DISTINCT),
 }
 
-THIN = 0.9  # points: measured lines, of many samples
-# of zero, bounds and the like
-HAIRLINE: dict[str, Any] = {"color": MEASURED, "linewidth": 0.8, "zorder": 1.5}
-
 
 class BareFigure(Figure):
     """A figure without a background, made without ``pyplot``, which notebooks show on white."""
@@ -66,69 +61,29 @@ class BareFigure(Figure):
         return file.getvalue()
 
 
-class Room(NamedTuple):
-    """Inches around a figure's axes, for their labels, and between its rows and its columns."""
+class Picture(NamedTuple):
+    """A figure of a page that is no chart, as of a landscape; ``draw`` makes it."""
 
-    left: float = 0.62
-    right: float = 0.1
-    bottom: float = 0.42
-    top: float = 0.26
-    rows: float = 0.16
-    columns: float = 0.16
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
 
-    def give(self, figure: Figure) -> None:
-        """Places the axes of a figure; what is written below them all has its lines beside."""
-        width, height = figure.get_size_inches()
-        below = figure.get_supxlabel()
-        # for each line of small letters
-        bottom = self.bottom + (0.16 * (1 + below.count("\n")) if below else 0.0)
-        grid = figure.axes[0].get_gridspec()
-        rows, columns = (1, 1) if grid is None else grid.get_geometry()
-        inside = height - bottom - self.top, width - self.left - self.right
-        between = zip((self.rows, self.columns), (rows, columns), inside, strict=True)
-        hspace, wspace = (gap * count / (size - gap * (count - 1)) for gap, count, size in between)
-        sides = self.left / width, bottom / height, 1 - self.right / width, 1 - self.top / height
-        figure.subplots_adjust(*sides, wspace, hspace)
+    @property
+    def group(self) -> Group:
+        """What a page shows."""
+        drawn = Plan(self.title, self.caption, svg(self.draw(), self.title))
+        return Group.of([drawn], self.caption)
 
 
 @contextmanager
-def picture(
-    height: float = 3.2, room: Room | None = None, width: float = WIDTH
-) -> Iterator[BareFigure]:
-    """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block.
-
-    Without ``room`` matplotlib measures what labels take, which takes it longer than the drawing.
-    """
+def picture(height: float = 3.2, width: float = WIDTH) -> Iterator[BareFigure]:
+    """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block."""
     with matplotlib.rc_context(STYLE):
-        layout = (
-            None
-            if room
-            else ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
-        )
-        figure = BareFigure(figsize=(width, height), layout=layout, facecolor="none")
-        yield figure
-        if room is not None:
-            room.give(figure)
-        for axes in figure.axes:
-            for line in axes.lines:
-                x, y = map(np.asarray, line.get_data())
-                if len(y) > MAX_POINTS:
-                    kept = _extremes(y, y)
-                    line.set_data(x[kept], y[kept])
+        layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
+        yield BareFigure(figsize=(width, height), layout=layout, facecolor="none")
 
 
-def _extremes(low: Array, high: Array) -> NDArray[np.intp]:
-    """Indices of what shows a band (N,), or a line: its least and largest in each of many parts, gaps, and ends."""
-    gaps = np.flatnonzero(np.isnan(low + high))
-    size = -(-len(low) // (MAX_POINTS // 2))
-    padded = np.pad([low, -high], ((0, 0), (0, -len(low) % size)), mode="edge").reshape(2, -1, size)
-    found = np.argmin(np.where(np.isnan(padded), np.inf, padded), axis=2) + size * np.arange(
-        padded.shape[1]
-    )
-    return np.unique(np.minimum([*found.ravel(), *gaps, 0, len(low)], len(low) - 1))
-
-
-def svg(figure: Figure, name: str) -> str:
+def svg(figure: Figure, name: str) -> Markup:
     """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is."""
     drawn = StringIO()
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
@@ -141,21 +96,9 @@ def svg(figure: Figure, name: str) -> str:
     text = re.sub("<[^>]+>", lambda tag: re.sub(r"(\.\d\d)\d+", r"\1", tag[0]), text)
     # Groups of all figures have the same ids, to which nothing refers.
     used = set(re.findall(r"#(\w+)", text))
-    return re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)
-
-
-def band(
-    axes: Axes, x: Array, low: Array | float, high: Array | float, colour: str, label: str = ""
-) -> None:
-    """Draws the filled band between two lines (N,), or levels."""
-    if len(x) > MAX_POINTS:
-        low = np.broadcast_to(low, x.shape)
-        high = np.broadcast_to(high, x.shape)
-        kept = _extremes(low, high)
-        x = x[kept]
-        low = low[kept]
-        high = high[kept]
-    axes.fill_between(x, low, high, color=colour, alpha=BAND_OPACITY, linewidth=0, label=label)
+    return Markup(
+        re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)
+    )
 
 
 def legend_above(axes: Axes, columns: int = 5) -> None:
@@ -173,22 +116,58 @@ def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
 
 
-def note(figure: Figure, text: str) -> None:
-    """Writes a remark below everything else, small."""
-    figure.supxlabel(fill(text, 92), x=0.01, ha="left", fontsize=7.5)
+def figure_of(charts: Sequence[Chart], columns: int = 1, note: str = "") -> BareFigure:
+    """Returns ``charts`` in so many ``columns``, from above, with a remark below."""
+    rows = -(-len(charts) // columns)
+    with picture(0.4 + 1.7 * rows) as figure:
+        grid = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axes, chart in zip(grid, charts, strict=False):
+            _draw(axes, chart)
+        for axes in grid[len(charts) :]:
+            axes.set_visible(False)
+        if note:
+            figure.supxlabel(fill(note, 92), x=0.01, ha="left", fontsize=7.5)
+    return figure
 
 
-def plain(text: str) -> str:
-    """Returns a text of a log as matplotlib shows it letter by letter: as no formula."""
-    return text.replace("$", r"\$")
+def _draw(axes: Axes, chart: Chart) -> None:
+    beside = axes
+    if chart.beside is not None:
+        beside = axes.twinx()
+        _label(beside, chart.beside)
+    for line in chart.lines:
+        _draw_line(beside if line.right else axes, line)
+    for start, end, _ in chart.spans:
+        axes.axvspan(start, end, color=MEASURED, alpha=BAND_OPACITY, linewidth=0)
+    for mark in chart.marks:
+        axes.axvline(mark.x, color=mark.colour, linewidth=0.8, linestyle=":")
+    for level in chart.levels:
+        axes.axhline(level, color=MEASURED, linewidth=0.8, zorder=1.5)
+    axes.set(xlabel=chart.x.label, xscale="log" if chart.x.log else "linear", xlim=chart.x.ends)
+    if chart.x.names:
+        axes.set_xticks(range(len(chart.x.names)), chart.x.names)
+    _label(axes, chart.y)
+    axes.set_title(chart.title)
+    if sum(bool(line.name) for line in chart.lines) > 1:
+        legend_above(axes)
 
 
-def sample_times(record: Record) -> NDArray[np.float64]:
-    """Returns (T,) s of the samples of a record: on the flight's clock or, where that is not known, since the first."""
-    segments = zip(record.begins or tuple(record.dt * record.starts), record.lengths, strict=True)
-    return np.concatenate([begin + record.dt * np.arange(length) for begin, length in segments])
+def _label(axes: Axes, axis: Axis) -> None:
+    axes.set(ylabel=axis.label, yscale="log" if axis.log else "linear", ylim=axis.ends)
+    if axis.log:
+        axes.yaxis.set_major_formatter("{x:g}")
 
 
-def with_gaps(record: Record, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns (T + segments − 1,) values (T,) with NaN between segments, where a line is to break."""
-    return np.insert(values, record.starts[1:], np.nan)
+def _draw_line(axes: Axes, line: Line) -> None:
+    x, y = line.x, line.y
+    known: dict[str, Any] = {"color": line.colour, "label": line.name}
+    if line.kind is Kind.STEMS:
+        axes.vlines(x, 0, y, linewidth=1.3, **known)
+    elif line.kind is Kind.DOTS:
+        ends = None if line.low is None or line.high is None else (y - line.low, line.high - y)
+        axes.errorbar(x, y, ends, fmt="o", markersize=3.5, linewidth=1.1, **known)
+    else:
+        axes.plot(x, y, linewidth=1.1, dashes=(4, 2) if line.kind is Kind.DASHES else (), **known)
+        if line.low is not None and line.high is not None:
+            shade: dict[str, Any] = {"alpha": BAND_OPACITY, "linewidth": 0}
+            axes.fill_between(x, line.low, line.high, color=line.colour, **shade)

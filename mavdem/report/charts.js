@@ -1,0 +1,212 @@
+// The charts of a page: each figure has its data beside it, and is drawn by uPlot as soon as it has a width. Charts of
+// one group are zoomed and read together.
+(() => {
+  const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const tints = ["#1f7ad633", "#12997a33", "#b5852a33", "#9461d133"], groups = {}, edge = 12;
+  const digits = value => value == null ? "–" : Number(value.toPrecision(4)).toString().replace("-", "−");
+  const font = () => `${root.classList.contains("printing") ? 9 : 11}px system-ui, sans-serif`, root = document.documentElement;
+
+  const unpack = (packed, log) => {
+    if (!packed) return null;
+    const { low, step, size, counts } = packed, shown = value => log ? 10 ** value : value;
+    if (size) return Array.from({ length: size }, (_, i) => shown(low + step * i));
+    return Array.from(new Int16Array(Uint8Array.from(atob(counts), c => c.charCodeAt(0)).buffer),
+      count => count === -32768 ? null : shown(low + step * (count + 32767)));
+  };
+
+  const picture = ({ heat, rows }) => {
+    const bytes = Uint8Array.from(atob(heat), c => c.charCodeAt(0)), columns = bytes.length / rows;
+    const canvas = Object.assign(document.createElement("canvas"), { width: rows, height: columns });
+    const image = new ImageData(rows, columns);
+    bytes.forEach((level, i) => {
+      const place = 4 * ((columns - 1 - i % columns) * rows + Math.floor(i / columns));
+      image.data.set([31, 122, 214, level], place);
+    });
+    canvas.getContext("2d").putImageData(image, 0, 0);
+    return canvas;
+  };
+
+  const zoom = (group, min, max) => {
+    if (group.zooming) return;
+    group.zooming = true;
+    for (const chart of group.charts) chart.setScale("x", { min, max });
+    group.zooming = false;
+    group.span = [min, max];
+  };
+
+  const behind = (data, chart) => {
+    const { ctx, bbox } = chart, ratio = devicePixelRatio, at = x => chart.valToPos(x, "x", true), strip = !data.lines.length;
+    const names = [...new Set(data.spans.map(span => span[2]))];
+    ctx.save();
+    ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+    for (const [start, end, name] of data.spans) {
+      const left = Math.max(at(start), bbox.left), width = Math.min(at(end), bbox.left + bbox.width) - left;
+      if (width <= 0) continue;
+      ctx.fillStyle = strip ? tints[names.indexOf(name) % tints.length] : colour("--quote");
+      ctx.fillRect(left, bbox.top, width - strip * ratio, bbox.height);
+      if (!strip) continue;
+      ctx.save();
+      ctx.beginPath(); ctx.rect(left, bbox.top, width - 2 * ratio, bbox.height); ctx.clip();
+      ctx.fillStyle = colour("--ink"); ctx.font = `${11 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "middle";
+      ctx.fillText(name, left + 4 * ratio, bbox.top + bbox.height / 2);
+      ctx.restore();
+    }
+    if (data.picture) {
+      const [low, high] = data.lines[0].ends, top = chart.valToPos(high, "y", true), left = at(data.columns[0]);
+      ctx.imageSmoothingEnabled = false;
+      ctx.drawImage(data.picture, left, top, at(data.columns[1]) - left, chart.valToPos(low, "y", true) - top);
+    }
+    ctx.lineWidth = ratio; ctx.strokeStyle = "#7d8694";
+    for (const level of data.levels) {
+      const y = chart.valToPos(level, "y", true);
+      ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
+    }
+    ctx.setLineDash([4 * ratio, 3 * ratio]); ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
+    for (const [x, name, stroke] of data.marks) {
+      ctx.strokeStyle = ctx.fillStyle = stroke;
+      ctx.beginPath(); ctx.moveTo(at(x), bbox.top); ctx.lineTo(at(x), bbox.top + bbox.height); ctx.stroke();
+      ctx.fillText(name, at(x) + 3 * ratio, bbox.top + 2 * ratio);
+    }
+    ctx.restore();
+  };
+
+  // Whiskers of dots, and stems.
+  const over = (data, chart) => {
+    const { ctx, bbox } = chart, ratio = devicePixelRatio;
+    ctx.save();
+    ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+    for (const line of data.lines) {
+      const stems = line.kind === "stems";
+      if (!stems && !(line.kind === "dots" && line.low)) continue;
+      ctx.strokeStyle = line.colour; ctx.lineWidth = (stems ? 1.6 : 1.1) * ratio;
+      data.columns.forEach((x, i) => {
+        if (line.y[i] == null) return;
+        const left = chart.valToPos(x, "x", true);
+        ctx.beginPath();
+        ctx.moveTo(left, chart.valToPos(stems ? 0 : line.low[i], "y", true));
+        ctx.lineTo(left, chart.valToPos(stems ? line.y[i] : line.high[i], "y", true));
+        ctx.stroke();
+      });
+    }
+    ctx.restore();
+  };
+
+  const series = line => {
+    const drawn = { label: line.name, stroke: line.colour, width: 1.3, scale: line.right ? "beside" : "y", points: { show: false },
+      value: (_, value) => digits(value) };
+    if (line.kind === "dashes") drawn.dash = [5, 4];
+    if (line.kind === "dots") Object.assign(drawn, { paths: () => null, points: { show: true, size: 5, fill: line.colour } });
+    if (line.kind === "stems") drawn.paths = () => null;
+    return drawn;
+  };
+
+  const scale = (axis, padding) => ({
+    time: false, distr: axis.log ? 3 : 1,
+    range: (_, min, max) => {
+      const [low, high] = axis.ends || [null, null];
+      if (min == null) return [low ?? (axis.log ? 1 : 0), high ?? (axis.log ? 10 : 1)];
+      if (!padding) return [Math.max(min, low ?? min), Math.min(max, high ?? max)];
+      if (axis.log) return [low ?? min, high ?? max * 1.3];
+      const [from, to] = uPlot.rangeNum(min, max, 0.06, false);
+      return [low ?? (min < 0 ? from : Math.max(from, 0)), high ?? to];
+    },
+  });
+
+  const height = (figure, data) => {
+    if (!data.lines.length) return 26;
+    const usual = figure.dataset.flat != null ? 104 : 190, bare = figure.dataset.bare != null;
+    return Math.round(usual * (root.classList.contains("printing") ? 0.72 : 1)) + (bare ? 0 : 34);
+  };
+
+  const draw = figure => {
+    const data = JSON.parse(figure.querySelector("script").textContent), group = data.group && (groups[data.group] ??= { charts: [] });
+    const strip = !data.lines.length, bare = figure.dataset.bare != null || strip, drawn = [{}], bands = [];
+    data.columns = unpack(data.at, data.x.log) || data.x.ends;
+    const columns = [data.columns];
+    if (data.lines[0]?.heat) {
+      data.picture = picture(data.lines[0]);
+      data.y.ends = data.lines[0].ends;
+    } else for (const line of data.lines) {
+      for (const part of ["y", "low", "high"]) line[part] = unpack(line[part], line.right ? false : data.y.log);
+      if (line.low) for (const part of ["high", "low"]) {
+        columns.push(line[part]);
+        drawn.push({ class: "edge", stroke: "transparent", scale: line.right ? "beside" : "y", points: { show: false }, paths: line.kind === "dots" ? () => null : undefined });
+      }
+      if (line.low && line.kind !== "dots") bands.push({ series: [drawn.length - 2, drawn.length - 1], fill: line.colour + "38" });
+      columns.push(line.y);
+      drawn.push(series(line));
+    }
+    const grid = { stroke: () => colour("--line"), width: 1 }, none = (_, splits) => splits.map(() => "");
+    const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
+    const shown = axis => axis.names.length
+      ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
+      : axis.log ? { values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits) => splits.map(digits) };
+    const options = {
+      width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
+      padding: [strip ? 2 : 6, data.beside ? 0 : edge, bare ? (strip ? 0 : 6) : 0, 0],
+      scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
+      axes: [
+        { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: none } : {}) },
+        { ...base, ...(strip ? { values: none } : shown(data.y)), size: 50, grid: { ...grid, show: !strip }, ticks: { ...grid, show: !strip } },
+        ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 44, grid: { show: false } }] : []),
+      ],
+      legend: { show: !strip && !data.picture, markers: { width: 2 } },
+      cursor: { y: false, ...(data.group ? { sync: { key: data.group } } : {}), drag: { x: !!data.group, y: false } },
+      hooks: {
+        drawClear: [chart => behind(data, chart)], draw: [chart => over(data, chart)],
+        setScale: [(chart, key) => key === "x" && group && group.charts.includes(chart) && zoom(group, chart.scales.x.min, chart.scales.x.max)],
+      },
+    };
+    if (data.x.names.length) {
+      options.scales.x.range = () => [-0.5, data.x.names.length - 0.5];
+    }
+    const chart = new uPlot(options, columns, figure.querySelector(".plot"));
+    chart.data_ = data;
+    if (group) {
+      group.charts.push(chart);
+      group.whole ??= data.x.ends || [chart.scales.x.min, chart.scales.x.max];
+      const [min, max] = group.span ?? group.whole;
+      chart.setScale("x", { min, max });
+      figure.addEventListener("keydown", event => {
+        const [first, last] = group.whole, { min, max } = chart.scales.x, size = max - min;
+        const to = { ArrowLeft: [min - size / 4, max - size / 4], ArrowRight: [min + size / 4, max + size / 4],
+          "+": [min + size / 4, max - size / 4], "-": [min - size / 2, max + size / 2], Escape: [first, last] }[event.key];
+        if (!to) return;
+        event.preventDefault();
+        zoom(group, Math.max(first, Math.min(to[0], last - 0.1)), Math.min(last, Math.max(to[1], first + 0.1)));
+      });
+      chart.over.addEventListener("dblclick", () => zoom(group, ...group.whole));
+    }
+    return chart;
+  };
+
+  const charts = new Map(), figures = [...document.querySelectorAll("figure.chart")];
+  const fit = figure => {
+    if (!figure.clientWidth) return;
+    if (!charts.has(figure)) return charts.set(figure, draw(figure));
+    const chart = charts.get(figure);
+    chart.setSize({ width: figure.clientWidth, height: height(figure, chart.data_) });
+  };
+  const repaint = () => {
+    for (const [figure, chart] of charts) {
+      for (const axis of chart.axes) axis.font[0] = font().replace(/\d+/, size => size * devicePixelRatio);
+      fit(figure);
+      chart.redraw(false, true);
+    }
+  };
+  root.classList.add("plotted");
+  root.groups = groups;
+  const observer = new ResizeObserver(entries => requestAnimationFrame(() => entries.forEach(entry => fit(entry.target))));
+  for (const figure of figures) observer.observe(figure);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw(false, true)));
+  addEventListener("beforeprint", () => { root.classList.add("printing"); repaint(); });
+  addEventListener("afterprint", () => { root.classList.remove("printing"); repaint(); });
+  const flight = () => groups.flight;
+  document.getElementById("whole")?.addEventListener("click", () => flight() && zoom(flight(), ...flight().whole));
+  for (const row of document.querySelectorAll("[data-at]")) row.addEventListener("click", () => {
+    if (!flight()) return;
+    const [first, last] = flight().whole;
+    zoom(flight(), Math.max(row.dataset.at - 5, first), Math.min(+row.dataset.at + 5, last));
+    document.getElementById("flight")?.scrollIntoView({ block: "nearest" });
+  });
+})();

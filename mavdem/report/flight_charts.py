@@ -1,0 +1,168 @@
+"""Charts of a flight: step responses as measured and predicted, loops now and advised, and spectra of the gyro."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.assessment.noise import BEFORE, GYRO, Noise, Responses
+from mavdem.assessment.responses import LoopResponse
+from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.filters import gyro_response
+from mavdem.condition.loop.loop import TARGETS, Loop
+from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.peaks import PeakKind
+from mavdem.condition.spectra import Spectrum, thinned
+from mavdem.condition.step_response import StepResponse
+from mavdem.dem.engine.linalg import Array
+from mavdem.report.charts import AFTER, FREQUENCY, TIME, Axis, Chart, Heat, Kind, Line, Mark
+from mavdem.report.model_charts import banded
+from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
+
+LOWEST = 0.2  # Hz shown of a loop
+SHOWN = (BEFORE, "before the filters", MEASURED), (GYRO, "behind the filters", PREDICTED)
+"""Name and colour of a spectrum."""
+BINS = 400
+"""Of a spectrum and of a spectrogram that are drawn."""
+FAINTEST = -60.0  # dB below the largest, of a spectrogram
+SHARE = Axis("share of the step")
+GAIN = Axis("gain |T|", log=True)
+
+
+def step_charts(responses: Responses) -> tuple[tuple[Chart, ...], ...]:
+    """Returns steps of rate and angle, and |T| of the rate, by axis, as measured and as predicted."""
+    columns = (
+        tuple(
+            chart
+            for loop, found in loops.items()
+            if isinstance(found.measured, StepResponse)
+            for chart in _of_response(f"{axis.capitalize()} {loop}", found, found.measured)
+        )
+        for axis, loops in responses.items()
+    )
+    return tuple(filter(None, columns))
+
+
+def _of_response(title: str, found: LoopResponse, seen: StepResponse) -> Iterator[Chart]:
+    """Yields the step and, of the rate, |T|."""
+    low, high = seen.step - seen.step_half, seen.step + seen.step_half
+    steps = [Line("measured", MEASURED, seen.time, seen.step, low, high)]
+    least = np.maximum(seen.gain - seen.gain_half, seen.gain / 10)
+    most = seen.gain + seen.gain_half
+    gains = [Line("measured", MEASURED, seen.frequency, seen.gain, least, most)]
+    if found.predicted_step is not None and found.predicted_gain is not None:
+        dashes = Line("predicted", PREDICTED, seen.time, found.predicted_step, kind=Kind.DASHES)
+        steps.append(dashes)
+        gains.append(dashes._replace(x=seen.frequency, y=found.predicted_gain))
+    yield Chart(f"{title}: step", AFTER, SHARE, tuple(steps), (1.0,))
+    if seen.loop == "rate":
+        yield Chart(f"{title}: |T|", FREQUENCY, GAIN, tuple(gains), (1.0,))
+
+
+COLOURS = PREDICTED, PHYSICAL
+
+
+def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, ...]:
+    """Returns gain and phase of named open loops of one axis, and their sensitivity, with 90 % bands.
+
+    ``which`` is "rate" or "attitude". Marked is where the gain is 1; the level is the largest sensitivity to have.
+    """
+    gains, phases, rests = list[Line](), list[Line](), list[Line]()
+    marks = list[Mark]()
+    for (name, loop), colour in zip(loops.items(), COLOURS, strict=False):
+        one: OpenLoop = getattr(loop, which)
+        shown = one.frequency >= LOWEST
+        response = one.response[:, shown]
+        frequency = one.frequency[shown]
+        turned = np.unwrap(np.angle(response), axis=1)
+        turned -= 2 * np.pi * (turned[:, :1] > 0)
+        gains.append(banded(name, colour, frequency, 20 * np.log10(np.abs(response))))
+        phases.append(banded(name, colour, frequency, np.degrees(turned)))
+        rests.append(banded(name, colour, frequency, 1 / np.abs(1 + response)))
+        marks.append(Mark(one.crossover, f"{one.phase_margin:.0f}°", colour))
+    title = f"{next(iter(loops.values())).axis.capitalize()} {which}"
+    gain = Axis("gain (dB)", ends=(-40.0, 30.0))
+    phase = Axis("phase (°)", ends=(-300.0, -45.0))
+    sensitivity = Axis("sensitivity |S|", log=True)
+    known = tuple(marks)
+    return (
+        Chart(f"{title}: gain", FREQUENCY, gain, tuple(gains), (0.0,), known),
+        Chart(f"{title}: phase", FREQUENCY, phase, tuple(phases), (-180.0,), known),
+        Chart(
+            f"{title}: sensitivity",
+            FREQUENCY,
+            sensitivity,
+            tuple(rests),
+            (1.0, TARGETS["default"].ms),
+        ),
+    )
+
+
+class Filtered(NamedTuple):
+    """The ``controller`` whose filters are drawn, and the ``crossover``, Hz, at which they cost phase."""
+
+    controller: Controller
+    crossover: float
+
+
+def spectrum_chart(noise: Noise, filtered: Filtered | None = None) -> Chart | None:
+    """Returns the gyro's spectra with their lines, and what the filters pass; None without a spectrum."""
+    lines = list[Line]()
+    marks = [
+        Mark(line.frequency, "?" if line.kind is PeakKind.UNNAMED else str(line.kind))
+        for line in noise.lines
+    ]
+    for key, name, colour in SHOWN:
+        if (spectrum := noise.spectra.get(key)) is not None:
+            frequency, density = thinned(
+                spectrum.frequency[1:], spectrum.mean.sum(axis=0)[1:], BINS
+            )
+            lines.append(Line(name, colour, frequency, np.maximum(density, 1e-12)))
+    if not lines:
+        return None
+    highest = max(line.x[-1] for line in lines)
+    beside = None
+    if filtered is not None:
+        top = min(highest, 0.499 * filtered.controller.gyro_rate)
+        frequency = np.linspace(0.1, top, BINS)
+        passed = np.maximum(np.abs(gyro_response(filtered.controller, frequency)), 1e-4)
+        decibels = 20 * np.log10(passed)
+        filters = Line("filters", COMMAND, frequency, decibels, kind=Kind.DASHES, right=True)
+        lines.append(filters)
+        beside = Axis("filters (dB)", ends=(-80.0, 3.0))
+        marks.append(Mark(filtered.crossover, "crossover", BAD))
+    density_axis = Axis("power ((rad/s)²/Hz)", log=True)
+    return Chart(
+        "Gyro",
+        Axis("frequency (Hz)", ends=(0.0, highest)),
+        density_axis,
+        tuple(lines),
+        marks=tuple(marks),
+        beside=beside,
+    )
+
+
+def spectrogram(spectrum: Spectrum) -> tuple[Chart, ...]:
+    """Returns the power of a sensor by frequency over time and, where the motors' output is known, over throttle."""
+    order = np.argsort(spectrum.time)
+    levels, over_levels = spectrum.by_throttle
+    over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.whole[order])
+    hertz = Axis("frequency (Hz)")
+    charts = [Chart("Gyro over time", TIME, hertz, heat=over_time, group="flight")]
+    if len(levels) > 1:
+        over_throttle = _heat(100 * levels, spectrum.frequency, over_levels)
+        throttle = Axis("throttle (%)")
+        charts.append(Chart("Gyro over throttle", throttle, hertz, heat=over_throttle))
+    return tuple(charts)
+
+
+def _heat(x: Array, frequency: Array, density: Array) -> Heat:
+    """Decibels on an even axis, each as wide as to the next."""
+    hertz, shown = thinned(frequency, density, BINS // 2)
+    decibels = 10 * np.log10(np.maximum(shown, np.finfo(np.float64).tiny))
+    even = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, BINS)))
+    nearest = np.abs(even[:, None] - x).argmin(axis=1)
+    top = float(decibels.max())
+    return Heat(even, hertz, np.clip(decibels[nearest], top + FAINTEST, top))

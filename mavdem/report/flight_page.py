@@ -1,0 +1,413 @@
+"""The page of a flight: what happened, and what the flight shows of its axes, loops, noise, motors, wind and model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from math import nan
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mavdem.alignment.drive import TILT_AXES
+from mavdem.analysis import LogAnalysis
+from mavdem.analysis.findings import findings_of
+from mavdem.assessment import Assessment
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.grounding import grounds_of
+from mavdem.assessment.margins import margins_of
+from mavdem.assessment.noise import GYRO, Responses
+from mavdem.condition.inventory import inventory
+from mavdem.condition.loop.advice import Advice, advise
+from mavdem.condition.loop.filters import gyro_filters
+from mavdem.condition.loop.loop import Loop
+from mavdem.condition.step_response import Estimate, StepResponse
+from mavdem.dem import Learned
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import Grade, Purpose
+from mavdem.facts.event import Event
+from mavdem.facts.session import Spent
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+from mavdem.report import model_charts
+from mavdem.report.blocks import Block, Sentence, Table, caution, warning
+from mavdem.report.charts import FEW_POINTS, POINTS, Chart, Group
+from mavdem.report.condition import air_blocks, log_blocks
+from mavdem.report.flight_charts import (
+    Filtered,
+    loop_charts,
+    spectrogram,
+    spectrum_chart,
+    step_charts,
+)
+from mavdem.report.labels import Labels
+from mavdem.report.loops import gain_blocks, margin_tables
+from mavdem.report.numbers import rounded
+from mavdem.report.page import Chapter, Head, document
+from mavdem.report.plans import flown_path, frame_plan, rose_of_wind
+from mavdem.report.review import title_of
+from mavdem.report.screen import (
+    conclusion,
+    detail_blocks,
+    graded,
+    motor_blocks,
+    prediction_blocks,
+    torque_blocks,
+    vehicle_blocks,
+)
+from mavdem.report.timeline import Timeline, live_timeline, timeline_of
+from mavdem.report.truth import truth_blocks
+from mavdem.report.words import section
+
+if TYPE_CHECKING:
+    from mavdem.live.history import LiveHistory, SessionStatus
+
+AXIS_IN_NAME = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
+FIGURES = {
+    "overshoot": ("overshoot (%)", 100.0),
+    "rise_time": ("rise (s)", 1.0),
+    "settling": ("settling (s)", 1.0),
+    "delay": ("delay (ms)", 1e3),
+    "peak": ("peak of |T|", 1.0),
+    "peak_frequency": ("at (Hz)", 1.0),
+}
+"""Header and scale of the figures of a step response."""
+
+
+def review_page(assessment: Assessment) -> str:
+    """Returns the HTML of the page of an ``assessment``."""
+    heading = title_of(assessment)
+    analysis = assessment.analysis
+    if analysis is None or assessment.evidence is None:
+        return log_page(heading, assessment, inventory(assessment.log))
+    telemetry = assessment.evidence.signals.telemetry
+    place = telemetry.system, telemetry.component
+    known = {place: (analysis.verdict, analysis.condition, analysis.identity)}
+    held = inventory(assessment.log, analysis.verdict.axis, "{}:{}".format(*place), None, known)
+    held["vehicles"][0] |= assessment.of_documents | {"model": analysis.model}
+    return log_page(heading, assessment, held)
+
+
+def flight_page(file: str, assessment: Assessment) -> str:
+    """Returns the HTML of one flight of a fleet, the log ``file``, with a link to the fleet's page."""
+    heading = Sentence(title_of(assessment).text, file)
+    return log_page(heading, assessment, back=("Fleet", "../index.html"))
+
+
+def log_page(
+    heading: Sentence,
+    assessment: Assessment,
+    held: dict[str, Any] | None = None,
+    back: tuple[str, str] | None = None,
+) -> str:
+    """Returns the HTML of one log, with models or without.
+
+    Without what the log ``held`` (``mavdem.condition.inventory``) the page is small, for many flights. ``back`` is name
+    and address of the page that leads here.
+    """
+    whole = held is not None
+    timeline = timeline_of(assessment)
+    events = [Event(nan if fact.time is None else fact.time, fact) for fact in assessment.events]
+    facts = {} if assessment.analysis is None else _facts(assessment.analysis, timeline)
+    level = assessment.headline.level
+    head = Head(level, facts, assessment.lights, events, timeline)
+    chapters = [*_measured(assessment, timeline, whole), *_models(assessment)]
+    if held is not None:
+        chapters.append(
+            Chapter("What was read from the log, and repaired", log_blocks(held), folded=True)
+        )
+    above, *_, following = conclusion(assessment.judgement)
+    subtitle = heading.text[:1].upper() + heading.text[1:]
+    points = POINTS if whole else FEW_POINTS
+    name = heading.lead.rstrip(":")
+    return document(name, subtitle, [above, following], chapters, back, head, points)
+
+
+def _facts(analysis: LogAnalysis, timeline: Timeline | None) -> dict[str, str]:
+    """Vehicle and flight, by what it is; empty where that is not known."""
+    identity = analysis.identity
+    condition = analysis.condition
+    armed = "" if condition.armed is None else f", {condition.armed:.0f} s armed"
+    place = ""
+    if identity.place is not None:
+        north, east = identity.place
+        place = f"{abs(north):.3f}° {'NS'[north < 0]}, {abs(east):.3f}° {'EW'[east < 0]}"
+    modes = () if timeline is None else (name for _, _, name in timeline.modes)
+    return {
+        "Vehicle": identity.name or "",
+        "Frame": (identity.frame or "").replace("_", " ").capitalize(),
+        "Autopilot": (identity.autopilot or "").replace("ARDUPILOTMEGA", "ArduPilot"),
+        "Firmware": identity.firmware or "",
+        "Board": identity.hardware or "",
+        "Date": f"{identity.date:%Y-%m-%d %H:%M} UTC" if identity.date else "",
+        "Place": place,
+        "Duration": f"{condition.duration:.0f} s{armed}, {condition.settled:.0f} s settled",
+        "Modes": ", ".join(dict.fromkeys(modes)),
+    }
+
+
+def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Iterator[Chapter]:
+    """What the flight shows without a model."""
+    evidence = assessment.evidence
+    if evidence is None:
+        return
+    if timeline is not None:
+        columns = tuple(
+            tuple(map(timeline.marked, charts)) for charts in timeline.axes.values() if charts
+        )
+        yield Chapter("Three axes", _tracking(columns), [Group(columns)])
+    yield _responses(assessment.responses)
+    advice = _advice(evidence) if whole else {}
+    yield _loops(evidence, advice)
+    yield _noise(assessment, timeline, whole)
+    yield _motors(assessment, evidence)
+    yield _wind(assessment, timeline)
+    yield _parameters(evidence.signals.telemetry)
+
+
+def _tracking(columns: Sequence[Sequence[Chart]]) -> list[Block]:
+    """How far angles and rates are from their setpoints, by axis."""
+    rows = list[list[str]]()
+    for charts in columns:
+        for chart in charts:
+            if [line.name for line in chart.lines[1:]] == ["setpoint"]:
+                seen, asked = (line.y for line in chart.lines)
+                error = float(np.sqrt(np.nanmean(np.square(seen - asked))))
+                behind = _behind(chart)
+                rows.append([chart.y.label, rounded(error), behind])
+    if not rows:
+        return [Sentence("no setpoints were logged, so no tracking error is known.", "Tracking:")]
+    return [Table(["tracking", "RMS error", "behind the setpoint (ms)"], rows)]
+
+
+def _behind(chart: Chart) -> str:
+    """ms, by which the setpoint has to be shifted to be most alike; up to half a second."""
+    seen, asked = chart.lines
+    step = seen.step
+    known = np.isfinite(seen.y) & np.isfinite(asked.y)
+    one, other = (
+        np.where(known, line.y - np.nanmean(line.y[known]), 0.0) for line in (seen, asked)
+    )
+    lags = range(min(int(0.5 / step) + 1, len(one) // 2))
+    alike = [float(one[lag:] @ other[: len(other) - lag]) for lag in lags]
+    return f"{1e3 * step * int(np.argmax(alike)):.0f}" if len(lags) > 2 else "-"
+
+
+def _responses(responses: Responses) -> Chapter:
+    """Step responses as measured and predicted, their figures, and which of them is doubted."""
+    rows = list[list[str]]()
+    blocks = list[Block]()
+    for axis, loops in responses.items():
+        for name, found in loops.items():
+            if isinstance(found.measured, StepResponse):
+                figures = (_estimate(found.measured, key) for key in FIGURES)
+                rows.append([f"{axis} {name}", *figures])
+            if found.compared is not None and found.compared.level is not Level.GOOD:
+                blocks.append(caution(found.compared))
+    facts = {
+        fact: None
+        for loops in responses.values()
+        for found in loops.values()
+        if isinstance(fact := found.measured, Fact)
+    }
+    blocks += [Sentence(str(fact)) for fact in facts]
+    if rows:
+        header = ["step response (90 % interval)", *(name for name, _ in FIGURES.values())]
+        blocks.insert(0, Table(header, rows))
+    said = "Grey: measured, with its 90 % band. Blue: predicted by the identified loop."
+    columns = step_charts(responses)
+    return Chapter("Step response", blocks, [Group(columns, said)] if columns else [])
+
+
+def _estimate(found: StepResponse, key: str) -> str:
+    estimate: Estimate = getattr(found, key)
+    _, scale = FIGURES[key]
+    value, low, high = (rounded(scale * one) for one in estimate)
+    return f"{value} ({low} to {high})"
+
+
+def _advice(evidence: Evidence) -> dict[str, Advice]:
+    """Gains to set of roll and pitch, where their loops are known."""
+    grounds = grounds_of(evidence.condition, evidence.events, evidence.ending)
+    loops = {axis: evidence.loops.get(axis) for axis in TILT_AXES}
+    return {
+        axis: advise(loop, doubts=grounds) for axis, loop in loops.items() if isinstance(loop, Loop)
+    }
+
+
+def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
+    """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
+    blocks = list[Block]()
+    for one in margins_of(evidence):
+        facts = [one.loop] if isinstance(one.loop, Fact) else []
+        blocks += [
+            Sentence(str(fact.but(names=(one.axis,))), f"{one.axis.capitalize()}:")
+            for fact in one.facts or facts
+        ]
+    for axis, gains in advice.items():
+        blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
+        blocks += gain_blocks(gains) if gains.parameters else []
+    known = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
+    if not known:
+        return Chapter("Control loops", blocks)
+    columns = list[tuple[Chart, ...]]()
+    for axis, loop in known.items():
+        shown = {"now": loop}
+        if axis in advice and advice[axis].parameters:
+            shown["advised"] = advice[axis].after
+        columns.append(loop_charts(shown))
+    said = "Open loops with 90 % bands. Dotted: the phase margin where the gain is 1."
+    groups = [Group(tuple(columns), said)]
+    return Chapter("Control loops", [*margin_tables(known), *blocks], groups)
+
+
+def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Chapter:
+    """The gyro's spectrum with the filters that are set, and its spectrograms."""
+    noise = assessment.noise
+    loops = [loop for loop in assessment.loops.values() if isinstance(loop, Loop)]
+    blocks: list[Block] = [Sentence(str(fact)) for fact in noise.facts]
+    filtered = None
+    if loops:
+        first = max(loops, key=lambda loop: loop.crossover)
+        filtered = Filtered(first.controller, first.crossover)
+        filters = gyro_filters(first.controller, first.crossover)
+        blocks += section("loop_filters", filters=filters, crossover=first.crossover)
+    groups = [Group.of([spectrum_chart(noise, filtered)])] if noise.spectra else []
+    if GYRO in noise.spectra and whole:
+        charts = spectrogram(noise.spectra[GYRO])
+        if timeline is not None:
+            charts = (timeline.marked(charts[0])._replace(spans=()), *charts[1:])
+        groups.append(Group.of(charts, "Darker: more power, over 60 dB."))
+    return Chapter("Spectra", blocks, groups)
+
+
+def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:
+    """What is known of each motor and of the vehicle's condition."""
+    analysis = assessment.analysis
+    assert analysis is not None
+    is_full = analysis.tier.name == "a"
+    blocks = motor_blocks(analysis.learned, analysis.vehicle.hover if is_full else None)
+    if analysis.learned is None or not is_full:
+        blocks += section("condition", analysis.condition)
+    plan = frame_plan(evidence.signals.motors, analysis.condition)
+    return Chapter("Motors", blocks, [] if plan is None else [Group.of([plan])])
+
+
+def _wind(assessment: Assessment, timeline: Timeline | None) -> Chapter:
+    """The wind in m/s and as a torque, its rose, and the path that was flown."""
+    analysis = assessment.analysis
+    learned = None if analysis is None else analysis.learned
+    blocks = air_blocks(assessment)
+    wind = assessment.wind
+    is_known = wind is not None and wind.directed and wind.sized
+    panels = [
+        rose_of_wind(wind) if wind is not None and is_known else None,
+        flown_path(timeline, wind),
+    ]
+    if learned is not None:
+        blocks += torque_blocks(learned.wind_torque, learned.physical)
+    truth = None if analysis is None else analysis.truth
+    blocks += [] if truth is None else truth_blocks(truth)
+    return Chapter("Wind and path", blocks, [Group.of(panels)] if any(panels) else [])
+
+
+def _parameters(telemetry: Telemetry) -> Chapter:
+    """Parameters that changed in the flight, and those that rate and attitude control depend on."""
+    changed = [
+        [name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"]
+        for name, before in sorted(telemetry.earlier.items())
+        if not OWN_PARAMETERS.search(name)
+    ]
+    blocks: list[Block] = []
+    if changed:
+        blocks.append(Table(["changed in flight", "from", "to"], changed))
+    by_axis = dict[str, dict[str, str]]()
+    for name, value in sorted(telemetry.parameters.items()):
+        if CONTROL_PARAMETERS.match(name):
+            axis = AXIS_IN_NAME.search(name)
+            column = "" if axis is None else axis[0][0]
+            by_axis.setdefault(AXIS_IN_NAME.sub("…", name, 1), {})[column] = f"{value:.4g}"
+    three = {name: row for name, row in by_axis.items() if "" not in row}
+    if three:
+        rows = [[name, *(row.get(axis, "") for axis in "RPY")] for name, row in three.items()]
+        blocks.append(Table(["parameter", "roll", "pitch", "yaw"], rows))
+    others = [[name, row[""]] for name, row in by_axis.items() if "" in row]
+    blocks += [Table(["parameter", "value"], others)] if others else []
+    return Chapter("Parameters", blocks)
+
+
+def _models(assessment: Assessment) -> Iterator[Chapter]:
+    """What was learned of each axis, how well it forecasts and, folded, how it was learned."""
+    for axis, analysis in assessment.analyses.items():
+        blocks = list[Block]()
+        if analysis.learned is None and analysis.reason is not None:
+            blocks.append(Sentence(str(analysis.reason), "No model:"))
+        blocks += [*graded(analysis.findings), *map(warning, analysis.findings.warnings)]
+        blocks += section("tier", **analysis.tier.as_dict())
+        blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
+        groups = list[Group]()
+        if (learned := analysis.learned) is not None:
+            labels = Labels.of(learned)
+            blocks += prediction_blocks(labels, analysis.held_out)
+            groups = [*_responding(learned, analysis)]
+            if analysis.held_out is not None and len(analysis.held_out):
+                said = "Held-out windows, by models that were not trained on them."
+                groups.append(Group.of(model_charts.forecast(analysis.held_out, labels), said))
+        yield Chapter(f"Model of {axis}", blocks, groups)
+        if learned is not None:
+            yield _inside(axis, analysis, learned)
+
+
+def _responding(learned: Learned, analysis: LogAnalysis) -> Iterator[Group]:
+    """Yields the frequency response of the plant, where it is identifiable."""
+    grade = analysis.findings.grade(Purpose.CONTROL_EFFECTIVENESS)
+    if grade is not Grade.NOT_IDENTIFIABLE:
+        said = "Frequency response of the vehicle without its controller, with a 90 % band."
+        yield Group.of(model_charts.bode(learned), said)
+
+
+def _inside(axis: str, analysis: LogAnalysis, learned: Learned) -> Chapter:
+    """How a model was learned, folded."""
+    settings = [[name, str(value)] for name, value in asdict(learned.settings).items()]
+    blocks = detail_blocks(learned, analysis.findings)
+    blocks.append(Table(["setting", "value"], settings, words=True))
+    said = "Errors one step ahead; correlations between the lines may be chance (99 %)."
+    groups = [
+        Group.of(model_charts.residuals(learned), said),
+        Group.of(model_charts.learning(learned)),
+    ]
+    return Chapter(f"The model of {axis}, and how it was learned", blocks, groups, folded=True)
+
+
+def live_page(
+    link: str,
+    axis: str,
+    history: LiveHistory,
+    status: SessionStatus,
+    account: Mapping[Spent, float],
+    learned: Learned | None,
+) -> str:
+    """Returns the HTML of a live flight: ``history`` was collected in flight, the others are those at its end.
+
+    ``account`` has seconds by what they were.
+    """
+    found = status.findings or findings_of(learned, alarms=status.alarms)
+    judgement = status.judged
+    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import live_report
+
+    report = live_report(history, status, account, axis, seconds)
+    timeline = live_timeline(history, axis)
+    facts = {"Vehicle": status.vehicle or ""}
+    head = Head(judgement.headline.level, facts, judgement.lights, history.events, timeline)
+    above, *_, following = conclusion(judgement)
+    chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
+    if learned is not None:
+        blocks = [*graded(found), *torque_blocks(learned.wind_torque, learned.physical)]
+        chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
+        charts = Group.of(model_charts.bode(learned))
+        chapters.append(Chapter(f"Model of {axis}", blocks, [charts]))
+    what = f"What {axis} did, learned and predicted while it flew."
+    return document(f"Flight over {link}", what, [above, following], chapters, head=head)

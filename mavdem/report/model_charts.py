@@ -1,0 +1,273 @@
+"""Charts of a model: forecasts, residuals, responses, the wind torque, its motors, and how it was learned.
+
+Each function returns charts in degrees; ``learned.plot`` draws them with matplotlib, a page with its script.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mavdem.analysis.findings import known_wind
+from mavdem.analysis.residuals import residuals as residuals_of
+from mavdem.condition.condition import HoverFigures
+from mavdem.confidence import LEVEL
+from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.record import Record
+from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut
+from mavdem.report.charts import FREQUENCY, TIME, Axis, Chart, Kind, Line
+from mavdem.report.labels import AxisCommand, Labels
+from mavdem.report.numbers import TORQUE, named, per, readable
+from mavdem.report.palette import (
+    BASELINE,
+    COMMAND,
+    DISTURBANCE,
+    MEASURED,
+    PREDICTED,
+    TRUTH,
+    distinct,
+)
+from mavdem.report.systems import Truth, curves_of
+
+Charts = tuple[Chart, ...]
+SHOWN_WINDOWS = 8
+FASTEST_WIND = 10.0  # Hz: what is faster is noise of sensors
+TERMS = 6
+"""Of the free energy, that change most."""
+
+
+def banded(name: str, colour: str, x: Array, values: Array) -> Line:
+    """Returns the estimate ``values`` (N, T)[0] with the band of the others; dashed where there are none."""
+    if len(values) == 1:
+        return Line(name, colour, x, values[0], kind=Kind.DASHES)
+    low, high = np.percentile(values[1:], (50 * (1 - LEVEL), 50 * (1 + LEVEL)), axis=0)
+    return Line(name, colour, x, values[0], low, high)
+
+
+def bode(
+    learned: Learned, output: int = -1, truth: Truth | None = None, model: str = "physical"
+) -> Charts:
+    """Returns magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands."""
+    command = AxisCommand.of(learned)
+    labels = Labels.of(learned)
+    output = range(len(labels.output_names))[output]
+    unit = readable(labels.output_units[output])
+    # What is faster than 0.4 of the sampling rate cannot be asked of the model.
+    frequency = np.geomspace(0.1, min(20.0, 0.4 / learned.dt), 200)
+    magnitudes, phases = list[Line](), list[Line]()
+    for name, colour, systems in curves_of(learned, command.motors, truth, model):
+        response = systems.over_frequency(frequency, output)
+        phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
+        magnitudes.append(banded(name, colour, frequency, unit.scale * np.abs(response)))
+        phases.append(banded(name, colour, frequency, phase))
+    magnitude = Axis(per(unit, command.unit), log=True)
+    title = f"{labels.output_names[output]} by {command.name}"
+    return (
+        Chart(title, FREQUENCY, magnitude, tuple(magnitudes)),
+        Chart("Phase", FREQUENCY, Axis("phase (°)"), tuple(phases)),
+    )
+
+
+def step(learned: Learned, truth: Truth | None = None) -> Charts:
+    """Returns each output after a step of the command at 0 s, of its standard deviation, with 90 % bands."""
+    command = AxisCommand.of(learned)
+    labels = Labels.of(learned)
+    size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
+    time = np.linspace(0.0, 1.5, 151)
+    curves = [
+        (name, colour, size * systems.after_step(time))
+        for name, colour, systems in curves_of(learned, command.motors, truth)
+    ]
+    after = Axis(f"time after a step of {size:g} {command.unit}".rstrip() + " (s)")
+    charts = list[Chart]()
+    for output, name in enumerate(labels.output_names):
+        unit = readable(labels.output_units[output])
+        lines = (
+            banded(curve, colour, time, unit.scale * values[..., output])
+            for curve, colour, values in curves
+        )
+        charts.insert(0, Chart(name, after, Axis(named(name, unit.name)), tuple(lines), (0.0,)))
+    return tuple(charts)
+
+
+def residuals(learned: Learned, output: int = -1) -> Charts:
+    """Returns one-step residuals over time, their autocorrelation, and their correlation with the command.
+
+    Correlations beyond the 99 % bounds are what the model leaves (Ljung, System Identification, 2nd ed., sec. 16.6).
+    """
+    labels = Labels.of(learned)
+    output = range(len(labels.output_names))[output]
+    unit = readable(labels.output_units[output])
+    found = residuals_of(learned, output)
+    time, errors = with_gaps(learned.record, unit.scale * found.errors)
+    name = labels.output_names[output]
+    command = AxisCommand.of(learned).name
+    line = Line("residual", PREDICTED, time, errors)
+    charts = [Chart(f"Residual of {name}", TIME, Axis(named("residual", unit.name)), (line,))]
+    tests = ("Autocorrelation", found.auto), (f"Correlation with {command}", found.across)
+    for (title, values), bound in zip(tests, found.bounds, strict=True):
+        stems = Line("correlation", PREDICTED, found.lag[1:], values[1:], kind=Kind.STEMS)
+        charts.append(
+            Chart(title, Axis("lag (s)"), Axis("correlation"), (stems,), (-bound, 0.0, bound))
+        )
+    return tuple(charts)
+
+
+def disturbance(learned: Learned, truth: Array | None = None) -> Charts:
+    """Returns the wind torque over time with band and gusts, and its spectral density.
+
+    Raises:
+        ValueError: the wind torque is not identifiable.
+    """
+    wind = known_wind(learned.wind_torque, learned.physical)
+    record = learned.record
+    if wind is None:
+        raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
+    time, torque = with_gaps(record, TORQUE.scale * wind.torque)
+    _, half = with_gaps(record, TORQUE.scale * wind.band)
+    lines = [Line("wind torque", DISTURBANCE, time, torque, torque - half, torque + half)]
+    if truth is not None:
+        lines.append(Line("truth", TRUTH, time, with_gaps(record, TORQUE.scale * truth)[1]))
+    clock = sample_times(record)
+    starts = [(float(clock[gust.sample]), gust.length) for gust in wind.gusts]
+    gusts = tuple((start, start + length, "gust") for start, length in starts)
+    shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= FASTEST_WIND)
+    frequency, density, model = (values[shown] for values in wind.spectrum)
+    spectrum = (
+        Line("wind torque", DISTURBANCE, frequency, TORQUE.scale**2 * density),
+        Line("model of it", MEASURED, frequency, TORQUE.scale**2 * model, kind=Kind.DASHES),
+    )
+    unit = Axis(named("wind torque", TORQUE.name))
+    return (
+        Chart("Wind torque", TIME, unit, tuple(lines), (0.0,), spans=gusts),
+        Chart("Its spectrum", FREQUENCY, Axis(f"({TORQUE.name})²/Hz", log=True), spectrum),
+    )
+
+
+def motors(learned: Learned, hover: HoverFigures | None = None) -> Charts:
+    """Returns control effectiveness and, by ``mavdem.hover``, trim deviation and headroom of each motor.
+
+    Raises:
+        ValueError: control effectiveness is not identifiable, and there is no ``hover``.
+    """
+    labels = Labels.of(learned)
+    physical = learned.physical
+    # What drives the model may be no motor but the demand.
+    of_motors = hover is None or len(hover.motors) == len(labels.input_names)
+    if physical is not None and not (of_motors and physical.identifiable):
+        physical = None
+    if physical is None and hover is None:
+        raise ValueError(
+            "there are no motors to show: control effectiveness is not identifiable in this flight"
+        )
+    names = labels.input_names if hover is None else hover.motors
+    axis = Axis("motor", names=tuple(name.removeprefix("motor ").split(" ")[0] for name in names))
+    at = np.arange(len(names), dtype=np.float64)
+
+    def dots(values: Array, colour: str, half: Array | None = None) -> Line:
+        line = Line("", colour, at, values, kind=Kind.DOTS)
+        return line if half is None else line._replace(low=values - half, high=values + half)
+
+    charts = []
+    if physical is not None:
+        effect = TORQUE.scale * physical.effect
+        line = dots(effect, PREDICTED, TORQUE.scale * physical.interval(LEVEL).effect)
+        unit = Axis(per(TORQUE, labels.input_units[0]))
+        charts.append(Chart("Effectiveness", axis, unit, (line,), (0.0,)))
+    if hover is not None:
+        trim = dots(np.array(hover.imbalance), COMMAND)
+        left = dots(100 * np.array(hover.headroom), COMMAND)
+        charts.append(Chart("Trim", axis, Axis("deviation (%)"), (trim,), (0.0,)))
+        room = Axis("headroom (%)", ends=(0.0, 100.0))
+        charts.append(Chart("Headroom", axis, room, (left,)))
+    return tuple(charts)
+
+
+def learning(learned: Learned) -> Charts:
+    """Returns F̄ below its maximum, and the terms that change most, by iteration; iteration 0 is the prior."""
+    energy = learned.free_energy
+    iteration = np.arange(len(energy.total), dtype=np.float64)
+    # nats: less is no more learning
+    gap = np.maximum(energy.total.max() - energy.total, 1e-3)
+    change = {name: np.abs(term - term[-1]) for name, term in energy.terms.items()}
+    largest = sorted(change, key=lambda name: -change[name].max())[:TERMS]
+    terms = tuple(
+        Line(name, distinct(number), iteration[:-1], np.maximum(change[name][:-1], 1e-3))
+        for number, name in enumerate(largest)
+    )
+    axis = Axis("iteration")
+    nats = Axis("nats", log=True)
+    return (
+        Chart("F̄ below its maximum", axis, nats, (Line("F̄", PREDICTED, iteration, gap),)),
+        Chart("Terms of F̄: distance from the last value", axis, nats, terms),
+    )
+
+
+def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
+    """Returns an output beside its forecasts in some windows that no model saw, and the error in every window.
+
+    Shown in full are neighbours with errors nearest to the median, not the best; each is forecast anew.
+
+    Raises:
+        ValueError: no windows.
+    """
+    if not len(held):
+        raise ValueError("there is no held-out window")
+    unit = readable(labels.output_units[output])
+    name = labels.output_names[output]
+    shown = typical_windows(held, SHOWN_WINDOWS)
+    steps = held.time.shape[1]
+    ends = np.arange(steps, steps * len(held.time[shown]), steps)
+    time = np.insert(held.time[shown].ravel(), ends, held.time[shown][1:, 0])
+
+    def joined(values: Array) -> Array:
+        return np.insert(unit.scale * values[shown, :, output].ravel(), ends, np.nan)
+
+    middle = joined(held.forecasts[FORECAST])
+    half = joined(held.band)
+    lines = (
+        Line("measured", MEASURED, time, joined(held.measured)),
+        Line("forecast", PREDICTED, time, middle, middle - half, middle + half),
+    )
+    charts = [Chart(f"Forecast of {name}", TIME, Axis(named(name, unit.name)), lines)]
+    if len(held) > 1:
+        sizes = (
+            (method, colour, unit.scale * np.sqrt(held.squared_errors(of)[:, output]))
+            for method, of, colour in (
+                ("forecast", FORECAST, PREDICTED),
+                ("constant mean", CONSTANT_MEAN, BASELINE),
+            )
+        )
+        errors = tuple(
+            Line(method, colour, held.time[:, 0], size, kind=Kind.DOTS)
+            for method, colour, size in sizes
+        )
+        axis = Axis(f"RMSE ({unit.name})", ends=(0.0, None))
+        charts.append(Chart("Error in every window", TIME, axis, errors))
+    return tuple(charts)
+
+
+def typical_windows(held: HeldOut, windows: int) -> slice:
+    """Returns the neighbouring windows, without a gap, whose median error ratio is nearest to that of all."""
+    ratios = np.nan_to_num(held.error_ratios(), posinf=np.finfo(float).max)
+    count = min(windows, len(held))
+    neighbours = np.lib.stride_tricks.sliding_window_view
+    off = np.abs(np.median(neighbours(ratios, count), axis=1) - np.median(ratios))
+    # less is left over at the end of a part
+    gaps = np.append(np.diff(held.time[:, 0]) > 2 * held.seconds, False)
+    broken = neighbours(gaps, count)[:, : count - 1].any(axis=1)
+    start = int(np.argmin(np.where(broken & ~broken.all(), np.inf, off)))
+    return slice(start, start + count)
+
+
+def sample_times(record: Record) -> Array:
+    """Returns (T,) s of the samples of a record: on the flight's clock or, where that is not known, since the first."""
+    segments = zip(record.begins or tuple(record.dt * record.starts), record.lengths, strict=True)
+    return np.concatenate([begin + record.dt * np.arange(length) for begin, length in segments])
+
+
+def with_gaps(record: Record, values: Array) -> tuple[Array, Array]:
+    """Returns times and values (T + segments − 1,) with NaN between segments, where a line is to break."""
+    time = sample_times(record)
+    starts = record.starts[1:]
+    return np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan)

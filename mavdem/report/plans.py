@@ -1,0 +1,169 @@
+"""Plans: a vehicle from above with its motors, a wind rose, and the flown path, as pictures of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from mavdem.alignment.drive import Motors
+from mavdem.condition.condition import Condition
+from mavdem.condition.wind_velocity import POINTS, WindVelocity, by_compass, from_point
+from mavdem.dem.engine.linalg import Array
+from mavdem.facts import Level
+from mavdem.fleet.row import Flight
+from mavdem.report.charts import Plan
+from mavdem.report.numbers import listed, plus_minus
+from mavdem.report.page import environment
+from mavdem.report.timeline import Timeline
+
+REACH = 100.0
+"""Of the farthest motor, the largest petal, or the path, in the units of a plan."""
+CLASSES = 0, 2, 4, 6, 8, 10, np.inf
+"""m/s, of a wind's speed."""
+UNEQUAL = 8.0
+"""%, that a motor works more or less than the mean of all from which on it is marked; as of the light."""
+WAY = 600  # points of a path
+
+
+def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | None:
+    """Returns the motors where they are, with their trim deviation and their headroom; None where that is not known."""
+    hover = None if condition is None else condition.hover
+    places = () if motors is None else motors.layout.positions
+    if condition is None or hover is None or len(places) != len(hover.motors):
+        return None
+    forward, right = np.array(places, np.float64).T
+    reach = REACH / max(float(np.hypot(forward, right).max()), 1e-9)
+    intervals = condition.share_interval or (None,) * len(places)
+    drawn = list[dict[str, Any]]()
+    for number, deviation in enumerate(hover.imbalance):
+        half = intervals[number]
+        shown = f"{deviation:+.1f}" if half is None else plus_minus(deviation, 100 * half)
+        drawn.append(
+            {
+                "name": number + 1,
+                "x": round(reach * right[number], 1),
+                "y": round(-reach * forward[number], 1),
+                "share": hover.trim_of_range[number] ** 0.5,
+                "deviation": f"{shown} %",
+                "headroom": f"{100 * hover.headroom[number]:.0f} % left",
+                "level": Level.WATCH if abs(deviation) > UNEQUAL else Level.GOOD,
+            }
+        )
+    apart = min(np.hypot(a["x"] - b["x"], a["y"] - b["y"]) for a, b in pairwise([*drawn, drawn[0]]))
+    told = [f"motor {one['name']} {one['deviation']}, {one['headroom']}" for one in drawn]
+    drawing = _drawn("frame", motors=drawn, size=min(42.0, 0.48 * float(apart)))
+    return Plan("From above", f"Trim deviation and headroom: {listed(told)}.", drawing)
+
+
+def rose_of_wind(wind: WindVelocity) -> Plan:
+    """Returns what share of a flight the ``wind`` came from where, in classes of speed, %, and its mean direction."""
+    speed, origin, *_ = by_compass(wind.velocity, wind.band, wind.direction)
+    said = f"The wind came from {from_point(wind.direction)}, {wind.speed:.1f} m/s."
+    return _rose(said, origin, speed, 100 / len(speed), wind.direction)
+
+
+def rose_of_flights(flights: Sequence[Flight]) -> Plan | None:
+    """Returns how many ``flights`` had wind from where, in classes of speed; None if no direction is known."""
+    winds = [
+        known for row, *_ in flights if None not in (known := (row.wind_direction, row.wind_speed))
+    ]
+    if not winds:
+        return None
+    angle, speed = np.array(winds, np.float64).T
+    return _rose(f"Wind of {len(winds)} flights.", np.degrees(angle), speed, 1.0)
+
+
+def _rose(
+    said: str,
+    origin: Array,
+    speed: Array,
+    each: float,
+    arrow: float | None = None,
+) -> Plan:
+    sector = np.rint(origin / 22.5).astype(int) % 16
+    counts = np.array(
+        [
+            each * np.bincount(sector[(low <= speed) & (speed < high)], minlength=16)
+            for low, high in pairwise(CLASSES)
+        ]
+    )
+    edges = np.vstack([np.zeros(16), counts.cumsum(axis=0)])
+    scale = REACH / max(float(edges.max()), 1e-9)
+    petals = [
+        (_petal(number, scale * inner, scale * outer), round(0.25 + 0.14 * row, 2))
+        for row, (below, above) in enumerate(pairwise(edges))
+        for number, (inner, outer) in enumerate(zip(below, above, strict=True))
+        if outer > inner
+    ]
+    unit = " %" if each != 1.0 else ""
+    rings = [
+        (REACH * part, f"{REACH * part / scale:.{0 if scale < REACH else 1}f}{unit}")
+        for part in (0.5, 1.0)
+    ]
+    points = [
+        (name, *np.round(122 * np.array([np.sin(turn), -np.cos(turn)]), 1))
+        for name, turn in zip(POINTS[::2], np.arange(8) * np.pi / 4, strict=True)
+    ]
+    known = {"petals": petals, "rings": rings, "points": points, "arrow": arrow}
+    return Plan("Wind rose", said, _drawn("rose", **known))
+
+
+def _petal(number: int, inner: float, outer: float) -> str:
+    """The outline of one sector of a rose, clockwise from the north."""
+    turns = np.pi / 8 * (number + np.array([-0.42, 0.42]))
+    corners = np.array([np.sin(turns), -np.cos(turns)])
+    (a, b), (c, d) = (radius * corners.T for radius in (inner, outer))
+    ways = (
+        "M{:.1f} {:.1f}".format(*a),
+        "L{:.1f} {:.1f}".format(*c),
+        "A{0:.1f} {0:.1f} 0 0 1 {1:.1f} {2:.1f}".format(outer, *d),
+        "L{:.1f} {:.1f}Z".format(*b),
+    )
+    return " ".join(ways)
+
+
+def flown_path(timeline: Timeline | None, wind: WindVelocity | None) -> Plan | None:
+    """Returns the path over ground in a ``timeline``, north up, with the mean ``wind``; None without one."""
+    place = None if timeline is None else timeline.position
+    if timeline is None or place is None:
+        return None
+    first, last = timeline.span
+    north, east = place.values[(place.time >= first) & (place.time <= last), :2].T
+    if len(north) < 2:
+        return None
+    size = max(float(np.ptp(north)), float(np.ptp(east)), 2.0)
+    length = max(one for one in _lengths() if one <= max(size / 2, 1))
+    scale = 2 * REACH / size
+    every = slice(None, None, -(-len(north) // WAY))
+    x = scale * (east[every] - (east.min() + east.max()) / 2)
+    y = -scale * (north[every] - (north.min() + north.max()) / 2)
+    way = "M" + " ".join(f"{one:.1f} {two:.1f}" for one, two in zip(x, y, strict=True))
+    shown = wind is not None and wind.directed and wind.boot == place.boot[0]
+    drawing = _drawn(
+        "path",
+        way=way,
+        first=(round(x[0], 1), round(y[0], 1)),
+        last=(round(x[-1], 1), round(y[-1], 1)),
+        scale=(round(scale * length, 1), f"{length} m"),
+        arrow=wind.direction if wind is not None and shown else None,
+        said=f"{wind.speed:.1f} m/s" if wind is not None and wind.sized else "wind",
+    )
+    said = (
+        f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
+    )
+    return Plan("Flown path", said, drawing)
+
+
+def _lengths() -> Iterator[int]:
+    for power in range(6):
+        for digit in (1, 2, 5):
+            yield digit * 10**power
+
+
+def _drawn(name: str, **known: Any) -> Markup:
+    made = environment().get_template("plans.html").module
+    return Markup(getattr(made, name)(**known))

@@ -1,0 +1,164 @@
+"""Charts of a vehicle over its flights, and of methods that are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import degrees
+
+import numpy as np
+
+from mavdem.alignment.drive import TILT_AXES
+from mavdem.dem.engine.linalg import Array
+from mavdem.evaluate.comparison import Comparison
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
+from mavdem.fleet.row import NOT_IDENTIFIABLE, Flight, worst_health
+from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark
+from mavdem.report.numbers import TORQUE, short
+from mavdem.report.palette import BAD, LIMITED, distinct
+
+MARKS = {"fault": BAD, "drift": LIMITED}
+"""Colours of the flights in which they were found."""
+COLUMNS = 3
+SHOWN_RATIOS = 1e-3, 1e3  # error ratios beyond these are drawn at the edge
+Lines = dict[str, Array]
+"""Values and half widths (flights, 2) by name, NaN where not known."""
+
+
+def vehicle_group(flights: Sequence[Flight]) -> Group | None:
+    """Returns what is known of the ``flights`` of one vehicle, with 90 % intervals; None if that is nothing."""
+    days = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
+    between = [""] * (len(flights) - 2)
+    axis = Axis("flight", names=(days[0] or "first", *between, days[-1] or "last"))
+    marks = tuple(
+        Mark(float(place), health, MARKS[health])
+        for place, flight in enumerate(flights)
+        if (health := worst_health(flight)) in MARKS
+    )
+    charts = [
+        Chart(title, axis, Axis(""), drawn, marks=marks)
+        for title, lines in _panels(flights)
+        if (drawn := tuple(_drawn(lines)))
+    ]
+    columns = (tuple(charts[first::COLUMNS]) for first in range(COLUMNS))
+    return Group(tuple(filter(None, columns))) if charts else None
+
+
+def _drawn(lines: Lines) -> Iterator[Line]:
+    for number, (name, line) in enumerate(lines.items()):
+        values, halves = line.T
+        if np.isfinite(values).any():
+            around = np.nan_to_num(halves)
+            flights = np.arange(len(values), dtype=np.float64)
+            ends = values - around, values + around
+            yield Line(name, distinct(number), flights, values, *ends, Kind.DOTS)
+
+
+def error_ratios(comparison: Comparison, from_zero: bool = False) -> Chart:
+    """Returns the error ratio of each method in each window over the whole test part."""
+    question = FROM_ZERO if from_zero else KNOWN
+    window = np.arange(1.0, len(comparison.windows) + 1)
+    lines = tuple(
+        Line(
+            method,
+            distinct(number),
+            window,
+            np.clip([float(ratio(one.of(question))[-1]) for one in column], *SHOWN_RATIOS),
+            kind=Kind.DOTS,
+        )
+        for number, (method, column) in enumerate(
+            zip(comparison.methods, zip(*comparison.outcomes, strict=True), strict=True)
+        )
+    )
+    axis = Axis("error ratio (1: the constant mean)", log=True)
+    return Chart("Errors in every window", Axis("window"), axis, lines, (1.0,))
+
+
+def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
+    """Yields the title, with the unit, and the lines of each quantity."""
+    with_model = [
+        row for flight in flights for row in flight if row.effect or row.damping is not None
+    ]
+    motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
+    shares = {
+        short(name): _line(flights, "trim_share", entry=(i, len(motors)))
+        for i, name in enumerate(motors)
+    }
+    yield ("Motor shares (1: all alike)", shares)
+    sizes = {name: _line(flights, "vibration", entry=(i, 3)) for i, name in enumerate("xyz")}
+    level = _line(flights, "vibration", entry=(0, 1))
+    yield ("Vibration (m/s²)", sizes if np.isnan(level).all() else {"level": level})
+    for title, name, scale in (
+        ("Phase margin (°)", "phase_margin", degrees(1)),
+        ("Gain margin (dB)", "gain_margin", 1.0),
+    ):
+        yield (title, {axis: scale * _line(flights, name, axis) for axis in TILT_AXES})
+    kinds = sorted({row.per_input for row in with_model})
+    for unit in kinds:
+        for axis in TILT_AXES:
+            count = max(
+                (len(row.effect) for row in with_model if row.effect and row.per_input == unit),
+                default=0,
+            )
+            names = (
+                [*map(short, motors)]
+                if count == len(motors)
+                else [f"input {i + 1}" for i in range(count)]
+            )
+            # The size of an effectiveness, whose sign is only where the motor is.
+            lines = {
+                name: np.abs(TORQUE.scale * _line(flights, "effect", axis, unit, (i, count)))
+                for i, name in enumerate(names)
+            }
+            yield (f"Effectiveness on {axis} ({TORQUE.name} per {unit})", lines)
+        # Both are the model's: with the demand as its input the time constant has the mixer's in it.
+        beside = f", per {unit}" if len(kinds) > 1 else ""
+        for title, name, scale in (
+            ("Rate damping (1/s)", "damping", 1.0),
+            ("Motor time constant (ms)", "lag", 1e3),
+        ):
+            yield (
+                f"{title}{beside}",
+                {axis: scale * _line(flights, name, axis, unit) for axis in TILT_AXES},
+            )
+    torque = {axis: TORQUE.scale * _line(flights, "wind_torque_sd", axis) for axis in TILT_AXES}
+    yield (f"Wind torque, sd ({TORQUE.name})", torque)
+    residual = {axis: TORQUE.scale * _line(flights, "residual_mean", axis) for axis in TILT_AXES}
+    for axis in TILT_AXES:
+        # That of healthy flights: about 0, and how far from it.
+        usual = TORQUE.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
+        residual[f"usual on {axis}"] = np.column_stack([0.0 * usual, usual])
+    yield (f"Residual mean ({TORQUE.name})", residual)
+    yield (
+        "Error ratio (1: as the mean)",
+        {axis: _line(flights, "error_ratio", axis) for axis in TILT_AXES},
+    )
+
+
+def _line(
+    flights: Sequence[Flight],
+    name: str,
+    axis: str = "",
+    unit: str = "",
+    entry: tuple[int, int] | None = None,
+) -> Array:
+    """Value and half width of each flight (flights, 2), of this axis and unit, or any; ``entry``: which of how many."""
+    line = np.full((len(flights), 2), np.nan)
+    for place, flight in enumerate(flights):
+        for row in flight:
+            value = getattr(row, name)
+            half = (
+                getattr(row, f"{name}_interval", None)
+                if name not in ("wind_torque_sd", "residual_mean")
+                else None
+            )
+            if entry is not None:
+                which, count = entry
+                value, half = (
+                    None if one is None or len(one) != count else one[which]
+                    for one in (value, half)
+                )
+            refused = getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE
+            wanted = axis in ("", row.axis) and unit in ("", row.per_input)
+            if value is not None and wanted and not refused and np.isnan(line[place, 0]):
+                line[place] = value, np.nan if half is None else half
+    return line

@@ -1,0 +1,254 @@
+"""Charts: what they show, that they are small, and that matplotlib draws the same for Python users."""
+
+import subprocess
+import sys
+from base64 import b64decode
+from dataclasses import replace
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
+
+import mavdem
+from mavdem.analysis.residuals import correlation
+from mavdem.assessment.noise import Noise
+from mavdem.assessment.responses import LoopResponse
+from mavdem.condition.loop.controllers import controller_of
+from mavdem.condition.peaks import Peak, PeakKind
+from mavdem.condition.spectra import Spectrum
+from mavdem.condition.step_response import Estimate, StepResponse
+from mavdem.evaluate import held_out_test, held_out_windows
+from mavdem.facts import Fact
+from mavdem.facts.loops import StepResponses
+from mavdem.report import model_charts
+from mavdem.report.charts import TIME, Axis, Chart, Kind, Line
+from mavdem.report.figures import Plots
+from mavdem.report.flight_charts import Filtered, spectrogram, spectrum_chart, step_charts
+from mavdem.report.labels import AxisCommand, Labels
+from mavdem.report.systems import model_systems, physical_systems
+
+LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
+SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
+GAINS = {
+    f"MC_ROLLRATE_{name}": value
+    for name, value in {"P": 0.1, "I": 0.1, "D": 0.003, "K": 1.0}.items()
+} | {"MC_ROLL_P": 6.5, "IMU_DGYRO_CUTOFF": 30.0, "IMU_GYRO_CUTOFF": 40.0, "THR_MDL_FAC": 0.3}
+
+
+def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
+    time = np.arange(0, 100, 0.01)
+    time = time[(time < 40) | (time > 60)]
+    values = np.sin(time)
+    values[1234] = 9.0
+    values[4321] = -9.0
+    found = Line("x", "", time, values).at(np.linspace(0, 100, 501)).y
+    assert np.nanmax(found) == 9.0 and np.nanmin(found) == -9.0 and np.isnan(found[205:295]).all()
+    assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_what_a_page_holds_is_what_was_drawn_to_five_digits(log):
+    x = np.geomspace(0.1, 100, 50)
+    y = np.where(x > 50, np.nan, x**2)
+    line = Line("y", "#000000", x, y, 0.9 * y, 1.1 * y)
+    packed = Chart("", Axis("x", log=log), Axis("y", log=log), (line,)).as_json(1000)
+    for found, wanted in (
+        (packed["at"], x),
+        (packed["lines"][0]["y"], y),
+        (packed["lines"][0]["high"], 1.1 * y),
+    ):
+        counts = np.frombuffer(b64decode(found["counts"]), "<i2").astype(float)
+        shown = found["low"] + found["step"] * (counts + 32767)
+        shown = np.where(counts == -32768, np.nan, 10**shown if log else shown)
+        assert_allclose(shown, wanted, rtol=2e-4 if log else 0, atol=0.2 * (not log))
+
+
+def test_a_chart_says_in_words_what_it_shows():
+    line = Line("motor 1", "", np.arange(3.0), np.array([1.0, np.nan, 4.0]))
+    chart = Chart("Motors", TIME, Axis("Motors, %"), (line,))
+    assert chart.said == "Motors in Motors, % over time since boot (s): motor 1 from 1.00 to 4.00."
+
+
+def response():
+    time = np.arange(1, 101) / 200
+    frequency = np.linspace(0.5, 80, 200)
+    one = Estimate(0.1, 0.05, 0.15)
+    names = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
+    return StepResponse(
+        axis="roll",
+        loop="rate",
+        time=time,
+        step=1 - np.exp(-20 * time),
+        step_half=np.full(100, 0.05),
+        frequency=frequency,
+        response=1 / (1 + 1j * frequency / 5),
+        gain_half=np.full(200, 0.1),
+        highest=80.0,
+        windows=60,
+        **dict.fromkeys(names, one),
+        coherence=0.9,
+    )
+
+
+def spectrum(name):
+    frequency = np.linspace(0, 500, 513)
+    density = np.random.default_rng(1).random((40, 3, 513)) + 100 * (np.abs(frequency - 140) < 5)
+    time = np.arange(40.0)
+    return Spectrum(name, "rad/s", "GYR", frequency, time, density, 0.4 + time / 100, time + 50)
+
+
+def test_steps_of_known_loops_have_band_and_prediction():
+    measured = response()
+    found = LoopResponse(measured, measured.step, measured.gain)
+    none = LoopResponse(Fact(StepResponses.NO_SETPOINT, subject="yaw rate"))
+    ((step, gain),) = step_charts({"roll": {"rate": found}, "yaw": {"rate": none}})
+    seen, predicted = step.lines
+    assert_allclose(seen.high - seen.low, 0.1)
+    assert predicted.kind is Kind.DASHES and gain.y.log and (gain.lines[0].low > 0).all()
+    assert step_charts({"yaw": {"rate": none}}) == ()
+
+
+def test_spectra_have_their_lines_and_the_filters_over_them():
+    line = Peak(PeakKind.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
+    shown = {name: spectrum(name) for name in ("gyro_before", "gyro")}
+    filtered = Filtered(controller_of(GAINS, "roll", (1.0,)), 12.0)
+    chart = spectrum_chart(Noise(shown, {"gyro_before": (line,)}), filtered)
+    assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
+    assert [one.name for one in chart.lines] == [
+        "before the filters",
+        "behind the filters",
+        "filters",
+    ]
+    assert chart.lines[2].right and chart.lines[2].y[0] == approx(0.0, abs=0.1)
+    assert spectrum_chart(Noise({}, {})) is None
+    over_time, over_throttle = spectrogram(shown["gyro"])
+    assert over_time.heat.values.shape == (40, 171) and np.ptp(over_throttle.heat.values) <= 60.0
+    (pixels,) = over_time.as_json(100)["lines"]
+    assert pixels["rows"] == 40 and len(b64decode(pixels["heat"])) == 40 * 171
+
+
+@pytest.mark.slow
+def test_no_command_that_writes_a_page_loads_matplotlib(tmp_path):
+    said = (
+        "import sys, mavdem\nfrom mavdem.cli.commands import main\n"
+        f"main(['review', {str(LOG)!r}, '--out', {str(tmp_path / 'out')!r}])\n"
+        "import mavdem.serve.app\nsys.exit('matplotlib' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", said], capture_output=True).returncode == 0
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return mavdem.read_flight(LOG)[:1200]
+
+
+@pytest.fixture(scope="module")
+def learned(flight):
+    return mavdem.learn(flight, SETTINGS)
+
+
+@pytest.mark.slow
+def test_matplotlib_draws_each_chart_of_a_model_in_degrees(learned, flight):
+    truth = (
+        np.array([[0.0, 1.0], [0.0, -2.0]]),
+        np.vstack([np.zeros(4), learned.physical.effect]),
+        0.01,
+    )
+    given = {
+        "bode": {"truth": truth},
+        "step": {"truth": truth},
+        "disturbance": {"truth": np.sin(flight.time)},
+        "motors": {"hover": mavdem.hover_figures([flight])},
+        "forecast": {"held_out": held_out_windows([flight], SETTINGS)},
+        "residuals": {},
+        "learning": {},
+    }
+    assert isinstance(learned.plot, Plots) and "bode()" in repr(learned.plot)
+    for name, options in given.items():
+        figure = getattr(learned.plot, name)(**options)
+        assert figure._repr_png_().startswith(b"\x89PNG")
+        labels = [axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes]
+        assert all(labels) and "rad" not in "".join(labels)
+
+
+@pytest.mark.slow
+def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
+    over_time, *tests = model_charts.residuals(learned)
+    errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
+    assert_allclose(over_time.lines[0].y[1:], errors)
+    assert np.isnan(over_time.lines[0].y[0]) and all(len(one.levels) == 3 for one in tests)
+
+
+@pytest.mark.slow
+def test_a_forecast_is_of_the_windows_with_the_usual_error(flight, learned):
+    held = held_out_windows([flight], SETTINGS)
+    shown = model_charts.typical_windows(held, 3)
+    ratios = held.error_ratios()
+    off = [abs(np.median(ratios[i : i + 3]) - np.median(ratios)) for i in range(len(held) - 2)]
+    assert off[shown.start] == min(off) and shown.stop - shown.start == 3
+    after = mavdem.read_flight(LOG)[1200:1300]
+    (chart,) = model_charts.forecast(held_out_test(flight, after, learned), Labels.of(learned), 1)
+    assert chart.y.label == "roll rate, °/s"
+    assert_allclose(chart.lines[0].y, np.degrees(after.outputs[:, 1]))
+    with pytest.raises(ValueError, match="no held-out window"):
+        model_charts.forecast(replace(held, time=held.time[:0]), Labels.of(learned))
+
+
+@pytest.mark.slow
+def test_responses_are_those_of_python_control(learned):
+    motors = AxisCommand.of(learned).motors
+    A, B, C = learned.model[:3]
+    ours = model_systems(learned, motors)
+    theirs = control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
+    frequency = np.geomspace(0.1, 20, 5)
+    time = np.linspace(0, 1.5, 31)
+    for output in (0, 1):
+        wanted = theirs(2j * np.pi * frequency)[output, 0]
+        assert_allclose(ours.over_frequency(frequency, output)[0], wanted, rtol=1e-9)
+    stepped = control.step_response(theirs, time).outputs[:, 0].T
+    assert_allclose(ours.after_step(time)[0], stepped, rtol=1e-6, atol=1e-12)
+    n = learned.model.A.size
+    covariance = learned.theta_covariance[:n, :n]
+    spread = np.cov(ours.A[1:].reshape(-1, n).T)
+    assert_allclose(spread, covariance, atol=0.25 * covariance.max())
+
+
+@pytest.mark.slow
+def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damping(learned):
+    physical = learned.physical._replace(damping=4.0, lag=0.05, delay=0.2)
+    motors = AxisCommand.of(learned).motors
+    time = np.linspace(0, 3, 301)
+    outputs = physical_systems(physical, motors, 2).after_step(time)[0]
+    assert (outputs[time < 0.2] == 0).all() and (outputs[time > 0.22, 1] > 0).all()
+    assert_allclose(outputs[-1, 1], physical.effect @ motors / 4.0, rtol=1e-3)
+    rate = physical_systems(physical, motors, 1).after_step(time)[0]
+    assert_allclose(rate[:, 0], outputs[:, 1])
+
+
+def test_a_correlation_is_found_at_its_lag():
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(5000)
+    values = correlation(noise, np.roll(noise, 7) + rng.standard_normal(5000), 20)
+    assert values.argmax() == 7 and values[7] == approx(0.5**0.5, abs=0.03)
+    assert np.abs(np.delete(values, 7)).max() < 0.06
+
+
+@pytest.mark.slow
+def test_without_physical_parameters_only_what_needs_them_is_refused(learned, flight, monkeypatch):
+    command = AxisCommand.of(learned)
+    assert command.weights @ command.motors == approx(1)
+    unknown = learned.physical._replace(
+        status=dict.fromkeys(learned.physical.status, "not identifiable")
+    )
+    monkeypatch.setattr(mavdem.Learned, "physical", unknown)
+    assert "not identifiable" in learned.plot.bode().get_supxlabel()
+    for draw in (learned.plot.motors, learned.plot.disturbance):
+        with pytest.raises(ValueError, match="not identifiable"):
+            draw()
+    hover = mavdem.hover_figures([flight])
+    assert [chart.title for chart in model_charts.motors(learned, hover)] == ["Trim", "Headroom"]
+    assert_array_equal(model_charts.motors(learned, hover)[0].lines[0].y, hover.imbalance)
