@@ -77,7 +77,7 @@ def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, as
         time, values = drawn[line]
         rows = np.isin(time.round(6), flight.time.round(6))
         assert_allclose(values[rows], np.degrees(flight.outputs[:, column]), atol=1e-6)
-    assert {"flight/1/pitch", "flight/2/yaw", "flight/4/motor 4 (rear right)"} <= set(drawn)
+    assert {"flight/1/pitch", "flight/2/yaw", "flight/4/motor 4"} <= set(drawn)
     plots = {line.rsplit("/", 1)[0] for line in drawn}
     assert {f"{plot}/went wrong" for plot in plots} <= set(drawn) and len(plots) >= 9
     for plot in plots:
