@@ -8,6 +8,8 @@ from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+
 from mavdem.condition.wind_velocity import from_point
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
@@ -78,13 +80,15 @@ def fleet_page(
     links = [
         ("" if row.page is None else quote(row.page, safe="/"), row.file) for row, *_ in newest
     ]
+    winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights]
+    known = np.array([wind for wind in winds if None not in wind], np.float64)
     return (
         environment()
         .get_template("fleet.html")
         .render(
             blocks=words.fleet_blocks(rows),
             vehicles=parts,
-            rose=rose_of_flights(flights),
+            rose=rose_of_flights(known) if len(known) else None,
             not_drawn=len(flown_often) - len(drawn),
             first=Table(kept, lines[:FIRST_SHOWN], words=True),
             table={

@@ -24,14 +24,13 @@ from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.charts import POINTS, Chart, Group
-from mavdem.report.comparison import comparison_report, order_report
+from mavdem.report.comparison import comparison_report, error_ratios, order_report
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.loops import tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import screen, title
 from mavdem.report.timeline import Timeline
-from mavdem.report.vehicle_charts import error_ratios
 
 
 class Chapter(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -14,7 +14,6 @@ from mavdem.condition.condition import Condition
 from mavdem.condition.wind_velocity import POINTS, WindVelocity, by_compass, from_point
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
-from mavdem.fleet.row import Flight
 from mavdem.report.charts import Plan
 from mavdem.report.numbers import listed, plus_minus
 from mavdem.report.page import environment
@@ -66,14 +65,9 @@ def rose_of_wind(wind: WindVelocity) -> Plan:
     return _rose(said, origin, speed, 100 / len(speed), wind.direction)
 
 
-def rose_of_flights(flights: Sequence[Flight]) -> Plan | None:
-    """Returns how many ``flights`` had wind from where, in classes of speed; None if no direction is known."""
-    winds = [
-        known for row, *_ in flights if None not in (known := (row.wind_direction, row.wind_speed))
-    ]
-    if not winds:
-        return None
-    angle, speed = np.array(winds, np.float64).T
+def rose_of_flights(winds: Array) -> Plan:
+    """Returns how many flights had wind from where, in classes of speed, by ``winds`` (N, 2), rad and m/s."""
+    angle, speed = winds.T
     return _rose(f"Wind of {len(winds)} flights.", np.degrees(angle), speed, 1.0)
 
 

@@ -1,4 +1,4 @@
-"""Charts of a vehicle over its flights, and of methods that are compared."""
+"""Charts of a vehicle over its flights."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.comparison import Comparison
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN, ratio
 from mavdem.fleet.row import NOT_IDENTIFIABLE, Flight, worst_health
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark
 from mavdem.report.numbers import TORQUE, short
@@ -19,7 +17,6 @@ from mavdem.report.palette import BAD, LIMITED, distinct
 MARKS = {"fault": BAD, "drift": LIMITED}
 """Colours of the flights in which they were found."""
 COLUMNS = 3
-SHOWN_RATIOS = 1e-3, 1e3  # error ratios beyond these are drawn at the edge
 Lines = dict[str, Array]
 """Values and half widths (flights, 2) by name, NaN where not known."""
 
@@ -51,26 +48,6 @@ def _drawn(lines: Lines) -> Iterator[Line]:
             flights = np.arange(len(values), dtype=np.float64)
             ends = values - around, values + around
             yield Line(name, distinct(number), flights, values, *ends, Kind.DOTS)
-
-
-def error_ratios(comparison: Comparison, from_zero: bool = False) -> Chart:
-    """Returns the error ratio of each method in each window over the whole test part."""
-    question = FROM_ZERO if from_zero else KNOWN
-    window = np.arange(1.0, len(comparison.windows) + 1)
-    lines = tuple(
-        Line(
-            method,
-            distinct(number),
-            window,
-            np.clip([float(ratio(one.of(question))[-1]) for one in column], *SHOWN_RATIOS),
-            kind=Kind.DOTS,
-        )
-        for number, (method, column) in enumerate(
-            zip(comparison.methods, zip(*comparison.outcomes, strict=True), strict=True)
-        )
-    )
-    axis = Axis("error ratio (1: the constant mean)", log=True)
-    return Chart("Errors in every window", Axis("window"), axis, lines, (1.0,))
 
 
 def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
