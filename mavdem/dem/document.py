@@ -1,16 +1,15 @@
 """The document of a learned model, ``model.json``: every field by its name, arrays as nested lists.
 
-pydantic checks it by the types of the records' fields; shapes stand in the table :data:`SHAPES`.
+pydantic checks it by the types of the records' fields.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, reduce
-from importlib.resources import files
 from operator import or_
 from types import UnionType
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -33,11 +32,6 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, ModelFile
 from mavdem.heading import heading
-
-_PATHS: dict[str, str] = json.loads((files("mavdem.dem") / "shapes.json").read_text("utf-8"))
-SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
-"""Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
-vehicle, K of the engine, which may have a constant input more."""
 
 VERSION = 1
 """Of the document's schema."""
@@ -68,7 +62,6 @@ def from_text(kind: type[Kind], text: str) -> Kind:
         is_old = isinstance(text, str) and text.startswith('{"settings"')
         fact = Fact(ModelFile.NO_MODEL_DOCUMENT, error=problem, is_old=is_old)
         raise Unreadable(fact) from None
-    _require_shapes(result)
     return result
 
 
@@ -153,54 +146,10 @@ def _array_reader(dtype: type[np.generic]) -> Callable[[Any], NDArray[Any]]:
 
     def read(value: Any) -> NDArray[Any]:
         try:
-            if np.asarray(value).dtype.kind in kinds:
+            if isinstance(value, list) and np.asarray(value).dtype.kind in kinds:
                 return np.array(value, dtype)
         except (TypeError, ValueError, OverflowError):
             pass
         raise ValueError("must be numbers of one shape")
 
     return read
-
-
-def _arrays(value: Any, path: str) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Every array with its path; entries of mappings of arrays and of tuples have one path."""
-    if isinstance(value, np.ndarray):
-        yield path.lstrip("."), value
-    elif isinstance(value, tuple) and not hasattr(value, "_fields"):
-        for inner in value:
-            yield from _arrays(inner, path)
-    else:
-        for name, inner in _fields(value).items():
-            yield from _arrays(inner, path if isinstance(value, Mapping) else f"{path}.{name}")
-
-
-def _require_shapes(result: Any) -> None:
-    """Raises ``ValueError`` for arrays of other shapes than :data:`SHAPES`, and numbers that cannot be."""
-    sizes: dict[str, int] = {}
-    for path, array in _arrays(result, ""):
-        names = SHAPES[path]
-        if array.ndim != len(names) or not (np.isfinite(array) | (names[-1] == "q")).all():
-            raise ValueError(
-                f"{path} must be finite and of shape ({', '.join(names)}), not {array.shape}"
-            )
-        expected = tuple(
-            sizes.setdefault(name, size) for name, size in zip(names, array.shape, strict=True)
-        )
-        if array.shape != expected:
-            raise ValueError(f"{path} must be of shape {expected}, not {array.shape}")
-    n, r, m = (sizes[name] for name in "nrm")
-    settings = result.settings
-    record = result.record
-    driven = r + result.scaling.constant
-    expected_sizes = {
-        "k": n * n + n * r + m * n,
-        "K": n * n + n * driven + m * n,
-        "driven": driven,
-        "data": m * (settings.p + 1) + driven * (settings.d + 1),
-        "X": n * (settings.p + 1) + driven * (settings.d + 1),
-        "T": sum(record.lengths),
-        "windows": record.windows(settings.window),
-    }
-    for name, size in expected_sizes.items():
-        if sizes[name] != size or not size:
-            raise ValueError(f"the document's arrays must have {name} = {size}, not {sizes[name]}")

@@ -14,8 +14,6 @@ from mavdem.dem.engine.generative import (
     Prior,
     SufficientStatistics,
     embed,
-    sampled_output_precision,
-    sampled_state_precision,
     temporal_precision,
 )
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
@@ -96,11 +94,7 @@ def generative_model(
     p = settings.p
     s = smoothness_of(settings, record.dt)
     q = p if settings.last_derivative_zero else p - 1
-    if settings.correlation == "continuous":
-        correlations = temporal_precision(p, s), temporal_precision(q, s)
-    else:
-        reading = s, record.dt, settings.window
-        correlations = sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
+    correlations = temporal_precision(p, s), temporal_precision(q, s)
     each = np.full((settings.d + 1, r), settings.input_precision)
     each[:, motors:] = KNOWN_INPUT
     # Of λ the first is of the measurement noise, the second of the process noise.

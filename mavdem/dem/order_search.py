@@ -1,19 +1,18 @@
-"""F̄ by model order: one flight fitted as a black box with one state, two, and so on, each from several starts.
+"""F̄ by model order: one flight fitted as a black box with one state, two, and so on, from the highest order down.
 
 docs/order.md says why F̄ of different orders is comparable. The effective sample size is counted: noise of width s is
 correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²). A prior of variance 1 means the same for any flight, by the units:
 outputs and all inputs together of variance 1, and a unit of time in which outputs change by as much as they vary.
 
-F̄ of a model with hidden states has many maxima, most of them far below the highest. A start is a linear map from the
-data to the states and their rates; θ follows by regression, in the coordinates of the priors: states of variance 1,
-independent noises.
+F̄ of a model with hidden states has many maxima, most of them far below the highest. So the highest order starts from
+the data, and each other one from the fit of the order above it. A start is a linear map from the data to the states and
+their rates; θ follows by regression, in the coordinates of the priors: states of variance 1, independent noises.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from math import ceil, e, pi, sqrt
 from typing import NamedTuple, TypeVar
 
@@ -194,9 +193,8 @@ def _time_of_change(values: Array, rates: Array) -> float:
 
 Result = TypeVar("Result")
 
-# from every start, of which the best one continues; and after a change of the noise's smoothness
-FIRST_ROUNDS = 12
-ROUNDS = 200  # the most further rounds
+ROUNDS = 200  # at most
+ROUNDS_OF_SMOOTHNESS = 12  # after a change of the noise's smoothness
 MAX_WIDTHS = 4.0  # of the kernel: a smoother disturbance counts as motion
 
 SMOOTHNESS_TOLERANCE = 0.03  # relative, of the search for the noise's smoothness
@@ -239,21 +237,22 @@ class _Fits:
     samples: SufficientStatistics
 
     def best_of(self, order: int, larger: OrderFit | None) -> OrderFit | None:
-        """The best fit of an order, from the data and from a fit with one state more; None where all break down."""
+        """The fit of an order, from one with a state more, or else from the data; None where it breaks down."""
         smoothness = self.box.dt if larger is None else larger.smoothness
         ascent = CoordinateAscent(self.box.model(order, smoothness), self.samples)
-        starts = [lambda: chain(self.box, order)]
-        if larger is not None:
-            starts.append(lambda: reduced(self.box, larger.model, larger.iterate))
-        thetas = [_or_none(start) for start in starts]
-        iterates = [
-            _or_none(partial(_from, ascent, theta)) for theta in thetas if theta is not None
-        ]
-        first = max(filter(None, iterates), key=_height, default=None)
-        if first is None:
-            return None
-        found = _or_none(lambda: _on(ascent, first, ROUNDS)) or first
-        return self._with_best_smoothness(OrderFit(ascent.model, smoothness, found))
+
+        def fitted() -> Iterate:
+            theta = chain(self.box, order) if larger is None else reduced(self.box, larger)
+            prior = ascent.model.prior
+            start = ascent.start((theta, prior.lambda_mean), np.zeros_like(prior.lambda_precision))
+            return _on(ascent, start, ROUNDS)
+
+        found = _or_none(fitted)
+        return (
+            None
+            if found is None
+            else self._with_best_smoothness(OrderFit(ascent.model, smoothness, found))
+        )
 
     def continued(self, fit: OrderFit) -> OrderFit | None:
         """A fit continued with another effective sample size."""
@@ -272,7 +271,7 @@ class _Fits:
             smoothness = self.box.width * float(np.sqrt(np.expm1(2 * log_width)))
             ascent = CoordinateAscent(self.box.model(fit.model.n, smoothness), self.samples)
             iterate = _or_none(
-                lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), FIRST_ROUNDS)
+                lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), ROUNDS_OF_SMOOTHNESS)
             )
             if iterate is None:
                 return -min(tried.iterate.free_energy for tried in fits.values())
@@ -289,10 +288,6 @@ class _Fits:
         return max(fits.values(), key=lambda fit: fit.iterate.free_energy)
 
 
-def _height(iterate: Iterate) -> float:
-    return iterate.free_energy
-
-
 def _or_none(work: Callable[[], Result]) -> Result | None:
     """Its result; None where the fit breaks down."""
     try:
@@ -300,13 +295,6 @@ def _or_none(work: Callable[[], Result]) -> Result | None:
             return work()
     except np.linalg.LinAlgError:
         return None
-
-
-def _from(ascent: CoordinateAscent, theta: Array) -> Iterate:
-    """A few rounds from θ, with the noise at its prior."""
-    prior = ascent.model.prior
-    start = ascent.start((theta, prior.lambda_mean), np.zeros_like(prior.lambda_precision))
-    return _on(ascent, start, FIRST_ROUNDS)
 
 
 def _on(ascent: CoordinateAscent, iterate: Iterate, rounds: int) -> Iterate:
@@ -320,10 +308,10 @@ NEGLIGIBLE = 1e-9
 FORGETTING_RATE = 1.0
 
 
-def chain(box: BlackBox, order: int) -> Array | None:
+def chain(box: BlackBox, order: int) -> Array:
     """θ of states that are the outputs, then the parts of their derivatives that these and the inputs do not explain.
 
-    None where there are too few derivatives.
+    ``LinAlgError`` where there are too few derivatives.
     """
     y, v = _channels(box)
     states = rates = np.zeros((0, len(box.data.gram)))
@@ -347,19 +335,19 @@ def chain(box: BlackBox, order: int) -> Array | None:
         rates = np.vstack([rates, most @ rate])
         if len(states) == order:
             return _theta(box, states, rates)
-    return None
+    raise np.linalg.LinAlgError("too few derivatives for as many states")
 
 
-def reduced(box: BlackBox, model: GenerativeModel, iterate: Iterate) -> Array:
+def reduced(box: BlackBox, fit: OrderFit) -> Array:
     """θ with one state less: without the states' direction of the least effect on the outputs (balanced truncation).
 
     Moore 1981, IEEE Transactions on Automatic Control 26, 17; outputs are weighted by exp(−t · forgetting), since a
     model may be unstable, and the states' covariance is that of the data.
     """
-    n = model.n
-    A, _, C = unpack(iterate.belief.theta, *model.sizes)
-    states = iterate.state_map[:n]
-    rates = iterate.state_map[n : 2 * n]
+    n = fit.model.n
+    A, _, C = unpack(fit.iterate.belief.theta, *fit.model.sizes)
+    states = fit.iterate.state_map[:n]
+    rates = fit.iterate.state_map[n : 2 * n]
     whitening = _whitening(_moments(box, states, states))
     growth = max(0.0, float(np.linalg.eigvals(A).real.max()))
     damped = A - (growth + FORGETTING_RATE) * np.eye(n)

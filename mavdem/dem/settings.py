@@ -96,9 +96,9 @@ class Settings:
 
     Attributes:
         smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
-        correlation: S, of the noise and its derivatives. "sampled": of derivatives computed from the window's samples,
-            the highest left out; "continuous": of the true derivatives, Eq. ``Smatrix``, the highest taken to be zero
-            and counted as evidence, as the paper's D does.
+        correlation: "sampled": the highest derivative of the process noise is left out, since samples do not show it;
+            "continuous": it is taken to be that of a state whose next derivative is zero, and counted as evidence, as
+            the paper's D does.
 
     **Priors**, in the units of ``scaling``
 

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
-    sampled_output_precision,
-    sampled_state_precision,
     temporal_precision,
 )
 from mavdem.dem.priors import KNOWN
@@ -38,8 +36,6 @@ class Embedding(NamedTuple):
     p: int  # order of the generalized outputs and states
     # order of w̃; p includes the last derivative's equation, 0 = A x⁽ᵖ⁾ + … + w⁽ᵖ⁾, p − 1 leaves it out
     q: int
-    # S is that of derivatives estimated from samples, which requires q < p; else the kernel's
-    as_read: bool = False
 
 
 def generative_model(system, embedding, prior):
@@ -53,13 +49,10 @@ def generative_model(system, embedding, prior):
     theta_mean[system.free] = prior.mean
     theta_precision[np.ix_(system.free, system.free)] = prior.precision
     lambda_mean = -2 * np.log(np.concatenate([system.output_noise, system.state_noise]))
-    if embedding.as_read:
-        output_correlation = sampled_output_precision(p, system.smoothness, system.dt, p + 1)
-        state_correlation = sampled_state_precision(q, system.smoothness, system.dt, p + 1)
-    else:
-        output_correlation = temporal_precision(p, system.smoothness)
-        state_correlation = temporal_precision(q, system.smoothness)
-    correlations = output_correlation, state_correlation
+    correlations = (
+        temporal_precision(p, system.smoothness),
+        temporal_precision(q, system.smoothness),
+    )
     groups = (np.arange(m), m + np.arange(n))
     inputs = KNOWN * np.eye(r * (p + 1))
     of_noise = lambda_mean, KNOWN * np.eye(m + n)

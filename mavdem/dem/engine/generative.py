@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import inv
 from scipy.ndimage import correlate1d
-from scipy.special import erf
 
 from mavdem.dem.engine.linalg import Array, Indices, logdet
 from mavdem.dem.engine.model import unpack
@@ -63,10 +62,6 @@ def derivative_operator(order: int, size: int) -> Array:
     return np.asarray(np.kron(np.eye(order + 1, k=1), np.eye(size)), np.float64)
 
 
-WORST_CONDITION = 1e12
-"""Of a covariance that is inverted: beyond, less than four digits are left of some of it."""
-
-
 def temporal_covariance(order: int, smoothness: float) -> Array:
     """Covariance of [w, w′, …] of a noise of unit variance and kernel width s, Eq. ``Smatrix`` before it is inverted.
 
@@ -89,60 +84,6 @@ def temporal_precision(order: int, smoothness: float) -> Array:
     """
     units = smoothness ** np.arange(order + 1)
     return inv(temporal_covariance(order, 1.0)) * np.outer(units, units)
-
-
-def sampled_output_precision(
-    order: int,
-    smoothness: float,
-    dt: float,
-    window: int,
-) -> Array:
-    """S of a noise on the samples themselves, z, whose derivatives are estimated from a window of them.
-
-    W K Wᵀ (order + 1, order + 1) inverted, for the weights W of ``taylor_weights`` and K the autocorrelation between
-    samples of the window.
-    """
-    weights, lag = _reading(order, dt, window)
-    return _precision_in_steps(weights @ np.exp(-((lag / smoothness) ** 2) / 4) @ weights.T, dt)
-
-
-def sampled_state_precision(
-    order: int,
-    smoothness: float,
-    dt: float,
-    window: int,
-) -> Array:
-    """S of a noise that drives the states, w, whose k-th derivative is estimated as the k + 1-st of what it drives.
-
-    So it is that of the noise's integral, of which the weights of derivatives see differences only: with
-    g(τ) = ∫₀^τ (τ − u) exp(−u²/4s²) du, the mean square of the integral over τ is 2 g(τ), and the covariance −W g Wᵀ.
-    The ``order`` of the noise is one less than that of the states.
-    """
-    weights, lag = _reading(order + 1, dt, window)
-    span = np.abs(lag)
-    s = smoothness
-    g = span * s * np.sqrt(np.pi) * erf(span / (2 * s)) + 2 * s**2 * np.expm1(
-        -((span / s) ** 2) / 4
-    )
-    return _precision_in_steps(-weights[1:] @ g @ weights[1:].T, dt)
-
-
-def _reading(order: int, dt: float, window: int) -> tuple[Array, Array]:
-    """Weights (order + 1, window) of derivatives at the window's centre, and the times between its samples, s."""
-    instants = dt * np.arange(window)
-    return taylor_weights(order, dt, window, window // 2), instants[:, None] - instants
-
-
-def _precision_in_steps(covariance: Array, dt: float) -> Array:
-    """The inverse, taken in units of steps, where orders do not differ by powers of the sampling rate."""
-    units = dt ** np.arange(len(covariance))
-    if not np.linalg.cond(covariance * np.outer(units, units)) < WORST_CONDITION:
-        raise ValueError(
-            f"smoothness must be shorter for derivatives up to order {len(covariance) - 1}, or correlation "
-            '"continuous": as estimated from samples, those of so smooth a noise are lost in rounding'
-        )
-    inverse = inv(covariance * np.outer(units, units)) * np.outer(units, units)
-    return (inverse + inverse.T) / 2
 
 
 class Prior(NamedTuple):

@@ -32,9 +32,6 @@ RIDGES = (1e-4, 1e-3, 1e-2)
 # of the models whose F̄ chooses the turning combination
 MIXER_LAGS = 10
 MIXER_RIDGE = 1e-3
-# of the patterns an X comes first; a plus is flown by one vehicle in twenty, nats
-X_PATTERNS = 3
-PLUS_COST = 3.0
 # added to their innovations: how well an angle follows from its rate tells nothing of the motors
 MIXER_NOISE = 1e-5
 LEAST_FREEDOM = 3.0  # of Student's t, for which a variance is finite
@@ -67,8 +64,8 @@ def known_combinations(inputs: int, effect_directions: Array | None) -> Array | 
 def turning_combinations(record: Record) -> Array:
     """Returns (r, c) the combinations of the inputs that turn the axis, of unit length.
 
-    One where the mixer is known; of other rotors the one of an X, a plus, or as the motors' effects come out, whose
-    model explains the outputs best; inputs that are no rotors as they are.
+    One where the mixer is known; of other rotors the one of an X, or as the motors' effects come out, whose model
+    explains the outputs best; inputs that are no rotors as they are.
     """
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]
@@ -88,7 +85,7 @@ def turning_combinations(record: Record) -> Array:
         / units.scale[m:]
     )
     size = float(np.linalg.norm(effects))
-    costs = [0.0 if place < X_PATTERNS else PLUS_COST for place in range(len(found))]
+    costs = [0.0 for _ in found]
     if size > 0:
         # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
         found.append(effects / size)

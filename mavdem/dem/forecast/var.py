@@ -12,7 +12,6 @@ outputs since the past ended: the state of a Kalman filter whose noises of measu
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -434,11 +433,7 @@ def latest_first(past: Array) -> Array:
 
 
 def turning_patterns(rotors: int) -> list[Array]:
-    """Returns (rotors,) combinations of unit length: of four rotors those of an X, then of a plus; else none."""
+    """Returns (rotors,) combinations of unit length: of four rotors those of an X; else none."""
     if rotors != 4:
         return []
-    x = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]]) / 2
-    plus = [
-        (np.eye(4)[one] - np.eye(4)[other]) / np.sqrt(2) for one, other in combinations(range(4), 2)
-    ]
-    return [*x, *plus]
+    return [*np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]]) / 2]
