@@ -14,7 +14,7 @@ estimates, as closed loop does, leaves each alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from math import exp, hypot, isclose, isfinite, log, nan, sqrt
+from math import exp, hypot, isclose, log, sqrt
 from statistics import fmean, median
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from mavdem.fleet.row import (
     UNKNOWN,
     Flight,
     FlightRow,
+    Numbers,
     flights_of,
     is_shared,
     vehicles_of,
@@ -154,16 +155,6 @@ class VehicleDifference(NamedTuple):
         return {**self._asdict(), "family_error": FAMILY_ERROR, "level": LEVEL}
 
 
-class _Raw(NamedTuple):
-    """A difference before it is judged: on the scale of its estimates."""
-
-    before: float
-    after: float
-    difference: float
-    variance: float
-    freedom: float
-
-
 def vehicle_difference(
     before: Sequence[FlightRow], after: Sequence[FlightRow]
 ) -> VehicleDifference:
@@ -171,35 +162,18 @@ def vehicle_difference(
     sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
-    other_kinds = _other_kinds(sides)
-    other_inputs = _other_inputs(sides)
-    alike = (
-        []
-        if other_kinds is not None
-        else sorted({quantity for flight in estimates[0] for quantity in flight})
-    )
-    if other_inputs is not None:  # what belongs to a model belongs to its inputs
-        alike = [quantity for quantity in alike if quantity.kind == SHARE]
-    raws: dict[Quantity, list[_Raw]] = {}
-    for quantity in alike:
+    unlike = _unlike(sides)
+    kinds = [*BETWEEN] if not unlike else [SHARE] if _is_of_models(unlike) else []
+    judged = list[QuantityChange]()
+    for quantity in {quantity for flight in estimates[0] for quantity in flight}:
         pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
-        if all(pair):
-            # A motor's effect on roll and on pitch changes alike.
-            merged = (
-                quantity._replace(axis="")
-                if quantity.kind == EFFECT and quantity.motor
-                else quantity
-            )
-            raws.setdefault(merged, []).append(_compared(quantity.kind, pair))
-    judged = [
-        _judged(one, _merged(parts), _allowance(one.kind, conditions))
-        for one, parts in raws.items()
-    ]
-    kinds = list(BETWEEN)
+        if quantity.kind in kinds and all(pair):
+            judged.append(_compared(quantity, pair, _allowance(quantity.kind, conditions)))
+    order = [*BETWEEN]
     changes = sorted(
-        _tested(judged), key=lambda change: (kinds.index(change.quantity.kind), change.quantity)
+        _tested(judged), key=lambda change: (order.index(change.quantity.kind), change.quantity)
     )
-    flights = [flight for side in sides for flight in side]
+    flights = [*sides[0], *sides[1]]
     first, second = (tuple(sorted({flight[0].vehicle for flight in side})) for side in sides)
     return VehicleDifference(
         (first, second),
@@ -207,7 +181,7 @@ def vehicle_difference(
         next((tuple(row.motors) for flight in flights for row in flight if row.motors), ()),
         (len(sides[0]), len(sides[1])),
         tuple(changes),
-        tuple(_incomparable(sides, estimates, other_kinds, other_inputs)),
+        tuple(_incomparable(sides, estimates, unlike)),
         conditions,
     )
 
@@ -251,52 +225,52 @@ def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
     Only what is "reported" is compared: what is "biased" is so by as much as wind and steering say.
     """
     estimates: dict[Quantity, Estimate] = {}
+    by_axis: dict[Quantity, list[Estimate]] = {}
     for row in flight:
         # The motors' figures are the same on each axis.
-        if row.trim_share and row.trim_share_interval and Quantity(SHARE, 1) not in estimates:
-            shares = {
-                motor: (log(value), half / value / _Z)
-                for motor, (value, half) in enumerate(
-                    zip(row.trim_share, row.trim_share_interval, strict=True), 1
-                )
-                if value > 0 and half is not None
-            }
-            estimates |= _beside_median(SHARE, "", shares)
+        estimates |= _beside_median(SHARE, _logarithms(row.trim_share, row.trim_share_interval))
         for kind in (DAMPING, LAG):
             value, half, status = (
                 getattr(row, f"{kind}{ending}") for ending in ("", "_interval", "_status")
             )
             if value is not None and half is not None and status == Status.REPORTED:
                 estimates[Quantity(kind, axis=row.axis or "")] = value, half / _Z
-        if row.effect and row.effect_interval and row.effect_status == Status.REPORTED:
-            effects = {
-                motor: (log(abs(value)), half / abs(value) / _Z)
-                for motor, (value, half) in enumerate(
-                    zip(row.effect, row.effect_interval, strict=True), start=1
-                )
-                if half is not None and isfinite(half) and half < MAX_UNCERTAINTY * abs(value)
-            }
-            if effects:
-                # Errors of the motors' effects have much in common: their mean is hardly known better than each.
-                values, sds = zip(*effects.values(), strict=True)
-                estimates[Quantity(MEAN_EFFECT, axis=row.axis or "")] = fmean(values), max(sds)
-            if len(row.motors or ()) == len(row.effect):
-                estimates |= _beside_median(EFFECT, row.axis or "", effects)
+        effects = _logarithms(row.effect, row.effect_interval)
+        if effects and row.effect_status == Status.REPORTED:
+            # Errors of the motors' effects have much in common: their mean is hardly known better than each.
+            values, sds = zip(*effects.values(), strict=True)
+            estimates[Quantity(MEAN_EFFECT, axis=row.axis or "")] = fmean(values), max(sds)
+            if len(row.motors or ()) == len(row.effect or ()):
+                for quantity, estimate in _beside_median(EFFECT, effects).items():
+                    by_axis.setdefault(quantity, []).append(estimate)
+    # A motor's effect on roll and on pitch changes alike; what they have in common of their errors is not known.
+    for quantity, parts in by_axis.items():
+        values, sds = zip(*parts, strict=True)
+        estimates[quantity] = fmean(values), max(sds)
     return estimates
 
 
-def _beside_median(kind: str, axis: str, known: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
+def _logarithms(values: Numbers | None, halves: Numbers | None) -> dict[int, Estimate]:
+    """The logarithm by motor, from 1, of what is known well enough for it."""
+    return {
+        motor: (log(abs(value)), half / abs(value) / _Z)
+        for motor, (value, half) in enumerate(zip(values or (), halves or (), strict=False), 1)
+        if half is not None and half < MAX_UNCERTAINTY * abs(value)
+    }
+
+
+def _beside_median(kind: str, known: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
     """Each motor's logarithm less the median of all; of too few motors none."""
     if len(known) < FEWEST_MOTORS:
         return {}
     middle = median(value for value, _ in known.values())
-    return {
-        Quantity(kind, motor, axis): (value - middle, sd) for motor, (value, sd) in known.items()
-    }
+    return {Quantity(kind, motor): (value - middle, sd) for motor, (value, sd) in known.items()}
 
 
-def _compared(kind: str, sides: Sequence[Sequence[Estimate]]) -> _Raw:
-    """The difference of the means of two groups of flights, by random effects."""
+def _compared(
+    quantity: Quantity, sides: Sequence[Sequence[Estimate]], allowance: float
+) -> QuantityChange:
+    """The difference of the means of two groups of flights, by random effects; not yet tested beside the others."""
     groups = [np.array([(value, sd**2) for value, sd in side]).T for side in sides]
     observed = sum(values.size - 1 for values, _ in groups)
     # The spread within each group less what the flights' own errors make of it.
@@ -304,7 +278,8 @@ def _compared(kind: str, sides: Sequence[Sequence[Estimate]]) -> _Raw:
         ((values - values.mean()) ** 2).sum() - errors.sum() * (1 - 1 / values.size)
         for values, errors in groups
     )
-    between = (PRIOR_FLIGHTS * BETWEEN[kind] ** 2 + max(excess, 0.0)) / (PRIOR_FLIGHTS + observed)
+    assumed = PRIOR_FLIGHTS * BETWEEN[quantity.kind] ** 2
+    between = (assumed + max(excess, 0.0)) / (PRIOR_FLIGHTS + observed)
     weights = [1 / (errors + between) for _, errors in groups]
     before, after = (
         float(weight @ values / weight.sum())
@@ -316,32 +291,14 @@ def _compared(kind: str, sides: Sequence[Sequence[Estimate]]) -> _Raw:
     freedom = variance**2 / (
         of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM
     )
-    return _Raw(before, after, after - before, variance, freedom)
-
-
-def _merged(parts: Sequence[_Raw]) -> _Raw:
-    """One difference from those of several axes, wider where they differ by more than their errors (R. T. Birge)."""
-    if len(parts) == 1:
-        return parts[0]
-    weights = np.array([1 / part.variance for part in parts])
-    differences = np.array([part.difference for part in parts])
-    mean = float(weights @ differences / weights.sum())
-    wider = max(1.0, float(weights @ (differences - mean) ** 2) / (len(parts) - 1))
-    freedom = min(part.freedom for part in parts)
-    return _Raw(nan, nan, mean, wider / float(weights.sum()), freedom)
-
-
-def _judged(quantity: Quantity, raw: _Raw, allowance: float) -> QuantityChange:
-    """The difference in the unit people read, with its interval and p-value; not yet tested beside the others."""
-    sd = hypot(sqrt(raw.variance), allowance)
-    half = quantile(LEVEL, raw.freedom) * sd
-    p = float(2 * stdtr(raw.freedom, -abs(raw.difference) / sd))
-    found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, allowance)
-    if quantity.kind not in (SHARE, EFFECT, MEAN_EFFECT):
-        return found
-    ratio = exp(raw.difference)
+    sd = hypot(sqrt(variance), allowance)
+    half = quantile(LEVEL, freedom) * sd
+    p = float(2 * stdtr(freedom, -abs(after - before) / sd))
+    if quantity.kind in (DAMPING, LAG):
+        return QuantityChange(quantity, before, after, after - before, half, p, allowance)
     # The interval of a ratio, at its difference.
-    return found._replace(before=None, after=None, difference=ratio - 1, half_width=ratio * half)
+    ratio = exp(after - before)
+    return QuantityChange(quantity, None, None, ratio - 1, ratio * half, p, allowance)
 
 
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
@@ -386,8 +343,8 @@ def conditions_of(flights: Flights) -> Conditions:
     return Conditions(*means, known)  # type: ignore[call-arg, arg-type]
 
 
-def _other_kinds(sides: Sequence[Flights]) -> Fact | None:
-    """Why nothing of the two can be compared; None where something can."""
+def _unlike(sides: Sequence[Flights]) -> Fact | None:
+    """Why nothing of the two can be compared, or nothing that belongs to models; None where all can."""
     for side, flights in zip(SIDES, sides, strict=True):
         if not flights:
             return Fact(Incomparable.NO_FLIGHT, subject=side)
@@ -396,6 +353,8 @@ def _other_kinds(sides: Sequence[Flights]) -> Fact | None:
         Incomparable.OTHER_MOTORS: lambda row: len(row.motors) if row.motors else None,
         Incomparable.OTHER_FRAMES: lambda row: row.frame or None,
         Incomparable.OTHER_UNITS: lambda row: row.trim_unit,
+        Incomparable.OTHER_INPUTS: lambda row: row.inputs if row.effect else None,
+        Incomparable.OTHER_INPUT_UNITS: lambda row: row.input_unit if row.effect else None,
     }
     for code, column in columns.items():
         before, after = ({column(row) for row in side} - {None} for side in rows)
@@ -404,31 +363,25 @@ def _other_kinds(sides: Sequence[Flights]) -> Fact | None:
     return None
 
 
-def _other_inputs(sides: Sequence[Flights]) -> Fact | None:
-    """Why nothing that belongs to models can be compared: they are driven by other inputs; None if by the same."""
-    with_model = [row for flights in sides for flight in flights for row in flight if row.effect]
-    if len({row.inputs for row in with_model} - {None}) > 1:
-        return Fact(Incomparable.OTHER_INPUTS)
-    units = {row.input_unit for row in with_model} - {None}
-    return Fact(Incomparable.OTHER_INPUT_UNITS) if len(units) > 1 else None
+def _is_of_models(unlike: Fact) -> bool:
+    return unlike.code in (Incomparable.OTHER_INPUTS, Incomparable.OTHER_INPUT_UNITS)
 
 
 def _incomparable(
     sides: Sequence[Flights],
     estimates: Sequence[Sequence[Iterable[Quantity]]],
-    other_kinds: Fact | None,
-    other_inputs: Fact | None,
+    unlike: Fact | None,
 ) -> Iterator[Missing]:
     """What is missing on either side, each with its reason."""
-    if other_kinds is not None:
-        yield Missing(Fact(Compared.EVERYTHING), other_kinds)
-        return
-    if other_inputs is not None:
-        yield Missing(Fact(Compared.OF_MODELS), other_inputs)
     wanted = [Quantity(SHARE)]
-    if other_inputs is None:
+    if unlike is None:
         of_axes = [Quantity(kind, axis=axis) for kind in (DAMPING, LAG) for axis in TILT_AXES]
         wanted += [Quantity(EFFECT), *of_axes]
+    elif _is_of_models(unlike):
+        yield Missing(Fact(Compared.OF_MODELS), unlike)
+    else:
+        yield Missing(Fact(Compared.EVERYTHING), unlike)
+        return
     for quantity in wanted:
         reasons = [
             _reason(quantity, side, flights)
@@ -446,20 +399,10 @@ def _incomparable(
 
 def _reason(quantity: Quantity, side: str, flights: Flights) -> Fact:
     """Why a side lacks a quantity."""
-    kind, _, axis = quantity
-    rows = [row for flight in flights for row in flight if axis in ("", row.axis)]
-    tiers = {row.tier for row in rows if row.tier}
-    statuses = {getattr(row, f"{kind}_status", None) for row in rows} & UNSURE
-    if not rows:
-        return Fact(Incomparable.NO_FIGURES_OF_AXIS, subject=side, name=axis)
-    if kind == SHARE and any(row.trim_share for row in rows):
-        return Fact(Incomparable.SHARES_UNCERTAIN, subject=side)
-    if kind == SHARE:
-        return Fact(Incomparable.NO_MOTOR_RANGE, subject=side)
+    rows = [row for flight in flights for row in flight if quantity.axis in ("", row.axis)]
+    statuses = {getattr(row, f"{quantity.kind}_status", None) for row in rows} & UNSURE
     if statuses:
         return Fact(Incomparable.NOT_REPORTED, subject=side, names=_sorted(statuses))
-    if tiers and "a" not in tiers:
-        return Fact(Incomparable.SLOW_TIER, subject=side, names=_sorted(tiers))
     return Fact(Incomparable.NOT_ESTIMATED, subject=side)
 
 
