@@ -61,7 +61,6 @@ OfInputUnit = Annotated[float, unit("see input_unit")]
 PerRadian = Annotated[float, unit("1/rad")]
 DragUnit = Annotated[float, unit("1/s, 1/m")]
 EffectPerInput = Annotated[float, unit("rad/s² per input_unit")]
-GainOfOutput = Annotated[float, unit("1/s², 1/s")]
 UtcTime = Annotated[datetime, unit("UTC")]
 
 

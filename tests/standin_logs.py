@@ -4,7 +4,6 @@ Workers import this by its name, and none of what only the tests themselves need
 """
 
 import ctypes
-import os
 import signal
 import tempfile
 import time
@@ -119,8 +118,3 @@ def statuses(out):
     from mavdem.fleet.store import read_rows
 
     return {Path(row.file).name: row.status for row in read_rows(out) if row.status != "ok"}
-
-
-def seen_by(pid, path):
-    """As of ``cluster.machine``: a log that this process alone has."""
-    return "the same", os.getpid() == pid

@@ -19,25 +19,20 @@ class Reading(Code):
     READERS_NOT_STARTED = auto()
     NO_ADDRESS = auto()
     NO_SCHEDULER = auto()
-    SCHEDULER_GONE = auto()
     NO_CLUSTER_WORKERS = auto()
     CLUSTER_WORKERS_DIED = auto()
     CLUSTER_CANNOT_READ = auto()
     CLUSTER_WITHOUT_MAVDEM = auto()
     CLUSTER_OF_OTHER_VERSION = auto()
-    CLUSTER_WITHOUT_LOG = auto()
 
 
 class Folder(Code):
     """What is wrong with the names of logs, or with a fleet's folder."""
 
     NO_LOG_NAMED = auto()
-    PATH_MISSING = auto()
-    FOLDER_UNREADABLE = auto()
     URL_UNREADABLE = auto()
     NO_FLEET = auto()
     FLEET_DAMAGED = auto()
-    FLEET_OF_OTHERS = auto()
     FLEET_NOT_WRITTEN = auto()
     BASELINE_UNKNOWN = auto()
     BASELINE_WITHOUT_FLIGHT = auto()

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import re
 import socket
 from collections.abc import Generator, Iterator
 from importlib import metadata
-from itertools import chain, islice
+from itertools import islice
 from multiprocessing import current_process
-from multiprocessing.connection import wait
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -19,7 +17,6 @@ from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import SCHEMA_VERSION
-from mavdem.fleet.sources import is_url
 from mavdem.fleet.workers import ATTEMPTS, READ_LOG, Job, Limits, LogReader, Outcome, failed
 
 SECONDS_TO_CONNECT = 10.0
@@ -43,24 +40,21 @@ class Cluster:
         """As ``Reader`` has it.
 
         Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
-        mavdem or Python, or cannot see the first file.
+        mavdem or Python.
         """
         from distributed import Client, KilledWorker, as_completed
 
-        if (first := next(jobs, None)) is None:
-            return
         try:
             # Asked first: a client that finds nobody there takes its time, and prints what its parts say.
             at = urlsplit(self.address)
             socket.create_connection((at.hostname, at.port), SECONDS_TO_CONNECT).close()
             client = Client(self.address, timeout=SECONDS_TO_CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-            no_scheduler = Fact(Reading.NO_SCHEDULER, address=self.address, because=reason)
-            raise Unreadable(no_scheduler) from None
+            because = str(error).splitlines()[0]
+            raise Unreadable(
+                Fact(Reading.NO_SCHEDULER, address=self.address, because=because)
+            ) from None
         with client:
-            threads = self._threads(client, first.path)
-            jobs = chain([first], jobs)
             sent: dict[Any, Job] = {}
             done: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
 
@@ -73,47 +67,41 @@ class Cluster:
                     sent[future] = job
                     done.add(future)
 
-            send(8 * threads)  # before they are needed
+            send(8 * self._threads(client))  # before they are needed
             for future in done:
                 job = sent.pop(future)
-                if future.cancelled():
-                    raise Unreadable(Fact(Reading.SCHEDULER_GONE, address=self.address))
                 trouble = future.exception()
                 if isinstance(trouble, KilledWorker):
                     yield failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
                 elif trouble is not None:
-                    cause = Fact(
-                        Reading.CLUSTER_CANNOT_READ, address=self.address, because=str(trouble)
-                    )
-                    raise Unreadable(cause)
+                    raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(trouble))
                 else:
                     yield future.result()
                 send(1)
             # Not where the run breaks off: who asks a cluster that has gone waits for it.
             client.run(stop_readers, on_error="ignore")
 
-    def _threads(self, client: Any, path: str) -> int:
-        """How many threads the workers have; raises ``Unreadable`` if there are none, or one cannot read the log."""
-        address = self.address
-        if not (threads := dict(client.nthreads())):
-            raise Unreadable(Fact(Reading.NO_CLUSTER_WORKERS, address=address))
-        here, readable_here = machine(path)
+    def _refusal(self, code: Reading, **figures: Any) -> Unreadable:
+        return Unreadable(Fact(code, address=self.address, **figures))
+
+    def _threads(self, client: Any) -> int:
+        """How many threads the workers have; raises ``Unreadable`` if there are none, or one has other programs."""
+        threads = client.nthreads()
+        if not threads:
+            raise self._refusal(Reading.NO_CLUSTER_WORKERS)
+        here = versions()
         try:
-            workers = client.run(machine, path)
+            workers = client.run(versions)
         except Exception as error:  # raised there: without mavdem the function cannot be found
-            cause = f"{type(error).__name__}: {error}"
             version = metadata.version("mavdem")
-            lacking = Fact(
-                Reading.CLUSTER_WITHOUT_MAVDEM, address=address, because=cause, version=version
-            )
-            raise Unreadable(lacking) from None
-        for worker, (there, readable) in sorted(workers.items()):
+            raise self._refusal(
+                Reading.CLUSTER_WITHOUT_MAVDEM, because=str(error), version=version
+            ) from None
+        for worker, there in workers.items():
             if there != here:
-                raise Unreadable(
-                    Fact(Reading.CLUSTER_OF_OTHER_VERSION, name=worker, there=there, here=here)
+                raise self._refusal(
+                    Reading.CLUSTER_OF_OTHER_VERSION, name=worker, there=there, here=here
                 )
-            if readable_here and not readable:
-                raise Unreadable(Fact(Reading.CLUSTER_WITHOUT_LOG, name=worker, path=path))
         return sum(threads.values())
 
 
@@ -125,10 +113,8 @@ def read_on_worker(job: Job, limits: Limits, read: str) -> Outcome:
         reader = _idle.pop()
     except IndexError:
         reader = LogReader()
-    reader.send(job, limits, read)
-    outcome = None
-    while outcome is None:
-        outcome = reader.outcome(bool(wait([reader.connection], reader.seconds_left)))
+    outcome = reader.read(job, limits, read)
+    assert outcome is not None
     _idle.append(reader)
     return outcome
 
@@ -139,8 +125,7 @@ def stop_readers() -> None:
         _idle.pop().stop()
 
 
-def machine(path: str) -> tuple[str, bool]:
-    """Returns the versions here of mavdem, of the columns and of Python, and whether the log at ``path`` is here."""
+def versions() -> str:
+    """Returns the versions here of mavdem, of the columns and of Python."""
     python = ".".join(platform.python_version_tuple()[:2])
-    mavdem = f"mavdem {metadata.version('mavdem')} (columns {SCHEMA_VERSION}) on Python {python}"
-    return mavdem, is_url(path) or os.path.lexists(path)
+    return f"mavdem {metadata.version('mavdem')} (columns {SCHEMA_VERSION}) on Python {python}"

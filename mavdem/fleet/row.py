@@ -25,7 +25,6 @@ from mavdem.units import (
     Decibels,
     DragUnit,
     EffectPerInput,
-    GainOfOutput,
     Hertz,
     OfInputUnit,
     OfTrim,
@@ -40,7 +39,7 @@ from mavdem.units import (
     units_of_fields,
 )
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 # the vehicle of a log that does not say whose it is, and health that is not known
@@ -202,13 +201,6 @@ class FlightRow:
     """mean of each input over the flight"""
     mean_outputs: Annotated[tuple[float, ...], unit("rad, rad/s")] | None = None
     """mean of each output over the flight"""
-    residual_gain_inputs: tuple[EffectPerInput, ...] | None = None
-    """the mean angular acceleration that this flight's frozen model leaves unexplained in another one is the sum of \
-gains times that flight's means, and of the offset"""
-    residual_gain_outputs: tuple[GainOfOutput, ...] | None = None
-    """the same gains of the outputs"""
-    residual_offset: AngularAcceleration = None
-    """the offset of that sum"""
     headline: str | None = at("headline")
     """the worst that was found, or how the flight was lost, one sentence"""
     headline_level: str | None = at("headline_fact.level")

@@ -15,19 +15,17 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis
-from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop, assess_signals
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_velocity import WindVelocity
-from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import Prior, Reading
 from mavdem.fleet.row import DEMAND, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows, fault
 from mavdem.health.balance import balance_of_signals
-from mavdem.ingest import Log, Telemetry, read_log
+from mavdem.ingest import read_log
 
 # of what `mavdem learn` writes, those with figures
 REPORT = "report.json"
@@ -45,34 +43,24 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     rows = []
     pages = {}
     for telemetry in log.vehicles:
-        system = telemetry.system
-        component = telemetry.component
+        ids = {"system": telemetry.system, "component": telemetry.component}
+        signals = Signals(telemetry, inputs="motors")
         try:
-            found, assessment = _rows_of_vehicle(log, telemetry, str(path))
+            assessment = assess_signals(log, signals, TILT_AXES[0], further=TILT_AXES[1:])
+            found = rows_of_assessment(assessment, signals, str(path))
         except (MemoryError, OSError, Unreadable):
             raise  # of the whole log
         except Exception as error:  # others in the log keep their rows
             if len(log.vehicles) == 1:
                 raise
-            ids = {"system": system, "component": component}
             rows.append(FlightRow.without_flight(str(path), fault(error), **ids))
             continue
-        if assessment is not None and page is not None:
-            name = f"{key[:16]}-{system}-{component}.html"
+        if found[0].axis is not None and page is not None:
+            name = f"{key[:16]}-{telemetry.system}-{telemetry.component}.html"
             pages[name] = page(path.name, assessment)
             found = [replace(row, page=f"{PAGES}/{name}") for row in found]
         rows += found
     return rows or [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))], pages
-
-
-def _rows_of_vehicle(
-    log: Log, telemetry: Telemetry, file: str
-) -> tuple[list[FlightRow], Assessment | None]:
-    """The rows of a vehicle, and its assessment, None without settled flight."""
-    signals = Signals(telemetry, inputs="motors")
-    assessment = assess_signals(log, signals, TILT_AXES[0], further=TILT_AXES[1:])
-    rows = rows_of_assessment(assessment, signals, file)
-    return rows, None if rows[0].axis is None else assessment
 
 
 def rows_of_assessment(assessment: Assessment, signals: Signals, file: str) -> list[FlightRow]:
@@ -158,21 +146,15 @@ def _margins(loop: Loop) -> dict[str, Any]:
 
 
 def _means(analysis: LogAnalysis) -> dict[str, Any]:
-    """What the frozen model of a flight leaves unexplained in another, as gains of that flight's means."""
+    """The means of what the model has seen."""
     if analysis.learned is None:
         return {}
-    inputs = np.concatenate([flight.inputs for flight in analysis.flights]).mean(axis=0)
-    outputs = np.concatenate([flight.outputs for flight in analysis.flights]).mean(axis=0)
-    columns: dict[str, Any] = {"mean_inputs": inputs, "mean_outputs": outputs}
-    physical = analysis.learned.physical
-    if physical is not None and physical.identifiable:
-        # In settled flight the mean acceleration is 0, so what the motors and the damping leave is the wind's.
-        columns |= {
-            "residual_gain_inputs": -physical.effect,
-            "residual_gain_outputs": (0.0, physical.damping),
-            "residual_offset": float(physical.effect @ inputs - physical.damping * outputs[-1]),
-        }
-    return columns
+    return {
+        f"mean_{name}": np.concatenate([getattr(one, name) for one in analysis.flights]).mean(
+            axis=0
+        )
+        for name in ("inputs", "outputs")
+    }
 
 
 def is_learned(path: Path) -> bool:
@@ -188,25 +170,15 @@ def text_of(path: Path) -> str:
 
 
 def rows_of_learned(path: Path) -> list[FlightRow]:
-    """Returns a row an axis of what ``mavdem learn`` wrote: its folder, its report, or a model alone.
+    """Returns a row an axis of what ``mavdem learn`` or ``mavdem review`` wrote: its folder, or its report.
 
     Raises Unreadable: it cannot be read, or ``mavdem learn`` did not write it.
     """
     file = path / REPORT if path.is_dir() else path
     try:
-        text = text_of(file)
-        report = json.loads(text)
+        report = json.loads(text_of(file))
         if report.get("document") == "review":
             report = report["model"] or {}
-        if "free_energy" in report and "physical" not in report:
-            learned = Learned.from_json(text)
-            record = learned.record
-            report = {
-                "physical": physical_values(learned.physical),
-                "wind": wind_values(learned.wind_torque),
-            }
-            report |= {"inputs": record.input_names, "outputs": record.output_names}
-            report |= {"flight": {"scale": {"unit": next(iter(record.input_units), None)}}}
         if "physical" not in report:
             raise ValueError("no figures of a vehicle")
         source = {"file": str((report.get("flight") or {}).get("source") or path), "key": str(path)}

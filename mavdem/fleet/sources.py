@@ -75,38 +75,23 @@ def find_logs(
 
 
 def _local(name: str, left_out: str) -> Iterator[Source]:
+    """Logs of this machine: a file, what looks like a log in a folder and those below it, or what a pattern names."""
     if os.path.isdir(name):
-        yield from _inside(os.path.abspath(name), left_out)
+        paths = [
+            path
+            for place, _, names in os.walk(os.path.abspath(name))
+            for path in (os.path.join(place, one) for one in names)
+            if looks_like_log(path)
+        ]
     elif os.path.lexists(name):
         yield source_of(name)
-    elif not glob.has_magic(name):
-        raise Unreadable(Fact(Folder.PATH_MISSING, path=name))
+        return
     else:
-        for path in sorted(glob.iglob(name, recursive=True)):
-            # What a pattern names is taken as if it were named, but `**` also names the folders.
-            is_left_out = bool(left_out) and os.path.realpath(path).startswith(left_out + os.sep)
-            if not os.path.isdir(path) and not is_left_out:
-                yield source_of(path)
-
-
-def _inside(folder: str, left_out: str) -> Iterator[Source]:
-    """Logs in a folder and those below it, each folder once: links may lead in a circle."""
-
-    def refuse(error: OSError) -> None:
-        if error.filename == folder:
-            because = error.strerror
-            raise Unreadable(Fact(Folder.FOLDER_UNREADABLE, path=folder, because=because))
-
-    seen = {left_out}
-    for place, below, names in os.walk(folder, onerror=refuse, followlinks=True):
-        if (real := os.path.realpath(place)) in seen:
-            below.clear()
-            continue
-        seen.add(real)
-        below.sort()
-        yield from (
-            source_of(path) for name in names if looks_like_log(path := os.path.join(place, name))
-        )
+        # `**` also names the folders
+        paths = [path for path in glob.iglob(name, recursive=True) if not os.path.isdir(path)]
+    for path in paths:
+        if not left_out or not os.path.realpath(path).startswith(left_out + os.sep):
+            yield source_of(path)
 
 
 def source_of(path: str) -> Source:

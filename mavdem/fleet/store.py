@@ -10,13 +10,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from importlib import metadata
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +30,6 @@ from mavdem.fleet.workers import PAGES, Limits, Outcome
 
 STORE = "fleet.sqlite"
 TABLE = Path("flights", "flights.parquet")
-UNFINISHED = ".unfinished"
 # rows that a reader skips at once, by the least and the greatest vehicle's name among them
 ROW_GROUP = 10_000
 BUSY_SECONDS = 600.0  # while another run may write, as the table of a large fleet
@@ -84,32 +81,18 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    schema = row_schema()
-    rows = iter(rows)
-    # Not beside the table: readers of all files in its folder would count what is unfinished.
-    scratch = folder / UNFINISHED
-    shutil.rmtree(scratch, ignore_errors=True)
-    scratch.mkdir(parents=True)
     (folder / TABLE).parent.mkdir(exist_ok=True)
-    with atomic_write(folder / TABLE, scratch) as file:
-        with parquet.ParquetWriter(file, schema, compression="zstd") as writer:
-            while group := list(islice(rows, ROW_GROUP)):
-                columns = {name: [getattr(row, name) for row in group] for name in schema.names}
-                columns["date"] = [
-                    None if date is None else date.replace(tzinfo=None) for date in columns["date"]
-                ]
-                writer.write_table(pyarrow.Table.from_pydict(columns, schema))
+    table = pyarrow.Table.from_pylist([asdict(row) for row in rows], row_schema())
+    # Not beside the table: readers of all files in its folder would count what is unfinished.
+    with atomic_write(folder / TABLE, folder) as file:
+        parquet.write_table(table, file, row_group_size=ROW_GROUP, compression="zstd")
         file.flush()
         os.fsync(file.fileno())
-    shutil.rmtree(scratch, ignore_errors=True)
 
 
 @contextmanager
 def opened(folder: Path) -> Iterator[Store]:
     """Gives the store of a fleet's folder, which is made if it is not there; raises ``Unreadable``."""
-    flights = folder / TABLE.parent
-    if not (folder / STORE).exists() and flights.is_dir() and os.listdir(flights):
-        raise Unreadable(Fact(Folder.FLEET_OF_OTHERS, path=str(flights)))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         store = Store(folder)
@@ -181,11 +164,14 @@ class Store:
                 "select max(tracked) from logs where path = ?", [path]
             ).fetchone()
             if outcome.ended == "known":
+                names = self._db.execute("select path from logs where log = ?", [log]).fetchall()
                 self._db.execute(
                     """insert or replace into logs select ?, ?, size, key, log, ended, seconds, megabytes, time_limit,
                     memory_limit, mavdem_version, ? from logs where log = ? limit 1""",
                     [path, source.version, tracked, log],
                 )
+                gone = [name for name in names if not (is_url(name[0]) or os.path.lexists(name[0]))]
+                self._db.executemany("delete from logs where path = ?", gone)
             else:
                 spent = (
                     round(outcome.seconds, 3),
@@ -271,16 +257,6 @@ class Store:
 
     def _name_rows(self) -> None:
         """Names rows by their log's first name, drops those of logs that are there no more under any name."""
-        several = "select log from logs where tracked group by log having count(*) > 1"
-        names: dict[str, list[str]] = {}
-        for log, path in self._db.execute(
-            f"select log, path from logs where log in ({several})"
-        ).fetchall():
-            names.setdefault(log, []).append(path)
-        for paths in names.values():
-            gone = [(path,) for path in paths if not (is_url(path) or os.path.lexists(path))]
-            if len(gone) < len(paths):
-                self._db.executemany("delete from logs where path = ?", gone)
         self._delete_rows("log not in (select log from logs)")
         renamed = self._db.execute(
             """select name, flights.rowid, vehicle from flights join

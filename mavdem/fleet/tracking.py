@@ -6,7 +6,7 @@ the models of healthy flights, frozen, leave unexplained in another.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder, Reading
+from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
 from mavdem.fleet.sources import Source, find_logs
@@ -74,21 +75,20 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
         (*_key(row), row.axis): row
         for row in (*healthy_rows, *flown)
         if figures[_key(row)].name in names
-    }
-    intervals = {_kind(row): residual_interval(row, healthy.values()) for row in flown}
-
-    judged_rows = []
-    for row in rows:
-        columns = dict[str, Any]()
-        if row.status == OK:
-            assessment = assessments[_key(row)]
-            columns = {name: getattr(assessment, name) for name in OF_ASSESSMENT}
-            columns["residual_mean"] = residual_mean(row, healthy.values())
-            columns["residual_mean_interval"] = intervals[_kind(row)]
-            columns["health_reason"] = " ".join(map(str, assessment.facts))
-            columns["health_code"] = assessment.facts[0].code
-        judged_rows.append(replace(row, **columns))
-    return judged_rows
+    }.values()
+    return [
+        replace(
+            row,
+            **{name: getattr(assessments[_key(row)], name) for name in OF_ASSESSMENT},
+            residual_mean=residual_mean(row, healthy),
+            residual_mean_interval=residual_interval(row, healthy),
+            health_reason=" ".join(map(str, assessments[_key(row)].facts)),
+            health_code=assessments[_key(row)].facts[0].code,
+        )
+        if row.status == OK
+        else row
+        for row in rows
+    ]
 
 
 def health_figures(row: FlightRow) -> HealthFigures:
@@ -137,26 +137,30 @@ def _array(values: Numbers | None, count: int) -> Array:
 
 
 def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
-    """The mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this; None if unknown."""
-    if row.mean_inputs is None:
+    """The mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this; None if unknown.
+
+    In settled flight the mean acceleration is 0, so what the motors and the damping leave is the wind's.
+    """
+    if row.mean_inputs is None or row.mean_outputs is None:
         return None
-    inputs = _array(row.mean_inputs, 0)
-    outputs = _array(row.mean_outputs or (0.0, 0.0), 2)
-    residuals = [
-        float(_array(model.residual_gain_inputs, len(inputs)) @ inputs)
-        + float(_array(model.residual_gain_outputs, 2) @ outputs)
-        + model.residual_offset
-        for model in healthy
-        if model.residual_offset is not None and model.key != row.key and _kind(model) == _kind(row)
-    ]
+    residuals = list[float]()
+    for model in healthy:
+        if _is_model(model) and model.key != row.key and _kind(model) == _kind(row):
+            more = np.subtract(row.mean_inputs, _array(model.mean_inputs, len(row.mean_inputs)))
+            faster = row.mean_outputs[-1] - (model.mean_outputs or (0.0,))[-1]
+            effect = _array(model.effect, len(more))
+            residuals.append(float((model.damping or 0.0) * faster - effect @ more))
     return float(np.mean(residuals)) if residuals else None
 
 
-def residual_interval(like: FlightRow, healthy: Collection[FlightRow]) -> float | None:
+def _is_model(row: FlightRow) -> bool:
+    is_known = row.effect is not None and row.mean_inputs is not None
+    return is_known and row.effect_status != Status.NOT_IDENTIFIABLE
+
+
+def residual_interval(like: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
     """Half width of the 90 % interval of that in a healthy flight with axis and inputs ``like`` a row; None of few."""
-    models = [
-        row for row in healthy if row.residual_offset is not None and _kind(row) == _kind(like)
-    ]
+    models = [row for row in healthy if _is_model(row) and _kind(row) == _kind(like)]
     left = [residual for row in models if (residual := residual_mean(row, models)) is not None]
     if len(left) < 3:
         return None

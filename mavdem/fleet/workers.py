@@ -17,16 +17,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from itertools import islice
 from math import ceil
 from multiprocessing import get_context, parent_process, resource_tracker
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from pathlib import Path
 from pkgutil import resolve_name
-from threading import Thread
+from threading import Event, Thread
 from typing import Any, Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
@@ -42,6 +43,7 @@ READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes row
 ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
 # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
 WAITING = 10
+LOOK_SECONDS = 0.5  # between looks whether a reading is to be given up
 
 Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 """How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
@@ -98,63 +100,47 @@ class Reader(Protocol):
 class LogReader:
     """A process that reads one log at a time; in place of one that died another is started.
 
-    Attributes:
-        connection: is readable when the process has answered, or died.
+    A reading is given up where, asked twice a second, ``is_ending`` says so.
     """
 
-    connection: Connection
+    _connection: Connection
 
-    def __init__(self) -> None:
+    def __init__(self, is_ending: Callable[[], bool] = lambda: False) -> None:
+        self._is_ending = is_ending
         self._process: Any = None
 
-    def send(self, job: Job, limits: Limits, read: str) -> None:
-        """Begins to read a log by the function ``read``; raises ``Unreadable`` if no process can be started."""
-        self._sent = job, limits, read
-        self._attempts = 0
-        self._try()
+    def read(self, job: Job, limits: Limits, read: str = READ_LOG) -> Outcome | None:
+        """Returns what became of a log that the function ``read`` reads; None where that was given up.
 
-    @property
-    def seconds_left(self) -> float:
-        """How long the process may still take by the clock."""
-        return max(self._deadline - time.monotonic(), 0.0)
-
-    def outcome(self, answered: bool) -> Outcome | None:
-        """Returns what became of the log; None while it is read. ``answered``: the connection is readable."""
-        job, limits, _ = self._sent
-        code = -signal.SIGXCPU
-        if answered:
-            # of a process that died nothing comes, or not all that it sent
-            with suppress(EOFError, OSError):
-                answer: Outcome | None = self.connection.recv()
-                self._has_begun = True
-                return answer
-            self._process.join()
-            code = self._process.exitcode
-        elif self.seconds_left:
-            return None
-        cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        self.stop()
-        if not self._has_begun:
-            raise Unreadable(Fact(Reading.READERS_NOT_STARTED, because=cause))
-        if code == -signal.SIGXCPU:
-            late = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
-            return replace(failed(job, "time", late), seconds=limits.seconds)
-        if code == errno.ENOMEM:
-            big = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
-            return replace(failed(job, "memory", big), megabytes=limits.megabytes)
-        if self._attempts == ATTEMPTS:
-            died = Fact(Reading.READER_DIED, because=cause, attempts=ATTEMPTS)
-            return failed(job, "died", died)
-        self._try()
-        return None
-
-    def _try(self) -> None:
-        self._attempts += 1
-        if self._process is None:
-            self._start()
-        self._deadline = time.monotonic() + WAITING * self._sent[1].seconds
-        with suppress(BrokenPipeError):  # it died meanwhile, as the answer will show
-            self.connection.send(self._sent)
+        Raises ``Unreadable``: no process can be started.
+        """
+        code = 0
+        for _ in range(ATTEMPTS):
+            if self._process is None:
+                self._start()
+            deadline = time.monotonic() + WAITING * limits.seconds
+            with suppress(BrokenPipeError):  # it died meanwhile
+                self._connection.send((job, limits, read))
+            while not self._connection.poll(LOOK_SECONDS) and time.monotonic() < deadline:
+                if self._is_ending():
+                    return None
+            code = -signal.SIGXCPU
+            if self._connection.poll():
+                # of a process that died nothing comes, or not all that it sent
+                with suppress(EOFError, OSError):
+                    outcome: Outcome = self._connection.recv()
+                    return outcome
+                self._process.join()
+                code = self._process.exitcode
+            self.stop()
+            if code == -signal.SIGXCPU:
+                late = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
+                return replace(failed(job, "time", late), seconds=limits.seconds)
+            if code == errno.ENOMEM:
+                big = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
+                return replace(failed(job, "memory", big), megabytes=limits.megabytes)
+        died = Fact(Reading.READER_DIED, because=_cause(code), attempts=ATTEMPTS)
+        return failed(job, "died", died)
 
     def _start(self) -> None:
         # Read when NumPy is imported. Others like the process have the other cores.
@@ -163,13 +149,12 @@ class LogReader:
         os.environ.setdefault("MPLBACKEND", "agg")
         # What a process fetches goes also where it was killed.
         self._scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
-        self._has_begun = False
         context = get_context("spawn")
         # Python's own process for semaphores: as it is started it unblocks the signals that are blocked below.
         resource_tracker.ensure_running()
         # What a terminal sends to all its programs reaches this process only, which decides what it means.
         with blocked(*ENDS):
-            self.connection, theirs = context.Pipe()
+            self._connection, theirs = context.Pipe()
             given = theirs, self._scratch.name
             self._process = context.Process(target=_serve, args=given, daemon=True)
             try:
@@ -178,6 +163,13 @@ class LogReader:
                 raise Unreadable(Fact(Reading.READERS_NOT_STARTED, because=str(error))) from None
             finally:
                 theirs.close()
+        try:
+            self._connection.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            cause = _cause(self._process.exitcode)
+            self.stop()
+            raise Unreadable(Fact(Reading.READERS_NOT_STARTED, because=cause)) from None
 
     def stop(self) -> None:
         """Ends the process, whatever it does, and removes what it leaves."""
@@ -186,9 +178,13 @@ class LogReader:
         if process.pid is not None:
             process.kill()
             process.join()
-        self.connection.close()
+        self._connection.close()
         self._scratch.cleanup()
         self._process = None
+
+
+def _cause(code: int) -> str:
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
 class WorkerPool:
@@ -201,26 +197,25 @@ class WorkerPool:
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
         """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
+        is_ending = Event()
         readers = list[LogReader]()
+        busy = dict[Future[Outcome | None], LogReader]()
+        executor = ThreadPoolExecutor(self._processes)
         try:
             for job in islice(jobs, self._processes):
-                readers.append(LogReader())
-                readers[-1].send(job, self.limits, self._read)
-            busy = [*readers]
+                readers.append(LogReader(is_ending.is_set))
+                busy[executor.submit(readers[-1].read, job, self.limits, self._read)] = readers[-1]
             while busy:
-                seconds = min(reader.seconds_left for reader in busy)
-                answered = wait([reader.connection for reader in busy], seconds)
-                for reader in [*busy]:
-                    outcome = reader.outcome(reader.connection in answered)
-                    if outcome is None:
-                        continue
+                future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
+                reader = busy.pop(future)
+                if (outcome := future.result()) is not None:
                     yield outcome
-                    if (following := next(jobs, None)) is None:
-                        busy.remove(reader)
-                    else:
-                        reader.send(following, self.limits, self._read)
+                for job in islice(jobs, 1):
+                    busy[executor.submit(reader.read, job, self.limits, self._read)] = reader
         finally:
+            is_ending.set()
             with blocked(*ENDS):
+                executor.shutdown()
                 for reader in readers:
                     reader.stop()
 

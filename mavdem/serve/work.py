@@ -6,7 +6,6 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from itertools import chain
-from multiprocessing.connection import wait
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Stage
@@ -86,12 +85,13 @@ class Work:
         self._is_ending.wait(PAUSE_SECONDS)
 
     def _in_process(self) -> None:
-        reader = LogReader()
+        reader = LogReader(self._is_ending.is_set)
         try:
             # At first what it needs is imported: a log should not wait for that.
             for entry in chain([None], self._claimed()):
+                read = self._read if entry else PUBLISH
                 try:
-                    outcome = self._outcome(reader, entry)
+                    outcome = reader.read(self._job(entry), self._limits, read)
                 except Unreadable:
                     self._give_back([entry] if entry else [])
                     continue
@@ -99,18 +99,6 @@ class Work:
                     self._finish(entry, outcome)
         finally:
             reader.stop()
-
-    def _outcome(self, reader: LogReader, entry: Entry | None) -> Outcome | None:
-        """What became of a log; None at the end."""
-        reader.send(self._job(entry), self._limits, self._read if entry else PUBLISH)
-        while not self._is_ending.is_set():
-            seconds = min(reader.seconds_left, PAUSE_SECONDS)
-            answered = bool(wait([reader.connection], seconds))
-            if answered or not reader.seconds_left:
-                outcome = reader.outcome(answered)
-                if outcome is not None:
-                    return outcome
-        return None
 
     def _on_cluster(self) -> None:
         assert self._cluster is not None

@@ -36,7 +36,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["none.bin", "--out", "fleet"], "none.bin does not exist. Check the name."),
+        (["none.bin", "--out", "fleet"], "none.bin names no log. Check the name."),
         (
             ["udpin:127.0.0.1:14550", "--out", "fleet"],
             "is a MAVLink link, and only logs are read here",

@@ -145,13 +145,3 @@ def test_a_model_that_is_no_prior_is_refused(tmp_path, monkeypatch, axis, physic
     with pytest.raises(Unreadable) as refused:
         earlier_flight(tmp_path, "roll")
     assert refused.value.fact.code is code
-
-
-def test_a_frozen_model_leaves_nothing_of_its_own_flight_unexplained():
-    physical = SimpleNamespace(identifiable=True, effect=np.array([2.0, -1.0]), damping=3.0)
-    flight = SimpleNamespace(inputs=np.array([[1.0, 2.5]]), outputs=np.array([[0.1, 0.5]]))
-    analysis = SimpleNamespace(learned=SimpleNamespace(physical=physical), flights=[flight])
-    row = module._means(analysis)
-    explained = row["residual_gain_inputs"] @ row["mean_inputs"]
-    explained += row["residual_gain_outputs"] @ row["mean_outputs"]
-    assert explained + row["residual_offset"] == pytest.approx(0.0)

@@ -83,13 +83,6 @@ def refusal(use: Callable[[], object]) -> Code:
     return refused.value.fact.code
 
 
-def test_a_folder_of_somebody_else_is_refused(tmp_path):
-    (tmp_path / "flights").mkdir()
-    (tmp_path / "flights" / "monday.bin").touch()
-    assert refusal(opened(tmp_path).__enter__) is Folder.FLEET_OF_OTHERS
-    assert [path.name for path in tmp_path.iterdir()] == ["flights"]
-
-
 def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
     assert refusal(lambda: read_rows(tmp_path / "none")) is Folder.NO_FLEET
     (tmp_path / STORE).write_bytes(b"SQLite format 3\0 and nothing" * 99)
@@ -286,15 +279,14 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
 
 def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
     """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
-    effect = np.array([1.0, -1.0])
     values = {
         "motors": ("1", "2"),
         "axis": "roll",
         "mean_inputs": means,
         "mean_outputs": (0.1, 0.0),
+        "effect": (1.0, -1.0),
+        "damping": 2.0,
     }
-    values |= {"residual_gain_inputs": -effect, "residual_gain_outputs": (0.0, 2.0)}
-    values["residual_offset"] = float(effect @ means) if len(means) == 2 else 0.2
     return FlightRow(file=f"{key}.bin", key=key, **values | columns)
 
 
@@ -309,7 +301,7 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     assert residual_interval(new, healthy) == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
     assert residual_mean(healthy[0], healthy) == pytest.approx(3)
     # Other axes, motors and inputs are other models.
-    by_demand = flight("demand", (0.1,), inputs="demand", residual_gain_inputs=(-2.0,))
+    by_demand = flight("demand", (0.1,), inputs="demand", effect=(2.0,))
     for other in (replace(new, axis="pitch"), replace(new, motors=("other", "names")), by_demand):
         assert residual_mean(other, healthy) is None and residual_interval(other, healthy) is None
     assert residual_mean(healthy[0], [*healthy, by_demand]) == pytest.approx(3)

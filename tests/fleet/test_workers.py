@@ -21,7 +21,7 @@ import pytest
 from distributed import LocalCluster
 from recorded_flights import LOGS
 from refusals import prose
-from standin_logs import LIMITS, READ, InThisProcess, make_logs, seen_by, table_of, track
+from standin_logs import LIMITS, READ, InThisProcess, make_logs, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import Folder, Reading
@@ -203,33 +203,13 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
         assert not any(client.run(lambda: len(cluster._idle)).values())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "value", "code"),
-    [
-        ("SCHEMA_VERSION", 99, Reading.CLUSTER_OF_OTHER_VERSION),
-        ("machine", partial(seen_by, os.getpid()), Reading.CLUSTER_WITHOUT_LOG),
-    ],
-)
-def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, code):
-    make_logs(tmp_path, 1)
-    monkeypatch.setattr(cluster, name, value)
-    reader = Cluster(two_workers.scheduler_address, LIMITS, READ)
-    with pytest.raises(Unreadable) as refused:
-        list(reader.outcomes(iter([Job(str(tmp_path / "log_0.bin"))])))
-    assert refused.value.fact.code is code
-
-
 @pytest.mark.parametrize(
     ("client", "code"),
     [
         ({"nthreads.return_value": {}}, Reading.NO_CLUSTER_WORKERS),
         ({"run.side_effect": ImportError("mavdem")}, Reading.CLUSTER_WITHOUT_MAVDEM),
-        ({"submit.return_value": Mock()}, Reading.SCHEDULER_GONE),
-        (
-            {"submit.return_value": Mock(**{"cancelled.return_value": False})},
-            Reading.CLUSTER_CANNOT_READ,
-        ),
+        ({"run.side_effect": [{"0": "other"}]}, Reading.CLUSTER_OF_OTHER_VERSION),
+        ({"submit.return_value": Mock()}, Reading.CLUSTER_CANNOT_READ),
         (None, Reading.NO_SCHEDULER),
     ],
 )
@@ -256,13 +236,13 @@ def stand_in(monkeypatch, client):
         add = list.append
 
     known = {"nthreads.return_value": {"0": 1}, "run.side_effect": lambda *_, **__: {"0": HERE}}
-    monkeypatch.setattr(cluster, "machine", lambda _: HERE)
+    monkeypatch.setattr(cluster, "versions", lambda: HERE)
     monkeypatch.setattr(socket, "create_connection", Mock())
     monkeypatch.setattr(distributed, "Client", Mock(return_value=MagicMock(**(known | client))))
     monkeypatch.setattr(distributed, "as_completed", lambda loop: Done())
 
 
-HERE = "mavdem", True
+HERE = "mavdem"
 
 
 def names(*given: object, apart_from: Path | None = None) -> list[str]:
