@@ -38,7 +38,8 @@ def diff_command(
 ) -> None:
     """Reports what changed of a vehicle between A and B, and what stayed the same.
 
-    A and B are each a log, a FLEET of `mavdem track`, or what `mavdem learn` wrote (its folder or report.json). Of a FLEET all flights of the vehicle count, and show how much one flight differs from the next; of
+    A and B are each a log, a FLEET of `mavdem track`, or what `mavdem learn` wrote (its folder or report.json).
+    Of a FLEET all flights of the vehicle count, and show how much one flight differs from the next; of
     single flights that is assumed, and said.
 
     \b
