@@ -230,7 +230,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
 
     def outcomes(jobs):
         tries.append(next(jobs))
-        raise Unreadable(Fact(Reading.SCHEDULER_GONE, address="tcp://a:1"))
+        raise Unreadable(Fact(Reading.NO_SCHEDULER, address="tcp://a:1"))
 
     cluster.outcomes = outcomes
     work = Work(library, 1, LIMITS, cluster=cluster)
