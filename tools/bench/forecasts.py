@@ -2,7 +2,7 @@
 """Forecasts of windows of recorded flights against the constant mean; prints a table by flight and one by half.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
-that of the constant mean; the tables have the median over windows. A window from which nothing can be learned counts as
+that of the constant mean; the tables have the median over windows. A window from which nothing can be learnt counts as
 1. Every flight belongs to half A or half B: what is chosen on one half is judged on the other. Below, errors are beside
 those of joint autoregressions: of forecasts over VAR(10)'s, of predictions without the motors over VAR(4)'s, geometric
 means over flights of the medians over windows.
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
 from time import perf_counter
@@ -22,6 +21,7 @@ from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 
 import mavdem
 from mavdem import baselines, evaluate
@@ -31,99 +31,80 @@ from mavdem.paper.runner import SHARED, recorded_flights
 KNOWN = (10, 25, 50, 150)
 UNKNOWN = (1, 5, 10, 25, 50)
 """Steps of forecasts, and of predictions without the motors, whose errors are shown beside an autoregression's."""
+ERRORS = [
+    (question, step, by)
+    for question, steps in (("known", KNOWN), ("unknown", UNKNOWN))
+    for step in steps
+    for by in ("ours", "theirs")
+]
+HALVES = ("A", "B", "AB")
 
 
-def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, Any]:
+def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[Any, float]:
     """The error ratio, the share of samples in the 90 % band, and squared errors: ours, then an autoregression's."""
     if isinstance(learned, ValueError):
-        return {
-            "ratio": 1.0,
-            "inside": np.nan,
-            "known": np.ones((2, 4)),
-            "unknown": np.ones((2, 5)),
-        }
+        return {"ratio": 1.0, "inside": np.nan} | dict.fromkeys(ERRORS, 1.0)
     train = window.train
     test = window.test
     forecast = learned.forecast(test.inputs)
     inside = np.abs(test.outputs - forecast) <= learned.forecast_band(test.inputs)
-
-    def errors(steps: Sequence[int], *made: Any) -> Any:
-        squares = [
-            np.mean((one - test.outputs[: len(one)]) ** 2 / train.outputs.var(axis=0), axis=1)
-            for one in made
-        ]
-        return np.array([[one[:step].mean() for step in steps] for one in squares])
-
-    predictions = (model.predict(UNKNOWN[-1]) for model in (learned, baselines.var(train, order=4)))
-    return {
-        "ratio": float(evaluate.relative_mspe(train, test, forecast)),
-        "inside": float(np.mean(inside)),
-        "known": errors(KNOWN, forecast, baselines.var(train, order=10).forecast(test.inputs)),
-        "unknown": errors(UNKNOWN, *predictions),
+    made = {
+        ("known", "ours"): forecast,
+        ("known", "theirs"): baselines.var(train, order=10).forecast(test.inputs),
+        ("unknown", "ours"): learned.predict(UNKNOWN[-1]),
+        ("unknown", "theirs"): baselines.var(train, order=4).predict(UNKNOWN[-1]),
     }
+    scale = train.outputs.var(axis=0)
+    squares = {key: (one - test.outputs[: len(one)]) ** 2 / scale for key, one in made.items()}
+    row = {"ratio": float(evaluate.relative_mspe(train, test, forecast)), "inside": inside.mean()}
+    return row | {key: squares[key[0], key[2]][: key[1]].mean() for key in ERRORS}
 
 
 def of_flight(
     name: str, flight: mavdem.Flight, half: str, most: int | None, settings: mavdem.Settings
-) -> list[dict[str, Any]]:
-    """The figures of each window; prints their row."""
+) -> pd.DataFrame:
+    """The figures of up to ``most`` windows, evenly over the flight; prints the flight's row."""
     every = windows(name, flight)
-    # Up to ``most`` windows, evenly over the flight.
-    cut = [
-        every[i]
-        for i in np.unique(
-            np.linspace(0, len(every) - 1, min(most or len(every), len(every))).astype(int)
-        )
-    ]
+    places = np.linspace(0, len(every) - 1, min(most or len(every), len(every)))
+    cut = [every[place] for place in np.unique(places.astype(int))]
     began = perf_counter()
     found = list(mavdem.learn_many((window.train, settings) for window in cut))
     seconds = (perf_counter() - began) / max(1, len(cut))
-    rows = [{"half": half} | figures(*pair) for pair in zip(cut, found, strict=True)]
-    if rows:
-        ratios = column(rows, "ratio")
-        inside = column(rows, "inside")
-        print(
-            f"| {name} | {half} | {flight.inputs.shape[1]} | {1 / flight.dt:.0f} | {len(rows)} "
-            f"| {np.median(ratios):.3g} | {ratios.max():.3g} | {np.mean(ratios < 1):.2f} | {np.nanmean(inside):.2f} "
-            f"| {seconds:.2f} |",
-            flush=True,
-        )
-    return rows
+    rows = pd.DataFrame([figures(*pair) for pair in zip(cut, found, strict=True)])
+    if len(rows):
+        ratio = rows["ratio"]
+        row = [name, half, flight.inputs.shape[1], f"{1 / flight.dt:.0f}", len(rows)]
+        row += [f"{ratio.median():.3g}", f"{ratio.max():.3g}", f"{(ratio < 1).mean():.2f}"]
+        print_row(*row, f"{rows['inside'].mean():.2f}", f"{seconds:.2f}")
+    return rows.assign(name=name, half=half)
 
 
-def column(rows: Sequence[dict[str, Any]], name: str) -> Any:
-    return np.array([row[name] for row in rows])
+def print_row(*cells: object) -> None:
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
-    print(
-        "\n| half | flights | windows | geometric mean of medians | worse than the constant mean | worst |"
-    )
-    print("|---|---|---|---|---|---|")
-    for half in ("A", "B", "AB"):
-        if those := [rows for rows in by_flight if rows[0]["half"] in half]:
-            ratios = column([row for rows in those for row in rows], "ratio")
-            mean = np.exp(np.mean([np.log(np.median(column(rows, "ratio"))) for rows in those]))
-            print(
-                f"| {half} | {len(those)} | {len(ratios)} | {mean:.3g} | {np.sum(ratios >= 1)} | {ratios.max():.3g} |"
-            )
+def print_summaries(rows: pd.DataFrame) -> None:
+    """Prints a row of each half, and errors over those of autoregressions."""
+    print()
+    shown = ("geometric mean of medians", "worse than the constant mean", "worst")
+    print_row("half", "flights", "windows", *shown)
+    print_row(*["---"] * 6)
+    for half in HALVES:
+        those = rows[rows["half"].isin([*half])]
+        ratio = those["ratio"]
+        mean = np.exp(np.log(those.groupby("name")["ratio"].median()).mean())
+        counts = [those["name"].nunique(), len(those), f"{mean:.3g}", (ratio >= 1).sum()]
+        print_row(half, *counts, f"{ratio.max():.3g}")
     for question, steps in (("known", KNOWN), ("unknown", UNKNOWN)):
-        for half in ("A", "B", "AB"):
-            tables = [
-                np.median(column(rows, question), axis=0)
-                for rows in by_flight
-                if rows[0]["half"] in half
-            ]
-            logs = [np.log(table[0]) - np.log(table[1]) for table in tables]
-            over = np.exp(np.mean(logs, axis=0)) if logs else []
-            listed = ", ".join(
-                f"{value:.2f} at {step}" for value, step in zip(over, steps, strict=False)
-            )
-            print(
-                f"\nMotors {question}, half {half}, over joint VAR({10 if question == 'known' else 4}): {listed} steps."
-            )
-    inside = column([row for rows in by_flight for row in rows], "inside")
-    print(f"\nIn the 90 % band: {np.nanmean(inside):.2f} of the samples.")
+        for half in HALVES:
+            those = rows[rows["half"].isin([*half])]
+            logs = np.log(those.groupby("name")[ERRORS].median())
+            over = [(logs[question, one, "ours"] - logs[question, one, "theirs"]) for one in steps]
+            listed = [f"{np.exp(ratio.mean()):.2f}" for ratio in over]
+            at = ", ".join(f"{one} at {step}" for one, step in zip(listed, steps, strict=True))
+            order = 10 if question == "known" else 4
+            print(f"\nMotors {question}, half {half}, over joint VAR({order}): {at} steps.")
+    print(f"\nIn the 90 % band: {rows['inside'].mean():.2f} of the samples.")
 
 
 @click.command(help=__doc__)
@@ -138,21 +119,16 @@ def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
 def main(most: int | None, preset: str, settings: str) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
-    print(
-        "| flight | half | inputs | Hz | windows | median ratio | worst | below 1 | in the 90 % band | s a window |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    shown = ("median ratio", "worst", "below 1", "in the 90 % band", "s a window")
+    print_row("flight", "half", "inputs", "Hz", "windows", *shown)
+    print_row(*["---"] * 10)
     halved = zip(recorded_flights(), cycle("AB"), strict=False)
-    by_flight = [
-        rows
-        for (name, flight), half in halved
-        if (rows := of_flight(name, flight, half, most, chosen))
-    ]
-    if not by_flight:
+    tables = [of_flight(*named, half, most, chosen) for named, half in halved]
+    if not tables:
         sys.exit(
             f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA."
         )
-    print_summaries(by_flight)
+    print_summaries(pd.concat(tables))
 
 
 if __name__ == "__main__":

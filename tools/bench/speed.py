@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How fast logs are read, a fleet's rows and live estimates made; prints Markdown tables.
+"""How fast logs are read, a fleet's rows and live estimates made; prints tables.
 
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
        tools/bench/speed.py fleet LOG ...
@@ -10,23 +10,20 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import math
 import multiprocessing
 import os
 import resource
-import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
-from statistics import mean, median
 from tempfile import TemporaryDirectory
 from timeit import repeat
+from typing import Any
 
 import click
-import numpy as np
-from pymavlink.dialects.v20 import all as dialect
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from mavdem.alignment import drive, signals
@@ -43,6 +40,9 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import run
 from mavdem.live.session import LiveSession
 from mavdem.report.flight_page import flight_page
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.mavlink.live import Ground, fly_live
+from sitl_scenarios.simulation import Simulation
 
 
 def ours(path: str) -> int:
@@ -110,45 +110,37 @@ def read(logs: tuple[Path, ...]) -> None:
     the same message types as ours; pyulog with all topics; mcap with all messages in file order, and Python's json
     where they are JSON. One that is not installed is left out.
     """
-    print("| file | MB | reader | s | MB/s | messages | messages/s | mavdem is faster by |")
-    print("|---|---|---|---|---|---|---|---|")
+    rows = []
     for path in logs:
         size = path.stat().st_size / 1e6
-        fastest = 0.0
         for name, reader in READERS[path.suffix.lower()].items():
             if importlib.util.find_spec(name) is None:
                 continue
             count = reader(str(path))
             seconds = min(repeat(partial(reader, str(path)), number=1, repeat=3))
-            fastest = fastest or seconds
-            print(
-                f"| {path.name} | {size:.1f} | {name} | {seconds:.2f} | {size / seconds:.1f} | {count:,} "
-                f"| {count / seconds:,.0f} | {seconds / fastest:.1f} |",
-                flush=True,
-            )
+            speeds = {"MB/s": size / seconds, "messages/s": count / seconds}
+            rows.append({"file": path.name, "reader": name, "s": seconds, "MB": size, **speeds})
+    table = pd.DataFrame(rows)
+    table["mavdem is faster by"] = table["s"] / table.groupby("file")["s"].transform("first")
+    show(table)
 
 
 def fleet(logs: tuple[Path, ...]) -> None:
     """What logs cost a fleet: CPU seconds for the rows and the page of each, by format and tier, on one core."""
     stay_in_this_process()
     threadpool_limits(limits=1, user_api="blas")
-    kinds = dict[str, list[float]]()
-    every = list[float]()
     rows_of_log(logs[0], "", flight_page)  # which loads the libraries
+    rows = []
     for path in logs:
         began = time.process_time()
-        tier = ""
+        kind = f"{path.suffix.lower()}, no flight"
         with suppress(Unreadable):
-            tier = best_tier(rows_of_log(path, path.name, flight_page)[0])
-        every.append(time.process_time() - began)
-        kinds.setdefault(
-            f"{path.suffix.lower()}, {f'tier {tier}' if tier else 'no flight'}", []
-        ).append(every[-1])
-    print("| logs | number | CPU s each: mean | median | longest |\n|---|---|---|---|---|")
-    for kind, spent in [*sorted(kinds.items()), ("all", every)]:
-        print(
-            f"| {kind} | {len(spent)} | {mean(spent):.2f} | {median(spent):.2f} | {max(spent):.2f} |"
-        )
+            if tier := best_tier(rows_of_log(path, path.name, flight_page)[0]):
+                kind = f"{path.suffix.lower()}, tier {tier}"
+        rows.append({"logs": kind, "CPU s": time.process_time() - began})
+    table = pd.DataFrame(rows)
+    spent = pd.concat([table, table.assign(logs="all")]).groupby("logs")["CPU s"]
+    show(spent.agg(["size", "mean", "median", "max"]).reset_index())
     print(f"\nAt most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
 
 
@@ -156,42 +148,17 @@ SECONDS = 30.0
 PORT = 14598
 
 
-def hover(rate: float) -> Iterator[tuple[float, bytes]]:
-    """Datagrams with the second at which each is sent: attitude and motor outputs at ``rate`` Hz each, in the air."""
-    vehicle = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    rng = np.random.default_rng(0)
-    roll = speed = wind = 0.0
-    for tick in range(round(SECONDS * rate)):
-        now = tick / rate
-        if tick % round(rate) == 0:
-            yield now, vehicle.heartbeat_encode(2, 3, 128, 0, 4).pack(vehicle)
-        push = round(20 * math.sin(5 * now) + 10 * math.sin(11.3 * now))
-        wind += (-wind / 0.2) / rate + 2.0 * math.sqrt(2 / 0.2 / rate) * rng.standard_normal()
-        speed += (0.3 * push + wind - 4.0 * speed - 9.0 * roll) / rate
-        roll += speed / rate
-        stamp = 10_000 + now * 1e3
-        yield (
-            now,
-            vehicle.attitude_encode(round(stamp), roll, 0.01, 0.2, speed, 0.0, 0.0).pack(vehicle),
-        )
-        outputs = (1600 - push, 1600 + push, 1600 + push, 1600 - push, 0, 0, 0, 0)
-        yield (
-            now,
-            vehicle.servo_output_raw_encode(round(stamp * 1e3) % 2**32, 0, *outputs).pack(vehicle),
-        )
-
-
 def send(rate: float) -> None:
-    """Sends the hover to this machine at its own pace."""
-    datagrams = list(hover(rate))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
-        begin = time.monotonic()
-        for at, datagram in datagrams:
-            time.sleep(max(begin + at - time.monotonic(), 0.0))
-            outlet.sendto(datagram, ("127.0.0.1", PORT))
+    """Flies a hover live: attitude and motor outputs at ``rate`` Hz each."""
+    rates = dict.fromkeys(("ATTITUDE", "SERVO_OUTPUT_RAW"), rate)
+    stream = {"autopilot": "ardupilot", "only_when_asked": True, "rates": rates}
+    scenario = scenario_of({"duration": SECONDS, "stream": stream})
+    with closing(Ground("127.0.0.1", PORT)) as ground:
+        fly_live(scenario, Simulation(scenario), ground, 1.0, lambda _: None)
 
 
-def over_udp(rate: float, folder: Path) -> str:
+def over_udp(rate: float, folder: Path) -> dict[str, Any]:
+    """A row of half a minute at a rate, Hz."""
     link = Link(f"udpin:127.0.0.1:{PORT}")
     path = folder / f"{rate:.0f}.rrd"
     vehicle = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
@@ -200,52 +167,38 @@ def over_udp(rate: float, folder: Path) -> str:
         LearningProcess() as executor,
     ):
         shown = dashboard.open, dashboard.report, list[object]().append
-        session = LiveSession(
-            link,
-            LiveStream(),
-            Settings(),
-            *shown,
-            executor,
-            RawRecording(path.with_suffix(".tlog")),
-        )
+        recording = RawRecording(path.with_suffix(".tlog"))
+        session = LiveSession(link, LiveStream(), Settings(), *shown, executor, recording)
         vehicle.start()
         while session.status.vehicle is None:
             session.step()
-        used = time.process_time()
-        main = time.thread_time()
-        began = time.monotonic()
+        clocks = time.thread_time, time.process_time, time.monotonic
+        began = [clock() for clock in clocks]
         run(session, lambda: not vehicle.is_alive(), None, 5.0, lambda *_: "")
-        spent = time.monotonic() - began
-        used = time.process_time() - used
-        main = time.thread_time() - main
+        main, process, spent = (clock() - at for clock, at in zip(clocks, began, strict=True))
     link.close()
     now = session.status
-    shares = (f"{main / spent:.0%}", f"{used / spent:.0%}")
-    row = [
-        f"{rate:.0f}",
-        now.learned + now.shown,
-        now.lost,
-        *(f"{1e3 * each:.1f}" for each in now.latency),
-        *shares,
-    ]
-    return f"| {' | '.join(map(str, row))} |"
+    row = {"Hz": rate, "rows": now.learned + now.shown, "lost": now.lost}
+    latency = zip(("median", "99th percentile", "longest"), now.latency, strict=True)
+    row |= {f"{name}, ms": 1e3 * seconds for name, seconds in latency}
+    return row | {"main thread, of a core": main / spent, "process": process / spent}
 
 
 def live(busy: bool) -> None:
     """The cost of `mavdem live`: latency from a datagram's arrival to its estimate, and CPU time.
 
-    Arrival is as the kernel stamps it. A simulated hover is sent by another process over UDP for half a minute;
+    Arrival is as the kernel stamps it. A simulated flight is sent by another process over UDP for half a minute;
     dashboard and raw stream are recorded.
     """
     for _ in range(busy * (os.cpu_count() or 1)):
         multiprocessing.Process(target=exec, args=("while True: pass",), daemon=True).start()
-    print(
-        "| Hz | rows | lost | median, ms | 99th percentile, ms | longest, ms | main thread | process, of a core |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
     with TemporaryDirectory() as folder:
-        for rate in (50.0, 100.0, 200.0, 400.0):
-            print(over_udp(rate, Path(folder)), flush=True)
+        rates = (50.0, 100.0, 200.0, 400.0)
+        show(pd.DataFrame([over_udp(rate, Path(folder)) for rate in rates]))
+
+
+def show(table: pd.DataFrame) -> None:
+    print(table.to_string(index=False, float_format="{:,.3g}".format))
 
 
 @click.command(help=__doc__)
