@@ -212,12 +212,14 @@ def _multisine(multisine: Multisine, cycle: float) -> Array:
     """
     first = max(1, round(multisine.lowest * multisine.period))
     last = round(multisine.highest * multisine.period)
-    lines = range(first, max(last, first) + 1)
+    is_all = multisine.axis == "all"
+    # A line for each axis, at least.
+    lines = range(first, max(last, first + 2 * is_all) + 1)
     samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))
     for number, name in enumerate(AXES):
         if multisine.axis in (name, "all"):
-            harmonics = lines[number::3] if multisine.axis == "all" else lines
+            harmonics = lines[number::3] if is_all else lines
             count = len(harmonics)
             spectrum = np.zeros(samples, dtype=np.complex128)
             # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.

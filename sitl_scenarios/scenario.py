@@ -52,30 +52,27 @@ Millimetres = Annotated[float, Field(ge=-100, le=100)]
 class Propeller(Section):
     """A propeller that chips in flight: it gives less thrust, takes less torque, and shakes the vehicle."""
 
-    motor: int = Field(
-        0,
-        ge=0,
-        le=4,
-        description="Motor that turns it, counted from 1 as the autopilot does; 0: none",
-    )
-    start: NotNegative = Field(0.0, description="Seconds into the flight at which it chips")
-    thrust: Left = Field(0.85, description="Share of its thrust that is left, at the same speed")
+    motor: int = Field(0, ge=0, le=4)
+    """Motor that turns it, counted from 1 as the autopilot does; 0: none"""
+    start: NotNegative = 0.0
+    """Seconds into the flight at which it chips"""
+    thrust: Left = 0.85
+    """Share of its thrust that is left, at the same speed"""
     torque: Left = 0.82
     """Share of its torque that is left; where blades get shorter, thrust goes with R⁴ and torque with R⁵."""
-    unbalance: Annotated[float, Field(ge=0, le=1000)] = 20.0
+    unbalance: float = Field(20.0, ge=0, le=1000)
     """Mass that is missing times its distance from the shaft, g mm: a force that turns with the rotor."""
 
 
 class Load(Section):
     """A load that shifts in flight, and the vehicle's centre of mass with it."""
 
-    start: NotNegative = Field(0.0, description="Seconds into the flight at which it shifts")
-    forward: Millimetres = Field(
-        0.0, description="How far the centre of mass moves forward, mm; back where negative"
-    )
-    right: Millimetres = Field(
-        0.0, description="How far it moves to the right, mm; to the left where negative"
-    )
+    start: NotNegative = 0.0
+    """Seconds into the flight at which it shifts"""
+    forward: Millimetres = 0.0
+    """How far the centre of mass moves forward, mm; back where negative"""
+    right: Millimetres = 0.0
+    """How far it moves to the right, mm; to the left where negative"""
 
 
 MAX_WINDS = 16  # Winds, and moments, that are summed
@@ -118,11 +115,14 @@ class BodySpec(Section):
     of the three rates by themselves, 1/s.
     """
 
-    mass: float = Field(gt=0, le=1000, description="kg")
+    mass: float = Field(gt=0, le=1000)
+    """kg"""
     inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], _OrInf]
     arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
-    hover: float = Field(gt=0.1, lt=1, description="Share of the motors' range in hover")
-    torque: float = Field(gt=0, le=1, description="Of a rotor, by its thrust, m")
+    hover: float = Field(gt=0.1, lt=1)
+    """Share of the motors' range in hover"""
+    torque: float = Field(gt=0, le=1)
+    """Of a rotor, by its thrust, m"""
     spin: Annotated[tuple[Share, Share], _OrInf] = (0.0, 1.0)
     """Shares of the motors' range at which thrust begins and ends."""
     damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (
@@ -135,13 +135,13 @@ class BodySpec(Section):
 class VehicleSpec(Section):
     """The vehicle."""
 
-    model: Literal["ardrone2", "iris", "crazyflie"] = Field(
-        "iris", description="AR.Drone 2.0, 3DR Iris or Crazyflie 2"
-    )
-    frame: Literal["x", "plus"] = Field("x", description="Where the rotors are")
-    battery_sag: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
+    model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
+    """AR.Drone 2.0, 3DR Iris or Crazyflie 2"""
+    frame: Literal["x", "plus"] = "x"
+    """Where the rotors are"""
+    battery_sag: float = Field(0.0, ge=0, lt=0.5)
     """Share of the voltage, and of the rotors' speed, that the battery loses from the flight's beginning to its end."""
-    battery_load: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    battery_load: float = Field(0.0, ge=0, le=0.1)
     """Share of the voltage that the rotors' power takes in hover; at another power in proportion to it."""
     rotor_drag: bool = True
     """Whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does."""
@@ -151,37 +151,36 @@ class VehicleSpec(Section):
     """Quadratic drag along body x and y, 1/m, in place of the hull's published one; inf: as published."""
     quadratic_thrust: Annotated[Share | None, _OrInf] = None
     """Share of the thrust that is quadratic in the command, the rest linear; inf: rotor speed linear in it."""
-    lag_up: Lag = Field(
-        None, description="Time constant of a rotor that speeds up, s; inf: as published"
-    )
-    lag_down: Lag = Field(
-        None, description="Time constant of a rotor that slows down, s; inf: as published"
-    )
+    lag_up: Lag = None
+    """Time constant of a rotor that speeds up, s; inf: as published"""
+    lag_down: Lag = None
+    """Time constant of a rotor that slows down, s; inf: as published"""
     mixer: Literal["", "x", "plus"] = ""
     """Frame that the autopilot is set to, where it is another: it turns roll into pitch, and may oscillate."""
-    rate_gain: float = Field(
-        1.0, gt=0, le=50, description="Multiple of the rate loop's gain that suits the vehicle"
-    )
-    stop: float = Field(
-        1.0, gt=0.2, le=1, description="Share of the pulse range at which motors stop: MOT_SPIN_MAX"
-    )
-    inertia_scale: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    rate_gain: float = Field(1.0, gt=0, le=50)
+    """Multiple of the rate loop's gain that suits the vehicle"""
+    stop: float = Field(1.0, gt=0.2, le=1)
+    """Share of the pulse range at which motors stop: MOT_SPIN_MAX"""
+    inertia_scale: float = Field(1.0, ge=0.1, le=10)
     """Multiple of the published moments of inertia; the autopilot is tuned for it."""
     body: Annotated[BodySpec | None, _OrInf] = None
     """Mass, inertia, arm, hover, torque and damping of a vehicle of one's own, in place of the model's"""
     parameters: dict[str, FiniteFloat] = {}
     """The autopilot's parameters of rate and attitude control, in place of those that suit the vehicle"""
-    weak_motor: Annotated[int, Field(ge=0, le=4)] = 0
+    weak_motor: int = Field(0, ge=0, le=4)
     """Motor, counted from 1 as the autopilot does, that loses thrust; 0: none."""
-    weak_from: NotNegative = Field(0.0, description="Seconds into the flight from which it is weak")
-    weak_thrust: float = Field(0.65, gt=0, le=1, description="Share of its thrust that is left")
+    weak_from: NotNegative = 0.0
+    """Seconds into the flight from which it is weak"""
+    weak_thrust: float = Field(0.65, gt=0, le=1)
+    """Share of its thrust that is left"""
 
 
 class SteadyWind(Section):
     """Wind that never changes."""
 
     kind: Literal["steady"]
-    speed: Speed = Field(description="Of the wind, m/s")
+    speed: Speed
+    """Of the wind, m/s"""
     direction: Direction = 90.0
 
 
@@ -189,8 +188,10 @@ class GaussianWind(Section):
     """The paper's noise: white noise through a Gaussian kernel; the autocorrelation is exp(−τ²/4s²)."""
 
     kind: Literal["gaussian"]
-    sd: float = Field(ge=0, le=20, description="Standard deviation along each axis, m/s")
-    s: Kernel = Field(description="Standard deviation of the kernel, s")
+    sd: float = Field(ge=0, le=20)
+    """Standard deviation along each axis, m/s"""
+    s: Kernel
+    """Standard deviation of the kernel, s"""
 
 
 class TurbulentWind(Section):
@@ -200,7 +201,8 @@ class TurbulentWind(Section):
     """
 
     kind: Literal["dryden", "von_karman"]
-    speed: Speed = Field(description="Of the mean wind, m/s, which counts as wind too")
+    speed: Speed
+    """Of the mean wind, m/s, which counts as wind too"""
     direction: Direction = 90.0
     wind_at_20_feet: Speed = 7.7
     """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
@@ -210,10 +212,12 @@ class Gust(Section):
     """A 1-cosine gust (MIL-F-8785C)."""
 
     kind: Literal["gust"]
-    start: NotNegative = Field(description="Seconds into the flight")
-    speed: Speed = Field(description="Its greatest, m/s")
+    start: NotNegative
+    """Seconds into the flight"""
+    speed: Speed
+    """Its greatest, m/s"""
     direction: Direction = 90.0
-    rise: Annotated[float, Field(ge=1e-3, le=MAX_SECONDS)] = 1.0
+    rise: float = Field(1.0, ge=1e-3, le=MAX_SECONDS)
     """Seconds from its beginning to its greatest, where it stays."""
     hold: Annotated[NotNegative | None, _OrInf] = 0.0
     """Seconds it stays there before it falls as it rose; inf: for good."""
@@ -223,19 +227,18 @@ class Jet(Section):
     """A blower's jet through the place where the vehicle hovers; entering and leaving its edge colours the wind."""
 
     kind: Literal["jet"]
-    speed: Speed = Field(description="On the axis where it leaves the blower, m/s")
+    speed: Speed
+    """On the axis where it leaves the blower, m/s"""
     direction: Direction = 90.0
-    distance: float = Field(
-        2.0, ge=0.01, le=100, description="From the blower to where the vehicle hovers, m"
-    )
-    diameter: float = Field(0.5, ge=0.01, le=10, description="Of the blower's mouth, m")
-    turbulence: Share = Field(
-        0.2, description="Standard deviation of the speed, as a share of the local mean"
-    )
-    s: Kernel = Field(
-        0.05, description="Of the kernel of that turbulence, s, as of a gaussian wind"
-    )
-    offset: Annotated[float, Field(ge=-100, le=100)] = 0.0
+    distance: float = Field(2.0, ge=0.01, le=100)
+    """From the blower to where the vehicle hovers, m"""
+    diameter: float = Field(0.5, ge=0.01, le=10)
+    """Of the blower's mouth, m"""
+    turbulence: Share = 0.2
+    """Standard deviation of the speed, as a share of the local mean"""
+    s: Kernel = 0.05
+    """Of the kernel of that turbulence, s, as of a gaussian wind"""
+    offset: float = Field(0.0, ge=-100, le=100)
     """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
 
@@ -244,15 +247,16 @@ class Profile(Section):
 
     law: Literal["none", "power", "log"] = "none"
     """Of the speed: (z/reference)^exponent, or log(z/roughness) / log(reference/roughness), at the height z."""
-    reference: float = Field(
-        10.0, ge=1, le=100, description="Height at which the winds are as given, m"
-    )
-    exponent: Share = Field(1 / 7, description="Of the power law; 1/7 over open land")
-    roughness: float = Field(
-        0.03, gt=0, lt=1, description="Length of the logarithmic law, m; 0.03 of grass"
-    )
-    veer: Degrees = Field(0.0, description="Clockwise turn with height, degrees/m")
-    turn: Degrees = Field(0.0, description="Clockwise turn in time, from arming, degrees/s")
+    reference: float = Field(10.0, ge=1, le=100)
+    """Height at which the winds are as given, m"""
+    exponent: Share = 1 / 7
+    """Of the power law; 1/7 over open land"""
+    roughness: float = Field(0.03, gt=0, lt=1)
+    """Length of the logarithmic law, m; 0.03 of grass"""
+    veer: Degrees = 0.0
+    """Clockwise turn with height, degrees/m"""
+    turn: Degrees = 0.0
+    """Clockwise turn in time, from arming, degrees/s"""
 
     def at(self, height: float, time: float) -> tuple[float, float]:
         """Returns cosine and sine of the clockwise turn, times the share of the reference's speed, at m and s."""
@@ -276,9 +280,12 @@ AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 class Moment(Section):
     """A coloured moment on the body, whatever the wind."""
 
-    axis: Axis = Field("roll", description="It turns the vehicle about")
-    sd: float = Field(ge=0, le=10, description="Standard deviation, N m")
-    s: Kernel = Field(description="Standard deviation of the kernel, s, as of a gaussian wind")
+    axis: Axis = "roll"
+    """It turns the vehicle about"""
+    sd: float = Field(ge=0, le=10)
+    """Standard deviation, N m"""
+    s: Kernel
+    """Standard deviation of the kernel, s, as of a gaussian wind"""
 
 
 class Doublets(Section):
@@ -287,26 +294,28 @@ class Doublets(Section):
     kind: Literal["doublets"]
     axis: Literal["roll", "pitch", "yaw", "all"] = "roll"
     """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, one after another."""
-    amplitude: Angle = Field(
-        8.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s"
-    )
-    width: Positive = Field(0.4, description="Seconds to each side; at most half of the period")
-    period: Positive = Field(5.0, description="Seconds from one to the next")
+    amplitude: Angle = 8.0
+    """Of roll or pitch, degrees; of the yaw rate, degrees/s"""
+    width: Positive = 0.4
+    """Seconds to each side; at most half of the period"""
+    period: Positive = 5.0
+    """Seconds from one to the next"""
 
 
 class Chirp(Section):
     """A sine whose frequency rises, again and again."""
 
     kind: Literal["chirp"]
-    axis: Axis = Field(
-        "roll", description="What is asked for: an angle of roll or pitch, or a rate of yaw"
-    )
-    amplitude: Angle = Field(
-        3.0, description="Of roll or pitch, degrees; of the yaw rate, degrees/s"
-    )
-    lowest: Frequency = Field(0.2, description="Hz, at the beginning")
-    highest: Frequency = Field(5.0, description="Hz, at the end; below half of the stream's rate")
-    period: Positive = Field(20.0, description="Seconds from one to the next")
+    axis: Axis = "roll"
+    """What is asked for: an angle of roll or pitch, or a rate of yaw"""
+    amplitude: Angle = 3.0
+    """Of roll or pitch, degrees; of the yaw rate, degrees/s"""
+    lowest: Frequency = 0.2
+    """Hz, at the beginning"""
+    highest: Frequency = 5.0
+    """Hz, at the end"""
+    period: Positive = 20.0
+    """Seconds from one to the next"""
 
 
 class Multisine(Section):
@@ -317,17 +326,22 @@ class Multisine(Section):
     """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, with every third sine each."""
     sd: Angle = 2.0
     """Standard deviation of an axis's sines together: of roll and pitch, degrees; of the yaw rate, degrees/s."""
-    lowest: Frequency = Field(0.2, description="Hz; at least one turn in a period")
-    highest: Frequency = Field(5.0, description="Hz; below half of the stream's rate")
-    period: Positive = Field(20.0, description="Seconds after which they repeat")
+    lowest: Frequency = 0.2
+    """Hz; at least one turn in a period"""
+    highest: Frequency = 5.0
+    """Hz"""
+    period: Positive = 20.0
+    """Seconds after which they repeat"""
 
 
 class Steps(Section):
     """Sideways steps, there and back, again and again."""
 
     kind: Literal["steps"]
-    distance: float = Field(2.0, gt=0, le=100, description="To the right, m")
-    period: Positive = Field(6.0, description="Seconds from one to the next")
+    distance: float = Field(2.0, gt=0, le=100)
+    """To the right, m"""
+    period: Positive = 6.0
+    """Seconds from one to the next"""
 
 
 class Sticks(Section):
@@ -345,22 +359,28 @@ class Sticks(Section):
 class Move(Section):
     """A leg, a climb and a turn at once, from where the move before ended, and the hover after it."""
 
-    north: Metres = Field(0.0, description="Of the leg, m")
-    east: Metres = Field(0.0, description="Of the leg, m")
-    up: Metres = Field(0.0, description="Of the climb, m")
-    speed: float = Field(
-        4.0, gt=0, le=15, description="Along the leg, m/s; it begins and brakes with 2.5 m/s²"
-    )
-    turn: float = Field(0.0, ge=-3600, le=3600, description="Of the heading, degrees clockwise")
-    rate: float = Field(30.0, gt=0, le=180, description="Of the turn, degrees/s")
-    hover: NotNegative = Field(3.0, description="Seconds of hover after it")
+    north: Metres = 0.0
+    """Of the leg, m"""
+    east: Metres = 0.0
+    """Of the leg, m"""
+    up: Metres = 0.0
+    """Of the climb, m"""
+    speed: float = Field(4.0, gt=0, le=15)
+    """Along the leg, m/s; it begins and brakes with 2.5 m/s²"""
+    turn: float = Field(0.0, ge=-3600, le=3600)
+    """Of the heading, degrees clockwise"""
+    rate: float = Field(30.0, gt=0, le=180)
+    """Of the turn, degrees/s"""
+    hover: NotNegative = 3.0
+    """Seconds of hover after it"""
 
 
 class Course(Section):
     """Legs, climbs and turns one after another, back to where they began; as often as the hover lasts."""
 
     kind: Literal["course"]
-    moves: tuple[Move, ...] = Field(min_length=1, max_length=100, description="Flown in this order")
+    moves: tuple[Move, ...] = Field(min_length=1, max_length=100)
+    """Flown in this order"""
 
 
 Excitation = Annotated[
@@ -371,19 +391,16 @@ Excitation = Annotated[
 class Sensors(Section):
     """White noise and delay of the autopilot's estimates."""
 
-    rate_sd: float = Field(
-        0.005, ge=0, le=10, description="Standard deviation of each body rate, rad/s"
-    )
-    attitude_sd: Share = Field(0.001, description="Standard deviation of roll, pitch and yaw, rad")
-    position_sd: float = Field(
-        0.02, ge=0, le=100, description="Standard deviation of each coordinate, m"
-    )
-    velocity_sd: float = Field(
-        0.02, ge=0, le=100, description="Standard deviation of each velocity, m/s"
-    )
-    delay: float = Field(
-        0.004, ge=0, le=0.05, description="Seconds from the motion to the motors' command"
-    )
+    rate_sd: float = Field(0.005, ge=0, le=10)
+    """Standard deviation of each body rate, rad/s"""
+    attitude_sd: Share = 0.001
+    """Standard deviation of roll, pitch and yaw, rad"""
+    position_sd: float = Field(0.02, ge=0, le=100)
+    """Standard deviation of each coordinate, m"""
+    velocity_sd: float = Field(0.02, ge=0, le=100)
+    """Standard deviation of each velocity, m/s"""
+    delay: float = Field(0.004, ge=0, le=0.05)
+    """Seconds from the motion to the motors' command"""
     misalignment: tuple[Degrees, Degrees] = (0.0, 0.0)
     """Degrees of roll and pitch that the autopilot reads on a level vehicle."""
 
@@ -391,20 +408,16 @@ class Sensors(Section):
 class Shaking(Section):
     """What whole rotors and the frame shake the gyro with, before its filters."""
 
-    gyro: float = Field(
-        0.0, ge=0, le=10, description="Amplitude about each axis by each rotor in hover, rad/s"
-    )
-    balance: Share = Field(
-        0.5, description="Share of it once a turn, by rotors out of balance; the rest by each blade"
-    )
-    blades: Annotated[int, Field(ge=2, le=8)] = 2
+    gyro: float = Field(0.0, ge=0, le=10)
+    """Amplitude about each axis by each rotor in hover, rad/s"""
+    balance: Share = 0.5
+    """Share of it once a turn, by rotors out of balance; the rest by each blade"""
+    blades: int = Field(2, ge=2, le=8)
     """Of each rotor."""
-    frame: float = Field(
-        0.0, ge=0, le=500, description="Frequency at which the frame resonates, Hz; 0: it does not"
-    )
-    frame_gyro: float = Field(
-        0.0, ge=0, le=10, description="Standard deviation of the gyro by that, rad/s"
-    )
+    frame: float = Field(0.0, ge=0, le=500)
+    """Frequency at which the frame resonates, Hz; 0: it does not"""
+    frame_gyro: float = Field(0.0, ge=0, le=10)
+    """Standard deviation of the gyro by that, rad/s"""
 
 
 class StreamSpec(Section):
@@ -414,7 +427,7 @@ class StreamSpec(Section):
         default="px4", validation_alias=AliasChoices("autopilot", "speaks")
     )
     """Whose messages, units and parameters."""
-    rate: Annotated[float, Field(ge=0.1, le=400)] = 100.0
+    rate: float = Field(100.0, ge=0.1, le=400)
     """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""
     rates: dict[str, Annotated[float, Field(ge=0, le=1000)]] = {}
     """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}; 0: not until it is asked for."""
@@ -422,54 +435,62 @@ class StreamSpec(Section):
     """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
     drag_calibrated: bool = False
     """Whether the autopilot's drag parameters are set, and WIND, WIND_COV are the true wind; if not, they are 0."""
-    system: int = Field(1, ge=1, le=250, description="Its MAVLink system id")
-    version: Literal[1, 2] = Field(2, description="Of MAVLink's frames")
+    system: int = Field(1, ge=1, le=250)
+    """Its MAVLink system id"""
+    version: Literal[1, 2] = 2
+    """Of MAVLink's frames"""
 
 
 class Faults(Section):
     """What the link does to the stream, by chance."""
 
-    loss: Share = Field(0.0, description="Share of the messages that are lost")
-    delay: float = Field(0.0, ge=0, le=60, description="Seconds that each is late")
-    jitter: float = Field(0.0, ge=0, le=60, description="Up to so many seconds more")
-    reordered: Share = Field(
-        0.0, description="Share of the messages that are overtaken by the one after"
-    )
+    loss: Share = 0.0
+    """Share of the messages that are lost"""
+    delay: float = Field(0.0, ge=0, le=60)
+    """Seconds that each is late"""
+    jitter: float = Field(0.0, ge=0, le=60)
+    """Up to so many seconds more"""
+    reordered: Share = 0.0
+    """Share of the messages that are overtaken by the one after"""
     reboot: Annotated[Positive | None, _OrInf] = None
     """Seconds into the flight at which the autopilot reboots in flight, clock and rates too; inf: never."""
     outage: Annotated[Positive | None, _OrInf] = None
     """Seconds into the flight at which the link is lost, in both directions; inf: never."""
-    outage_seconds: Positive = Field(10.0, description="Seconds until it is back")
+    outage_seconds: Positive = 10.0
+    """Seconds until it is back"""
     clock_jump: Annotated[Positive | None, _OrInf] = None
     """Seconds into the flight at which the boot clock jumps ahead, as a paused simulator's does; inf: never."""
-    clock_jump_seconds: Positive = Field(300.0, description="How far it jumps")
-    mavproxy_rate: Annotated[float, Field(ge=0, le=400)] = 0.0
+    clock_jump_seconds: Positive = 300.0
+    """How far it jumps"""
+    mavproxy_rate: float = Field(0.0, ge=0, le=400)
     """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
 
 class Scenario(Section):
     """A flight from arming to disarming: climb, hover with the excitation and in the wind given, land."""
 
-    description: str = Field("", description="One sentence about it")
-    duration: float = Field(
-        60.0, ge=15, le=MAX_SECONDS, description="Seconds from arming to disarming"
-    )
-    flights: Annotated[int, Field(ge=1, le=100)] = 1
+    description: str = ""
+    """One sentence about it"""
+    duration: float = Field(60.0, ge=15, le=MAX_SECONDS)
+    """Seconds from arming to disarming"""
+    flights: int = Field(1, ge=1, le=100)
     """How often it takes off, each time for the duration; faults count from the first."""
     idle: NotNegative = 0.0
     """Seconds of the duration that it stands on the ground after landing, in the mode that landed, motors idling."""
-    idle_share: Share = Field(0.1, description="Of the pulse range: what the motors idle at then")
-    landing_mode: bool = Field(
-        True, description="Whether it lands in the mode for it; if not, in that of the hover"
-    )
-    height: float = Field(5.0, gt=0.5, le=100, description="Of the hover, m")
-    seed: int = Field(0, ge=0, lt=2**32, description="Random seed")
+    idle_share: Share = 0.1
+    """Of the pulse range: what the motors idle at then"""
+    landing_mode: bool = True
+    """Whether it lands in the mode for it; if not, in that of the hover"""
+    height: float = Field(5.0, gt=0.5, le=100)
+    """Of the hover, m"""
+    seed: int = Field(0, ge=0, lt=2**32)
+    """Random seed"""
     vehicle: VehicleSpec = VehicleSpec()
-    wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = Field((), description="Summed")
+    wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = ()
+    """Summed"""
     profile: Profile = Profile()
-    moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = Field(
-        (), description="Summed"
-    )
+    moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = ()
+    """Summed"""
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
     shaking: Shaking = Shaking()
@@ -486,38 +507,17 @@ class Scenario(Section):
     def _fits_together(self) -> Scenario:
         """What no key can be wrong in by itself."""
         match self.excitation:
-            case Doublets(width=width, period=period):
-                half = "at most half of excitation.period"
-                _require(2 * width <= period, "excitation.width", width, half, period / 2, "s")
+            case Doublets(width=width, period=period) if 2 * width > period:
+                half = f"at most half of excitation.period, {period / 2:g} s"
+                raise ValueError(f"excitation.width must be {half}, not {width:g}")
             case Chirp(lowest=lowest, highest=highest) | Multisine(lowest=lowest, highest=highest):
-                order = "at most excitation.highest"
-                _require(lowest <= highest, "excitation.lowest", lowest, order, highest, "Hz")
-                nyquist = self.stream.rate / 2
-                below = "below half of stream.rate"
-                _require(highest < nyquist, "excitation.highest", highest, below, nyquist, "Hz")
-        if isinstance(self.excitation, Multisine):
-            turn = 1 / self.excitation.period
-            lowest = self.excitation.lowest
-            highest = self.excitation.highest
-            one = "at least one turn in excitation.period"
-            _require(lowest >= turn, "excitation.lowest", lowest, one, turn, "Hz")
-            # A sine for each axis, at least, after what lies between the harmonics is rounded to the nearest.
-            apart = lowest + 3 * turn
-            enough = "three turns in excitation.period above excitation.lowest"
-            fits = self.excitation.axis != "all" or highest >= apart
-            _require(fits, "excitation.highest", highest, enough, apart, "Hz")
-        if isinstance(self.excitation, Course):
-            moves = [(move.north, move.east, move.up) for move in self.excitation.moves]
-            at = np.cumsum(moves, axis=0)
-            apart = float(np.abs(at[-1]).max())
-            end = "the course's end, from its beginning,"
-            _require(apart <= 1e-6, end, apart, "none at all", 0.0, "m")
-            height = self.height + float(at[:, 2].min())
-            key = "the course's lowest height"
-            _require(height >= 0.5, key, height, "clear of the ground", 0.5, "m")
+                if lowest > highest:
+                    most = f"at most excitation.highest, {highest:g} Hz"
+                    raise ValueError(f"excitation.lowest must be {most}, not {lowest:g}")
+            case Course(moves=moves):
+                at = np.cumsum([(move.north, move.east, move.up) for move in moves], axis=0)
+                if np.abs(at[-1]).max() > 1e-6:
+                    raise ValueError("the course must end where it began")
+                if (lowest := self.height + at[:, 2].min()) < 0.5:
+                    raise ValueError(f"the course must stay 0.5 m above the ground, not {lowest:g}")
         return self
-
-
-def _require(fits: bool, key: str, given: float, relation: str, limit: float, unit: str) -> None:
-    if not fits:
-        raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from math import cos, pi, sin, tan
+from dataclasses import dataclass, fields, replace
+from math import pi
 from typing import Any
 
 import numpy as np
@@ -39,9 +39,8 @@ from sitl_scenarios.vehicles import CHARGED, airframe
 STATES = (
     *("north", "east", "down", "north speed", "east speed", "down speed"),
     *("roll", "pitch", "yaw", "roll rate", "pitch rate", "yaw rate"),
-    *("rotor 1", "rotor 2", "rotor 3", "rotor 4"),
 )
-"""m, m/s, rad, rad/s in body axes, and rad/s."""
+"""m, m/s, rad and rad/s in body axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,85 +56,48 @@ class Linear:
         kept = [self.states.index(state) for state in states]
         return Linear(tuple(states), self.A[np.ix_(kept, kept)], self.B[kept])
 
-    def without_lag(self) -> Linear:
-        """With rotors that are at once where they settle."""
-        body = slice(0, 12)
-        rotors = slice(12, 16)
-        settled = -np.linalg.solve(self.A[rotors, rotors], self.B[rotors])
-        return Linear(
-            self.states[:12], self.A[body, body], self.B[body] + self.A[body, rotors] @ settled
-        )
-
 
 def linearised(vehicle: VehicleSpec) -> Linear:
-    """All ``STATES`` about hover, by motor commands in the vehicle's own unit; a rotor's lag is the mean of its two."""
+    """All ``STATES`` about hover, by motor commands in the vehicle's own unit, which rotors follow at once."""
     body = airframe(vehicle)
     change = dynamics(vehicle)
-    # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
-    tau = sum(body.lag) / 2 or 1e-3
 
     def derivative(at: Array) -> Array:
-        state = at[:16]
-        commands = at[16:]
-        roll, pitch, yaw = state[6:9]
-        p, q, r = state[9:12]
-        w, x, y, z = (
-            Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
-        )
-        vn, ve, vd = state[3:6].tolist()
-        o1, o2, o3, o4 = state[12:].tolist()
-        acting = change(
-            (w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), AirState()
-        )
-        turning = q * sin(roll) + r * cos(roll)
-        angles = (p + turning * tan(pitch), q * cos(roll) - r * sin(roll), turning / cos(pitch))
-        targets = [body.rotor_speed(command) for command in commands.tolist()]
-        return np.array(
-            [
-                vn,
-                ve,
-                vd,
-                *acting[:3],
-                *angles,
-                *acting[3:6],
-                *(np.array(targets) - state[12:]) / tau,
-            ]
-        )
+        _, velocity, angles, rates, commands = np.split(at, [3, 6, 9, 12])
+        w, x, y, z = Rotation.from_euler("ZYX", angles[::-1]).as_quat(scalar_first=True).tolist()
+        speeds = tuple(map(body.rotor_speed, commands.tolist()))
+        moving = tuple(velocity.tolist()), tuple(rates.tolist())
+        acting = change((w, x, y, z), *moving, speeds, AirState())
+        # Of a level vehicle the angles change with the rates.
+        return np.array([*velocity, *acting[:3], *rates, *acting[3:6]])
 
-    # States and commands.
-    hover = np.repeat([0.0, body.hover_speed, body.command_for(body.hover_speed)], [12, 4, 4])
-    steps = np.repeat(
-        [1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4]
-    )
+    hover = np.repeat([0.0, body.command_for(body.hover_speed)], [12, 4])
+    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.full], [3, 3, 3, 3, 4])
     pairs = zip(np.diag(steps), steps, strict=True)
     columns = [
         (derivative(hover + step) - derivative(hover - step)) / (2 * size) for step, size in pairs
     ]
-    return Linear(STATES, np.column_stack(columns[:16]), np.column_stack(columns[16:]))
+    return Linear(STATES, np.column_stack(columns[:12]), np.column_stack(columns[12:]))
 
 
-def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
-    """Angle and rate about one axis, of yaw the rate alone, in µs of PWM: what a model of a flight is held against.
-
-    With ``lag`` there is one more state, the angular acceleration that the rotors make, "roll drive" (rad/s²), which
-    follows the commands with the rotors' time constant. Without, it is there at once.
-    """
+def axis(vehicle: VehicleSpec, axis: Axis = "roll") -> Linear:
+    """Angle and rate about one axis, of yaw the rate alone, in µs of PWM: what a model of a flight is held against."""
     linear = linearised(vehicle)
-    everything = Linear(linear.states, linear.A, linear.B * (airframe(vehicle).full / 1000))
     # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
-    names = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
-    instant = everything.without_lag().of(names)
-    tau = sum(airframe(vehicle).lag) / 2
-    if not lag or tau == 0:
-        return instant
-    n = len(names)
+    found = linear.of(("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate"))
+    return replace(found, B=found.B * (airframe(vehicle).full / 1000))
+
+
+def _lagging(instant: Linear, tau: float) -> tuple[Array, Array]:
+    """A and B with the angular acceleration of the rotors as last state, rad/s², ``tau`` s behind its command."""
+    n = len(instant.states)
     A = np.zeros((n + 1, n + 1))
     B = np.zeros((n + 1, 4))
     A[:n, :n] = instant.A
     A[n - 1, n] = 1.0
     A[n, n] = -1 / tau
     B[n] = instant.B[-1] / tau
-    return Linear((*names, f"{axis} drive"), A, B)
+    return A, B
 
 
 def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage) -> Array:
@@ -179,10 +141,11 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
-        instant = axis(scenario.vehicle, name, lag=False)
-        lagging = axis(scenario.vehicle, name)
+        instant = axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
-        arrays |= {f"{name}_lag_A": lagging.A, f"{name}_lag_B": lagging.B}
+        if any(body.lag):
+            A, B = _lagging(instant, sum(body.lag) / 2)
+            arrays |= {f"{name}_lag_A": A, f"{name}_lag_B": B}
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
         acting = (
             motion.moment[:, number] / body.inertia[number]
@@ -270,52 +233,50 @@ def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
 
 def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """``weak``, what is left of every motor, and the centre of mass."""
-    begins = [(BOOT_SECONDS + begin, condition) for begin, condition in damages(scenario)]
+    begins = damages(scenario)
     left = [UNDAMAGED, *(condition for _, condition in begins)]
-    number = np.searchsorted([begin for begin, _ in begins], motion.time, side="right")
-    names = dict(
-        zip(("speed_left", "thrust_left", "torque_left", "centre"), Damage._fields, strict=True)
-    )
-    parts = {
-        name: np.array([getattr(condition, field) for condition in left])[number]
-        for name, field in names.items()
-    }
+    times = [BOOT_SECONDS + begin for begin, _ in begins]
+    number = np.searchsorted(times, motion.time, side="right")
+    names = ("speed_left", "thrust_left", "torque_left", "centre")
+    columns = zip(*left, strict=True)
+    parts = {name: np.array(one)[number] for name, one in zip(names, columns, strict=True)}
     return parts | {"weak": number >= max(len(begins), 1)}
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """``roll_effect`` and its likes."""
-    spec = scenario.vehicle
-    body = airframe(scenario.vehicle)
-    effects = dict[str, Array]()
     hover = motion.landed_state == IN_AIR
     begins = damages(scenario)
-    parts = {"": (hover, UNDAMAGED)}
-    if begins:
-        (first, _) = begins[0]
-        (last, condition) = begins[-1]
-        before = hover & (motion.time < BOOT_SECONDS + first)
-        after = hover & (motion.time >= BOOT_SECONDS + last)
-        # Where it is broken in all of the hover, there is one part of it.
-        parts = (
-            {"": (before, UNDAMAGED), "_weak": (after, condition)}
-            if before.any()
-            else {"": (after, condition)}
-        )
-    for suffix, (rows, condition) in parts.items():
-        if not rows.any():
-            continue
-        turned = Rotation.from_quat(motion.attitude[rows], scalar_first=True)
-        air = turned.inv().apply(motion.wind[rows] - motion.velocity[rows]).mean(0)
-        per_speed = _rotor_effects(spec, motion.rotor_speeds[rows].mean(0), air, condition)
-        commands = body.full * (motion.outputs[rows].mean(0) - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
-        slopes = (
-            np.array([body.speed_slope(command) for command in commands.tolist()]) * condition.speed
-        )
-        slopes *= motion.battery[rows].mean() * body.full / (MAX_PULSE - MIN_PULSE)
-        for name, row in zip(AXES, per_speed * slopes, strict=True):
-            effects[f"{name}_effect{suffix}"] = row
-    return effects
+    if not begins:
+        return _effects_in(scenario, motion, hover, UNDAMAGED, "")
+    (first, _) = begins[0]
+    (last, condition) = begins[-1]
+    before = hover & (motion.time < BOOT_SECONDS + first)
+    after = hover & (motion.time >= BOOT_SECONDS + last)
+    # Where it is broken in all of the hover, there is one part of it.
+    if not before.any():
+        return _effects_in(scenario, motion, after, condition, "")
+    sound = _effects_in(scenario, motion, before, UNDAMAGED, "")
+    return sound | _effects_in(scenario, motion, after, condition, "_weak")
+
+
+def _effects_in(
+    scenario: Scenario, motion: Motion, rows: NDArray[np.bool_], condition: Damage, suffix: str
+) -> dict[str, Array]:
+    """Those of some rows; none where there are none."""
+    if not rows.any():
+        return {}
+    body = airframe(scenario.vehicle)
+    turned = Rotation.from_quat(motion.attitude[rows], scalar_first=True)
+    air = turned.inv().apply(motion.wind[rows] - motion.velocity[rows]).mean(0)
+    speeds = motion.rotor_speeds[rows].mean(0)
+    per_speed = _rotor_effects(scenario.vehicle, speeds, air, condition)
+    scale = body.full / (MAX_PULSE - MIN_PULSE)
+    commands = scale * (motion.outputs[rows].mean(0) - MIN_PULSE)
+    slopes = np.array([body.speed_slope(command) for command in commands.tolist()])
+    slopes = slopes * condition.speed * motion.battery[rows].mean() * scale
+    effects = zip(AXES, per_speed * slopes, strict=True)
+    return {f"{name}_effect{suffix}": effect for name, effect in effects}
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:

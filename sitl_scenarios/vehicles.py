@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from importlib.resources import files
 from math import sqrt
 
+from pydantic import TypeAdapter
+
 from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
 GRAVITY = 9.81  # m/s², as in the paper's table of systems
@@ -101,15 +103,9 @@ class Airframe:
         return self.speed_for(self.mass * GRAVITY / 4)
 
 
-def _published() -> dict[str, Airframe]:
-    tables = tomllib.loads((files("sitl_scenarios") / "airframes.toml").read_text("utf-8"))
-    for table in tables.values():
-        table |= {key: tuple(one) for key, one in table.items() if isinstance(one, list)}
-    return {name: Airframe(**table) for name, table in tables.items()}
-
-
+_TABLES = (files("sitl_scenarios") / "airframes.toml").read_text("utf-8")
 # By the name that a scenario gives; their figures and sources are in airframes.toml
-AIRFRAMES = _published()
+AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(tomllib.loads(_TABLES))
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:

@@ -109,7 +109,7 @@ def noise_of_model(window: Window) -> Noise:
 def noise_of_known_model(window: Window) -> Noise:
     """Returns φ̈ − B(u − ū), rad/s², with the B of System 2, which is known for the simulated vehicle."""
     train = window.train
-    B = axis(VehicleSpec(model="ardrone2"), lag=False).B[-1]
+    B = axis(VehicleSpec(model="ardrone2")).B[-1]
     rate = train.outputs[:, -1]
     acceleration = (rate[2:] - rate[:-2]) / (2 * train.dt)
     driven = (train.inputs - train.inputs.mean(axis=0))[1:-1] @ B

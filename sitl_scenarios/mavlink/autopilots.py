@@ -12,9 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from importlib.resources import files
-from typing import Any, Literal
+from typing import Literal
 
-from mavdem.ingest.vocabulary import ON_GROUND
+from pydantic import TypeAdapter
+
 from sitl_scenarios.scenario import shortened
 
 DISARMED = 0
@@ -57,19 +58,21 @@ class Autopilot:
     # whether each stream begins a cycle after the one before, so that they do not all come at once
     apart: bool
     unused: float  # output of channels without a motor, PWM in µs
-    modes: Mapping[int, Mode]  # by MAV_LANDED_STATE
+    modes: tuple[Mode, ...]  # by MAV_LANDED_STATE, from on the ground on
     starting: int  # MAV_STATE while it starts
     # whether its MAV_STATE is ACTIVE from arming on, rather than from take-off
     active_when_armed: bool
-    words: Mapping[tuple[int, int], str]  # its STATUSTEXT as its state changes, by (before, after)
+    words: tuple[
+        tuple[int, int, str], ...
+    ]  # its STATUSTEXT as its state changes: before, after, text
     # its STATUSTEXT when asked to disarm in the air, and its MAV_RESULT
     denied_in_air: tuple[str, int]
     unknown_message: int  # MAV_RESULT when it is asked for a message that it does not have
     version: int  # AUTOPILOT_VERSION.flight_sw_version
     capabilities: int  # MAV_PROTOCOL_CAPABILITY: the encoding of its parameters and MAVLink 2
     drag: str  # the beginning of its parameters of drag
-    # MAV_PARAM_TYPE and value of others, which a scenario may change
-    parameters: Mapping[str, tuple[int, float]]
+    # values of others, which a scenario may change, by MAV_PARAM_TYPE
+    parameters: Mapping[int, Mapping[str, float]]
     # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
     bitwise: bool
 
@@ -87,24 +90,8 @@ class Autopilot:
         return usual | dict(instead)
 
 
-def _known(name: Literal["px4", "ardupilot"]) -> Autopilot:
-    table = tomllib.loads((files("sitl_scenarios.mavlink") / "autopilots.toml").read_text("utf-8"))[
-        name
-    ]
-    values: dict[str, Any] = {
-        key: tuple(one) if isinstance(one, list) else one for key, one in table.items()
-    }
-    values["modes"] = {state: tuple(mode) for state, mode in enumerate(table["modes"], ON_GROUND)}
-    values["words"] = {(before, after): text for before, after, text in table["words"]}
-    values["groups"] = {int(group): tuple(messages) for group, messages in table["groups"].items()}
-    by_kind = table["parameters"].items()
-    values["parameters"] = {
-        name: (int(kind), value) for kind, own in by_kind for name, value in own.items()
-    }
-    return Autopilot(name=name, **values)
-
-
-PX4 = _known("px4")
-ARDUPILOT = _known("ardupilot")
+_TABLES = (files("sitl_scenarios.mavlink") / "autopilots.toml").read_text("utf-8")
 # By ``scenario.stream.autopilot``
-AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}
+AUTOPILOTS = TypeAdapter(dict[str, Autopilot]).validate_python(tomllib.loads(_TABLES))
+PX4 = AUTOPILOTS["px4"]
+ARDUPILOT = AUTOPILOTS["ardupilot"]

@@ -76,7 +76,7 @@ def written(
     )
     states = np.where(idles, LANDING, motion.landed_state)
     states = states if scenario.landing_mode else np.where(states == LANDING, IN_AIR, states)
-    modes = np.array([autopilot.modes.get(state, (0, 0)) for state in range(LANDING + 1)])[states]
+    modes = np.array(autopilot.modes)[states - ON_GROUND]
     base = modes[:, 0] + ARMED * motion.armed
     custom = modes[:, 1]
     millivolts = np.round(1000 * CHARGED * motion.battery)
@@ -241,11 +241,14 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
     own: dict[str, float] = {"MAV_SYSID": stream.system, "FRAME_TYPE": int(as_x)}
     if autopilot.name == "px4":
         own = {"MAV_SYS_ID": stream.system, "SYS_AUTOSTART": 4001 if as_x else 5001}
-    values = {name: value for name, (_, value) in autopilot.parameters.items()} | own
+    values = {
+        name: value for known in autopilot.parameters.values() for name, value in known.items()
+    }
+    values |= own
     values |= _drag(autopilot.drag, scenario) | parameters_of(scenario, cycle)
     if not stream.drag_calibrated:
         values.pop("EKF2_DRAG_CTRL", None)
-    kinds = {name: kind for name, (kind, _) in autopilot.parameters.items()}
+    kinds = {name: kind for kind, known in autopilot.parameters.items() for name in known}
     return {
         name: Parameter(
             name, ParameterType(kinds.get(name, ParameterType.REAL32)), float(values[name])

@@ -255,14 +255,10 @@ class Transmitter:
         for row in np.flatnonzero(np.diff(states, prepend=self._state)):
             before = self._state
             self._state = int(states[row])
-            if text := self.autopilot.words.get((before, self._state)):
-                placed.append(
-                    (
-                        "STATUSTEXT",
-                        np.array([row]),
-                        payload("STATUSTEXT", severity=Severity.INFO, text=text.encode()),
-                    )
-                )
+            for *change, text in self.autopilot.words:
+                if change == [before, self._state]:
+                    told = payload("STATUSTEXT", severity=Severity.INFO, text=text.encode())
+                    placed.append(("STATUSTEXT", np.array([row]), told))
         return placed
 
     def _streams(self, motion: Motion, clock: NDArray[np.float64]) -> list[Placed]:

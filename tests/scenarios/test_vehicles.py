@@ -91,7 +91,7 @@ B = [[0] * 4] * 3 + [ROW]
 def test_the_papers_table_of_systems(order):
     """AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255; its y points to the left."""
     east = ("east", "east speed", "roll", "roll rate")[4 - order :]
-    found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
+    found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).of(east)
     mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
     at = slice(4 - order, None)
     assert np.allclose(mirror @ found.A @ mirror, np.array(A)[at, at], atol=2e-6)
@@ -104,7 +104,7 @@ def test_the_papers_table_of_systems(order):
 def test_closed_forms(model, kind):
     vehicle = VehicleSpec(model=model, frame=kind)
     body = AIRFRAMES[model]
-    found = linearised(vehicle).without_lag()
+    found = linearised(vehicle)
     omega = body.hover_speed
     aside = body.arm[1] if kind == "x" else np.hypot(*body.arm)
     pair = 4 if kind == "x" else 2  # rotors that have that arm

@@ -88,7 +88,7 @@ def drawn(seed: int, rng: np.random.Generator) -> Scenario:
     least = 180.0
     for axis in AXES:
         controller = flown_by(of, axis)
-        plant = plant_of(of, axis, linear_axis(of.vehicle, axis, lag=False).B[-1], hover)
+        plant = plant_of(of, axis, linear_axis(of.vehicle, axis).B[-1], hover)
         names = [controller.names[name] for name in "pid"]
         default = controller.changed(dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True)))
         excess = truth_of(default, plant)["rate_gain_margin"] - one("gain_margin")
@@ -108,7 +108,7 @@ def flown_by(of: Scenario, axis: Axis) -> Controller:
 
 def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
     """As ``PLANT``: of a demand where outputs, each of ``effect`` (4,) rad/s² per µs, are at ``shares`` of a ms."""
-    damping = -linear_axis(of.vehicle, axis, lag=False).A[-1, -1]
+    damping = -linear_axis(of.vehicle, axis).A[-1, -1]
     gain = 1000 * effect @ flown_by(of, axis).per_demand(shares)
     lag = sum(airframe(of.vehicle).lag) / 2
     return [float(gain), float(damping), lag, of.sensors.delay + cycle_of(of) / 2]
