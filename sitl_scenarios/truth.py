@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mavdem.condition.loop.margins import OpenLoop
 from mavdem.files import atomic_write
 from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.dynamics import (
@@ -212,23 +213,11 @@ def _response(
 
 
 def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
-    """Gain crossover (Hz), phase margin (°), gain margin (dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz.
-
-    Of several crossovers the highest, of margins the least, of gain those against more of it; NaN without any.
-    """
-    size = np.log(np.abs(loop))
-    real = loop.real
-    crossings = np.flatnonzero(size[:-1] * size[1:] < 0)
-    share = size[crossings] / (size[crossings] - size[crossings + 1])
-    at = loop[crossings] + share * (loop[crossings + 1] - loop[crossings])
-    crossover = frequency[crossings] * (frequency[crossings + 1] / frequency[crossings]) ** share
-    turns = np.flatnonzero((loop.imag[:-1] * loop.imag[1:] < 0) & (real[:-1] < 0))
-    share = loop.imag[turns] / (loop.imag[turns] - loop.imag[turns + 1])
-    there = -(real[turns] + share * (real[turns + 1] - real[turns]))
-    phase = np.degrees(np.angle(-at))
-    gain = -20 * np.log10(there[there < 1])
-    least = [values.min() if len(values) else np.nan for values in (-crossover, phase, gain)]
-    return np.array([-least[0], *least[1:], (1 / np.abs(1 + loop)).max()])
+    """Gain crossover (Hz), phase and gain margin (°, dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz."""
+    response = loop[np.newaxis]
+    closed = response / (1 + response)
+    found = OpenLoop(frequency, response, closed, closed).figures
+    return np.array([found[name][0] for name in ("crossover", "phase_margin", "gain_margin", "ms")])
 
 
 def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:

@@ -111,6 +111,7 @@ USED_BY = {
         "mavdem.ingest.vocabulary",
         "mavdem.condition.loop.controllers",
         "mavdem.condition.loop.filters",
+        "mavdem.condition.loop.margins",
     },
 }
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""

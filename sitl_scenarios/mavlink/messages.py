@@ -61,6 +61,11 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     return table
 
 
+def by_column(names: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """The columns (N,) of ``values`` (N, n) by names between spaces."""
+    return dict(zip(names.split(), values.T, strict=True))
+
+
 def written(
     name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot, scenario: Scenario
 ) -> Payloads:
@@ -80,7 +85,7 @@ def written(
     base = modes[:, 0] + ARMED * motion.armed
     custom = modes[:, 1]
     millivolts = np.round(1000 * CHARGED * motion.battery)
-    rates = dict(zip(("rollspeed", "pitchspeed", "yawspeed"), motion.known_rates.T, strict=True))
+    rates = by_column("rollspeed pitchspeed yawspeed", motion.known_rates)
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
     outputs[:, : len(SPINS)] = motion.outputs
     match name:
@@ -117,26 +122,22 @@ def written(
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
         case "ATTITUDE":
-            angles = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()]).T
-            fields |= dict(zip(("roll", "pitch", "yaw"), angles, strict=True)) | rates
+            angles = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()])
+            fields |= by_column("roll pitch yaw", angles) | rates
         case "ATTITUDE_QUATERNION":
-            fields |= (
-                dict(zip(("q1", "q2", "q3", "q4"), motion.known_attitude.T, strict=True)) | rates
-            )
+            fields |= by_column("q1 q2 q3 q4", motion.known_attitude) | rates
         case "HIGHRES_IMU":
             # What hover feels: the simulation has no accelerometer.
             fields = {"time_usec": boot, "zacc": -GRAVITY}
-            fields |= dict(zip(("xgyro", "ygyro", "zgyro"), motion.gyro.T, strict=True))
+            fields |= by_column("xgyro ygyro zgyro", motion.gyro)
         case "ATTITUDE_TARGET":
             # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
             # ArduCopter's send_attitude_target).
             fields["q"] = Rotation.from_euler("ZYX", motion.attitude_setpoint[:, ::-1]).as_quat(
                 scalar_first=True
             )
-            asked = (f"body_{axis}_rate" for axis in ("roll", "pitch", "yaw"))
-            fields |= dict(zip(asked, motion.rates_setpoint.T, strict=True)) | {
-                "thrust": motion.demands[:, 3]
-            }
+            asked = "body_roll_rate body_pitch_rate body_yaw_rate"
+            fields |= by_column(asked, motion.rates_setpoint) | {"thrust": motion.demands[:, 3]}
         case "RC_CHANNELS":
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
             middle = pulse(0.5)
@@ -145,8 +146,8 @@ def written(
             fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
             fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
         case "LOCAL_POSITION_NED":
-            fields |= dict(zip("xyz", motion.known_position.T, strict=True))
-            fields |= dict(zip(("vx", "vy", "vz"), motion.known_velocity.T, strict=True))
+            fields |= by_column("x y z", motion.known_position)
+            fields |= by_column("vx vy vz", motion.known_velocity)
         case "GLOBAL_POSITION_INT":
             (north, east, down) = motion.known_position.T
             (latitude, longitude, altitude) = HOME
@@ -158,9 +159,7 @@ def written(
                 "alt": np.round(1000 * (altitude - down)),
                 "relative_alt": np.round(-1000 * down),
             }
-            fields |= dict(
-                zip(("vx", "vy", "vz"), np.round(100 * motion.known_velocity.T), strict=True)
-            )
+            fields |= by_column("vx vy vz", np.round(100 * motion.known_velocity))
             fields["hdg"] = (
                 np.round(
                     1e2 * np.degrees([euler(one)[2] for one in motion.known_attitude.tolist()])
@@ -172,8 +171,8 @@ def written(
             angle = np.degrees(np.arctan2(-east, -north))
             fields = {"direction": angle, "speed": np.hypot(north, east), "speed_z": down}
         case "WIND_COV":
-            known = zip("xyz", scenario.stream.drag_calibrated * motion.wind.T, strict=True)
-            fields = {"time_usec": boot} | {f"wind_{axis}": values for axis, values in known}
+            known = scenario.stream.drag_calibrated * motion.wind
+            fields = {"time_usec": boot} | by_column("wind_x wind_y wind_z", known)
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
             fields = {"time_usec": boot % 2**32}
@@ -191,8 +190,8 @@ def written(
             fields = {"time_usec": boot, "controls": controls, "mode": base}
         case "VIBRATION":
             # As ArduPilot means it: the accelerometer's RMS above 5 Hz.
-            felt = zip("xyz", vibration(scenario, motion).T, strict=True)
-            fields = {"time_usec": boot} | {f"vibration_{axis}": values for axis, values in felt}
+            felt = by_column("vibration_x vibration_y vibration_z", vibration(scenario, motion))
+            fields = {"time_usec": boot} | felt
     return payload(name, len(boot), **fields)
 
 
