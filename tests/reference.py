@@ -119,7 +119,8 @@ def command_page():
     }
     times = Counter(record for of_command in records.values() for record in of_command)
     shared = [record for record, count in times.items() if count > 1 and record[1]]
-    parts = ["# Commands", f"```\n{whole.command.get_help(whole)}\n```"]
+    about = whole.command.get_help(whole).partition("\nCommands:")[0].strip()
+    parts = ["# Commands", f"```\n{about}\n```"]
     parts += ["## Options of several commands", _options(shared, set())]
     for one in contexts:
         formatter = one.make_formatter()
