@@ -73,21 +73,13 @@ def compare_command(
 ) -> None:
     """Compares DEM with other methods, window by window.
 
-    Each SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Its longest settled flight is
-    cut into windows. In each window every method is trained on --train and forecasts the --test samples after
-    them. The report begins with what a paired test of DEM against each method says: whose error is lower, higher, or
-    not distinguishable. It has the error ratio (mean squared error over that of a constant forecast) at horizons from
-    one step to the whole test part.
+    Each SOURCE is a log. Its longest settled flight is cut into windows. In each window every method is trained on
+    --train and forecasts the --test samples after them, with the inputs of that time known, and without them by the
+    methods that can. The report begins with what a paired test of DEM against each method says, and has the error ratio
+    (mean squared error over that of a constant forecast) by horizon.
 
-    The same without the inputs of the time ahead: what comes next, by the methods that can predict it.
-
-    The methods: the joint model of outputs and motors (DEM joint); DEM's plant, with the motors as causes; the plant
-    without generalized coordinates (p=1); both with the paper's settings; subspace identification; prediction error
-    minimisation (PEM); expectation maximisation (EM); ARX; joint VAR; and three forecasts without a model.
-
-    --out receives comparison.json (the document of --json), comparison.html (a page to read in a browser and to mail)
-    and windows.csv (a line for each window, method and horizon). In --json an error that is infinite, or of a missing
-    forecast, is null.
+    --out receives comparison.json (the document of --json), comparison.html and windows.csv (a line for each window,
+    method and horizon). In --json an error that is infinite, or of a missing forecast, is null.
 
     \b
     Examples:

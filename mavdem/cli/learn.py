@@ -108,17 +108,14 @@ def learn_command(
     The screen says what the model is good for and why, and last the headline, the next step and where the page is. With
     --verbose it has all figures, the model A, B and C, and how it was learned.
 
-    A log whose rates allow less gives that: at 8 to 40 Hz (tier b) a model of the slow motion, if it predicts better
-    than none; at any rate from 1 Hz (tier c) balance, limits, lean, vibration and battery. Without a model the folder
-    receives report.html and report.json only, and the exit code is 1.
+    Below 40 Hz there is a model of the slow motion, if it predicts better than none. Without a model the folder receives
+    report.html and report.json only, and the exit code is 1.
 
     \b
     The folder --out receives:
       report.html  all of it with pictures, in one file to mail
-      model.json   the model, with all it needs to forecast
-      report.json  the figures
-      flight.rrd   the plots: open them with `rerun flight.rrd`
-      flight.mcap  the same time series, for Foxglove or PlotJuggler
+      report.json  the figures; model.json the model
+      flight.rrd   the plots for `rerun`; flight.mcap the series for Foxglove or PlotJuggler
 
     The paper's protocol instead, one model tested once: --train trains on so much from --start on, and forecasts the
     --test after it.

@@ -102,25 +102,16 @@ def track_command(
 ) -> None:
     """Keeps a table of many flights: tiers, figures and health of each vehicle.
 
-    LOGS are logs, folders (all logs in them and in the folders below), patterns in quotes, and URLs of all these:
-    s3://, gs://, https://. Each flight gets one row for each vehicle and axis (roll, pitch), with all that its log says
-    at its tier:
-
-    \b
-    a  attitude and motors at 40 Hz or more: effect of each motor, damping, lag, wind, errors
-    b  about 8 to 40 Hz: the slow motion, where that predicts; and what c has
-    c  1 to 8 Hz: balance, headroom, saturation, tilt, vibration, battery
-
-    A log that says nothing has a row with the reason in its column `status`. Logs that are known, also under another
-    name, are not read again. A log that takes more than its limits costs these and no more. The run may be killed at
-    any moment: the same command goes on where it was.
+    LOGS are logs, folders, patterns in quotes, and URLs: s3://, gs://, https://. Each flight gets a row for each vehicle
+    and axis (roll, pitch). A log that says nothing has a row with the reason in its column `status`. Known logs are not
+    read again, and a killed run goes on where it was.
 
     \b
     FLEET has:
-      flights/      the table, as Parquet, for DuckDB, Polars and pandas, where pyarrow is installed
-      fleet.sqlite  which logs are known, and what each says and cost to read
-      index.html    what was found, each vehicle's figures over its flights, and all flights; open it in a browser
+      index.html    what was found; open it in a browser
       pages/        a page a flight
+      flights/      the table, as Parquet, where pyarrow is installed
+      fleet.sqlite  which logs are known, and what each says and cost to read
 
     \b
     Examples:
