@@ -108,8 +108,8 @@ def learn_command(
     The screen says what the model is good for and why, and last the headline, the next step and where the page is. With
     --verbose it has all figures, the model A, B and C, and how it was learned.
 
-    Below 40 Hz there is a model of the slow motion, if it predicts better than none. Without a model the folder receives
-    report.html and report.json only, and the exit code is 1.
+    Below 40 Hz there is a model of the slow motion, if it predicts better than none. Without a model the folder
+    receives report.html and report.json only, and the exit code is 1.
 
     \b
     The folder --out receives:

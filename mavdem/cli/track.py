@@ -102,9 +102,9 @@ def track_command(
 ) -> None:
     """Keeps a table of many flights: tiers, figures and health of each vehicle.
 
-    LOGS are logs, folders, patterns in quotes, and URLs: s3://, gs://, https://. Each flight gets a row for each vehicle
-    and axis (roll, pitch). A log that says nothing has a row with the reason in its column `status`. Known logs are not
-    read again, and a killed run goes on where it was.
+    LOGS are logs, folders, patterns in quotes, and URLs: s3://, gs://, https://. Each flight gets a row for each
+    vehicle and axis (roll, pitch). A log that says nothing has a row with the reason in its column `status`. Known logs
+    are not read again, and a killed run goes on where it was.
 
     \b
     FLEET has:
