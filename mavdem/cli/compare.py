@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
@@ -34,7 +33,7 @@ from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
 from mavdem.report.page import methods_page
 
-COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
+COMPARISON_FILES = ("comparison.json", "comparison.html")
 
 
 @click.command("compare")
@@ -78,8 +77,8 @@ def compare_command(
     methods that can. The report begins with what a paired test of DEM against each method says, and has the error ratio
     (mean squared error over that of a constant forecast) by horizon.
 
-    --out receives comparison.json (the document of --json), comparison.html and windows.csv (a line for each window,
-    method and horizon). In --json an error that is infinite, or of a missing forecast, is null.
+    --out receives comparison.json (the document of --json) and comparison.html. In --json an error that is infinite, or
+    of a missing forecast, is null.
 
     \b
     Examples:
@@ -125,14 +124,9 @@ def compare_command(
         "seconds": round(perf_counter() - began, 3),
     }
     if out is not None:
-        with files_in(out, COMPARISON_FILES) as (document, html, table):
+        with files_in(out, COMPARISON_FILES) as (document, html):
             document.write_text(json_text(report) + "\n")
             html.write_text(methods_page(compared, from_zero), "utf-8", "replace")
-            rows = compared.rows()
-            with table.open("w", newline="") as file:
-                writer = csv.DictWriter(file, rows[0], lineterminator="\n")
-                writer.writeheader()
-                writer.writerows(rows)
     print_result(report, comparison_report(compared, from_zero), as_json)
     written = (
         f" Written: {', '.join(map(printable, report['files'].values()))}"

@@ -32,7 +32,7 @@ DOCUMENTS = {
     "info": Published(Inventory, 3, "`--json` of info"),
     "wind": Published(Wind, 3, "`--json` of wind"),
     "tune": Published(Tune, 4, "`--json` of tune"),
-    "compare": Published(CompareReport, 2, "comparison.json, and `--json` of compare"),
+    "compare": Published(CompareReport, 3, "comparison.json, and `--json` of compare"),
     "order": Published(Order, 2, "`--json` of order"),
     "diff": Published(Diff, 3, "`--json` of diff"),
     "track": Published(Track, 2, "`--json` of track"),

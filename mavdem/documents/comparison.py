@@ -34,21 +34,6 @@ class Refusal(Document):
     """why it cannot be used"""
 
 
-class Loss(Document):
-    """Where another method has the lower median error."""
-
-    flight: str
-    """name of the flight"""
-    method: str
-    """method whose error is lower"""
-    steps: int
-    """horizon in steps"""
-    ratio: Number
-    """first method's median error over that of the method"""
-    paired: Paired
-    """paired test, window by window"""
-
-
 class OverFlights(Document):
     """Each method over all flights, the lowest error first."""
 
@@ -225,8 +210,6 @@ class Comparison(Document):
     """where forecasts start: data or zero"""
     verdicts: dict[str, Paired]
     """paired test of the first method with each other one, over the whole test part"""
-    losses: list[Loss]
-    """where another method has the lower median error"""
     over_flights: list[OverFlights]
     """each method over all flights, the lowest error first"""
     flights: list[ComparedFlight]

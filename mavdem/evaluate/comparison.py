@@ -30,14 +30,11 @@ from mavdem.evaluate.scores import (
     KNOWN,
     UNKNOWN,
     Question,
-    ScoreTable,
-    by_horizon,
+    Scores,
     error_over,
-    errors_of,
     horizons,
-    ratio,
-    score_values,
-    table_type,
+    mspe,
+    units_of,
 )
 from mavdem.evaluate.window import Window
 from mavdem.facts import Fact, Level
@@ -99,9 +96,8 @@ paper calls without generalized coordinates (section V.G): the first derivative 
 class Outcome:
     """One method on one window; every error is infinite if it has no forecast.
 
-    ``failure`` says why; ``stable`` is ``None`` without a model; ``seconds`` are processor time of
-    the training; ``scores`` have a row for each question and horizon, the last of a question that of the whole test
-    part; ``forecasts`` are (H, m) by question.
+    ``failure`` says why; ``stable`` is ``None`` without a model; ``seconds`` are processor time of the training;
+    ``scores`` and ``forecasts``, (H, m), are by question.
     """
 
     method: str
@@ -111,35 +107,28 @@ class Outcome:
     stable: bool | None
     cautions: tuple[Fact | str, ...]
     seconds: float
-    scores: ScoreTable
+    scores: Mapping[Question, Scores]
     forecasts: Mapping[Question, Array]
-
-    def of(self, question: Question) -> ScoreTable:
-        """Returns the scores of a ``question``, the shortest horizon first."""
-        return np.asarray(self.scores[self.scores["question"] == question])
 
     def mspe(self, question: Question = KNOWN) -> Array:
         """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
-        return np.asarray(self.of(question)["squared_error"][-1])
+        return np.asarray(self.scores[question].squared_error[-1])
 
     def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
         """Returns values for its document, without the forecasts themselves; of a ``question``, and from zero."""
-        rows = self.of(question)
-        zero = self.of(FROM_ZERO)
         mspe, from_zero = (
             {"per_output": values.tolist(), "total": float(values.sum())}
             for values in (self.mspe(question), self.mspe(FROM_ZERO))
         )
+        scores = self.scores[question]
         return {
             "failure": self.failure,
             "stable": self.stable,
             "cautions": self.cautions,
             "mspe": mspe,
-            "skill": [score_values(row) for row in rows],
-            "inside_90_percent_band": [
-                None if np.isnan(share) else float(share) for share in rows["inside"]
-            ],
-            "from_zero": {"mspe": from_zero, "skill": score_values(zero[-1])},
+            "skill": scores.values(),
+            "inside_90_percent_band": [_mean([share]) for share in scores.inside.tolist()],
+            "from_zero": {"mspe": from_zero, "skill": self.scores[FROM_ZERO].values()[-1]},
             "seconds": round(self.seconds, 4),
         }
 
@@ -159,26 +148,28 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
             return outcome(None, model.stable, cautions, seconds, scores, forecasts)
         except (ValueError, ArithmeticError, RuntimeError) as error:
             failure = fact_of(error)
-    return outcome(failure, None, (), thread_time() - began, _rows(method, window), {})
+    return outcome(failure, None, (), thread_time() - began, _without_forecast(method, window), {})
 
 
-def _rows(method: Method, window: Window) -> ScoreTable:
-    """A row for each question and horizon, whose errors are infinite."""
+def _without_forecast(method: Method, window: Window) -> dict[Question, Scores]:
+    """Scores of a method that has none: its errors are infinite."""
     test = window.test
-    steps = horizons(len(test), test.dt)
-    asked = [*product([KNOWN], steps), (FROM_ZERO, len(test))]
-    asked += product([UNKNOWN] * method.predicts, steps)
-    scores = np.ones(len(asked), table_type(test.outputs.shape[1]))
-    scores["flight"], scores["start"], scores["method"] = window.flight, window.start, method.name
-    scores["question"], scores["steps"] = zip(*asked, strict=True)
-    scores["squared_error"] = np.inf
-    scores["inside"] = np.nan
+    (variance, baseline) = np.ones((2, test.outputs.shape[1]))
+    scores = {}
+    for question in (KNOWN, FROM_ZERO, *[UNKNOWN] * method.predicts):
+        steps = _steps(question, test)
+        errors = np.full((len(steps), len(variance)), np.inf)
+        scores[question] = Scores(steps, errors, errors[:, 0] * np.nan, variance, baseline)
     return scores
+
+
+def _steps(question: Question, test: Flight) -> tuple[int, ...]:
+    return (len(test),) if question == FROM_ZERO else horizons(len(test), test.dt)
 
 
 def _scored(
     method: Method, window: Window, model: Forecaster
-) -> tuple[ScoreTable, dict[Question, Array]]:
+) -> tuple[dict[Question, Scores], dict[Question, Array]]:
     """The scores of a model, and its forecasts (H, m) of the whole test part by question."""
     test = window.test
     forecasts = {
@@ -192,16 +183,18 @@ def _scored(
         bands[KNOWN] = model.forecast_band(test.inputs)
         if method.predicts:
             bands[UNKNOWN] = model.predict_band(len(test))
-    scores = _rows(method, window)
-    for row in scores:
-        question, steps = row["question"], row["steps"]
+    units = units_of(window.train, test)
+    scores = {}
+    for question, whole in forecasts.items():
+        steps = _steps(question, test)
         again = model.predict_every if question == UNKNOWN else model.forecast_every
-        whole = forecasts[question]
-        made = whole if steps == len(test) else again(int(steps), test.inputs, test.outputs)
-        for name, error in errors_of(window.train, test, made).items():
-            row[name] = error
+        pieces = [again(number, test.inputs, test.outputs) for number in steps[:-1]]
+        errors = np.array([mspe(test.outputs, made).per_output for made in (*pieces, whole)])
+        inside = np.full(len(steps), np.nan)
         if question in bands:
-            row["inside"] = (np.abs(test.outputs - whole) <= bands[question])[:steps].mean()
+            held = np.abs(test.outputs - whole) <= bands[question]
+            inside = np.array([held[:number].mean() for number in steps])
+        scores[question] = Scores(steps, errors, inside, *units)
     return scores, forecasts
 
 
@@ -282,14 +275,9 @@ class Comparison:
         """Their names, in order of appearance."""
         return tuple(dict.fromkeys(window.flight for window in self.windows))
 
-    @cached_property
-    def scores(self) -> ScoreTable:
-        """The scores of all outcomes, one table."""
-        return np.concatenate([one.scores for row in self.outcomes for one in row])
-
     def methods_of(self, question: Question) -> tuple[str, ...]:
         """Returns the names of the methods that answer a ``question``."""
-        return tuple(one.method for one in self.outcomes[0] if len(one.of(question)))
+        return tuple(one.method for one in self.outcomes[0] if question in one.scores)
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of one ``flight``, by its name."""
@@ -322,61 +310,44 @@ class Comparison:
         return tuple(sorted(rows, key=itemgetter("relative")))
 
     def _summary(self, method: str, question: Question, reference: str) -> dict[str, Any]:
-        asked = self.scores[self.scores["question"] == question]
-        own, ours = (by_horizon(asked[asked["method"] == name]) for name in (method, reference))
-        mine = [one for row in self.outcomes for one in row if one.method == method]
-        from_data = UNKNOWN if question == UNKNOWN else KNOWN
-        relative = ratio(own[-1])
-        errors = own[-1]["squared_error"].mean(axis=0)
+        columns = dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
+        mine = columns[method]
+        scores = [one.scores[question] for one in mine]
+        ratios = np.array([each.ratio for each in scores])
+        reference_ratios = np.array([one.scores[question].ratio for one in columns[reference]])
+        squares = np.array([each.squared_error for each in scores])
+        over_mean = np.array([error_over(each.squared_error, each.baseline) for each in scores])
+        over_variance = np.array([each.squared_error / each.variance for each in scores])
+        inside = np.array([each.inside for each in scores])
+        whole = UNKNOWN if question == UNKNOWN else KNOWN
+        errors = squares[:, -1].mean(axis=0)
         return {
             "method": method,
             "windows": len(mine),
             "failed": sum(one.failure is not None for one in mine),
             "failure": next((one.failure for one in mine if one.failure), None),
             "diverged": sum(
-                one.failure is None and not np.isfinite(one.mspe(from_data)).all() for one in mine
+                one.failure is None and not np.isfinite(one.mspe(whole)).all() for one in mine
             ),
             "unstable": sum(one.stable is False for one in mine),
             "mspe": errors.tolist(),
             "mspe_total": float(errors.sum()),
-            "relative": float(np.median(relative)),
-            "worst": float(relative.max()),
-            "worse_than_constant": int((relative > 1).sum()),
+            "relative": float(np.median(ratios[:, -1])),
+            "worst": float(ratios[:, -1].max()),
+            "worse_than_constant": int((ratios[:, -1] > 1).sum()),
             "horizons": [
                 {
-                    "steps": int(rows["steps"][0]),
-                    "relative": float(np.median(ratio(rows))),
-                    "relative_per_output": _medians(rows, "baseline"),
-                    "per_output": _medians(rows, "variance"),
-                    "reference": paired(ratio(first), ratio(rows), self.windows),
-                    "inside": _mean(rows["inside"]),
+                    "steps": steps,
+                    "relative": float(np.median(ratios[:, place])),
+                    "relative_per_output": np.median(over_mean[:, place], axis=0).tolist(),
+                    "per_output": np.median(over_variance[:, place], axis=0).tolist(),
+                    "reference": paired(reference_ratios[:, place], ratios[:, place], self.windows),
+                    "inside": _mean(inside[:, place].tolist()),
                 }
-                for rows, first in zip(own, ours, strict=True)
+                for place, steps in enumerate(scores[0].steps)
             ],
             "seconds": float(np.median([one.seconds for one in mine])),
         }
-
-    def losses(self, question: Question = KNOWN) -> list[dict[str, Any]]:
-        """Returns where the first method's median error of a ``question`` on a flight is larger than another's.
-
-        The largest ``ratio`` of the medians comes first; that of ``paired``, window by window, may differ.
-        """
-        lost = []
-        reference = self.methods_of(question)[0]
-        for flight in self.flights:
-            rows = {row["method"]: row["horizons"] for row in self.summaries(flight, question)}
-            for method, horizons_of in rows.items():
-                for ours, theirs in zip(rows[reference], horizons_of, strict=True):
-                    loss = {
-                        "flight": flight,
-                        "method": method,
-                        "steps": theirs["steps"],
-                        "ratio": float(error_over(ours["relative"], theirs["relative"])),
-                        "paired": theirs["reference"],
-                    }
-                    if loss["ratio"] > 1:
-                        lost.append(loss)
-        return sorted(lost, key=itemgetter("ratio"), reverse=True)
 
     def verdicts(self, question: Question = KNOWN) -> dict[str, Paired]:
         """Returns the first method beside each other one over the whole test part, by name, for a ``question``.
@@ -389,7 +360,7 @@ class Comparison:
             return {name: tests[name] for name in tests if name != first}
         columns = dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
         whole = {
-            name: [ratio(outcome.of(question))[-1] for outcome in columns[name]]
+            name: [outcome.scores[question].ratio[-1] for outcome in columns[name]]
             for name in (first, *others)
         }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}
@@ -435,7 +406,6 @@ class Comparison:
             "methods": list(self.methods_of(question)),
             "start": "zero" if question == FROM_ZERO else "data",
             "verdicts": self.verdicts(question),
-            "losses": self.losses(question),
             "over_flights": list(self.over_flights(question)),
             "flights": [self._flight(flight, question) for flight in self.flights],
             "predictions": self.to_dict(UNKNOWN) if predicted else None,
@@ -466,38 +436,6 @@ class Comparison:
                 for window, row in zip(part.windows, part.outcomes, strict=True)
             ],
         }
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Returns a row for each window, method and horizon; those of predictions without the inputs are last."""
-        found = [
-            {
-                "flight": one.flight,
-                "start": one.start,
-                "time": float(window.train.time[0]),
-                "method": one.method,
-                "inputs": "unknown" if row["question"] == UNKNOWN else "known",
-                "begun": "zero" if row["question"] == FROM_ZERO else "data",
-                "steps": values["steps"],
-                "relative": values["relative"],
-                "total": values["total"],
-                **{
-                    f"output {i + 1} over variance": value
-                    for i, value in enumerate(values["per_output"])
-                },
-                "stable": one.stable,
-                "failure": "" if one.failure is None else str(one.failure),
-            }
-            for window, outcomes in zip(self.windows, self.outcomes, strict=True)
-            for one in outcomes
-            for row, values in ((row, score_values(row)) for row in one.scores)
-        ]
-        return sorted(found, key=itemgetter("inputs"))
-
-
-def _medians(rows: ScoreTable, unit: str) -> list[float]:
-    """Of each output's error over the column ``unit``."""
-    medians: list[float] = np.median(error_over(rows["squared_error"], rows[unit]), axis=0).tolist()
-    return medians
 
 
 def _mean(shares: Iterable[float | None]) -> float | None:

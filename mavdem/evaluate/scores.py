@@ -1,6 +1,4 @@
-"""Scores: squared errors of forecasts beside those of the constant mean, in one table.
-
-A row is one method's forecasts of one window that answer one question in pieces of so many steps.
+"""Scores: squared errors of one method's forecasts of one window, beside those of the constant mean.
 
 A test part of H samples is forecast in pieces of k steps: at every k-th sample a forecast starts from all data before
 it. So each sample counts once at every horizon, forecasts do not overlap, the error is the mean *up to* the k-th step,
@@ -14,7 +12,7 @@ from enum import StrEnum, auto
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.flight import Flight
@@ -36,25 +34,43 @@ class Question(StrEnum):
 
 KNOWN, FROM_ZERO, UNKNOWN = Question
 
-ScoreTable = NDArray[np.void]
 
+class Scores(NamedTuple):
+    """Errors of forecasts that answer one question, by horizon, the last that of the whole test part.
 
-def table_type(outputs: int) -> np.dtype[np.void]:
-    """Returns the columns of a table of scores of so many ``outputs``.
-
-    ``flight``, ``start`` and ``method`` say whose they are, ``question`` and ``steps`` what was forecast. Of each
-    output there are the mean ``squared_error``, the training ``variance``, which is its unit, and the squared error of
-    the constant mean, ``baseline``. ``inside`` is the share of the samples in the 90 % band, NaN without one.
+    The unit of an output's error is its training variance; ``baseline`` are the squared errors of the constant mean.
     """
-    names = [
-        ("flight", object),
-        ("start", int),
-        ("method", object),
-        ("question", object),
-        ("steps", int),
-    ]
-    errors = [(name, float, (outputs,)) for name in ("squared_error", "variance", "baseline")]
-    return np.dtype([*names, *errors, ("inside", float)])
+
+    steps: tuple[int, ...]  # (K,)
+    squared_error: Array  # (K, m) mean over the samples
+    inside: Array  # (K,) share of the samples in the 90 % band, NaN without one
+    variance: Array  # (m,)
+    baseline: Array  # (m,)
+
+    @property
+    def ratio(self) -> Array:
+        """(K,) error ratios: below 1 is better than the constant mean.
+
+        The skill score is one minus this, and it is the NMSE of system identification.
+        """
+        ours = (self.squared_error / self.variance).sum(axis=1)
+        return error_over(ours, (self.baseline / self.variance).sum())
+
+    def values(self) -> list[dict[str, Any]]:
+        """Returns plain JSON values by horizon; ``relative`` errors are over the mean's, others over the variance."""
+        over_variance = self.squared_error / self.variance
+        over_mean = error_over(self.squared_error, self.baseline)
+        rows = zip(self.steps, over_variance, over_mean, self.ratio.tolist(), strict=True)
+        return [
+            {
+                "steps": steps,
+                "per_output": per_output.tolist(),
+                "total": float(per_output.sum()),
+                "relative_per_output": relative_per_output.tolist(),
+                "relative": relative,
+            }
+            for steps, per_output, relative_per_output, relative in rows
+        ]
 
 
 class Mspe(NamedTuple):
@@ -111,20 +127,16 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
     return (*(one for one in steps if one < samples), samples)
 
 
-def errors_of(train: Flight, test: Flight, predicted: ArrayLike) -> dict[str, Array]:
-    """Returns the error (m,) of ``predicted`` (H, m), forecasts of ``test``, its unit and the baseline's, by column.
+def units_of(train: Flight, test: Flight) -> tuple[Array, Array]:
+    """Returns the training variance (m,) of each output, and the squared error (m,) of the training mean in ``test``.
 
     Raises:
-        ValueError: predictions of another shape, or an output of ``train`` that is constant.
+        ValueError: an output of ``train`` that is constant.
     """
     if not np.ptp(train.outputs, axis=0).all():
         raise ValueError("train must vary in every output: errors are in units of its variance")
     mean = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
-    return {
-        "squared_error": mspe(test.outputs, predicted).per_output,
-        "variance": train.outputs.var(axis=0),
-        "baseline": mspe(test.outputs, mean).per_output,
-    }
+    return train.outputs.var(axis=0), mspe(test.outputs, mean).per_output
 
 
 def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
@@ -137,37 +149,6 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
     Raises:
         ValueError: a forecast of another shape, or an output of ``train`` that is constant.
     """
-    errors = errors_of(train, test, forecast)
-    ours, baseline = (
-        (errors[name] / errors["variance"]).sum() for name in ("squared_error", "baseline")
-    )
-    return float(error_over(ours, baseline))
-
-
-def ratio(scores: ScoreTable) -> Array:
-    """Returns the error ratio of each row of ``scores``, (N,): below 1 is better than the constant mean.
-
-    The skill score is one minus this, and it is the NMSE of system identification.
-    """
-    ours, baseline = (
-        (scores[column] / scores["variance"]).sum(axis=1)
-        for column in ("squared_error", "baseline")
-    )
-    return error_over(ours, baseline)
-
-
-def by_horizon(scores: ScoreTable) -> list[ScoreTable]:
-    """Returns the rows of ``scores`` at each horizon, the shortest first."""
-    return [scores[scores["steps"] == steps] for steps in sorted(set(scores["steps"].tolist()))]
-
-
-def score_values(row: Any) -> dict[str, Any]:
-    """Returns a ``row`` as plain JSON values; errors are over the training variance, ``relative`` over the mean's."""
-    per_output = row["squared_error"] / row["variance"]
-    return {
-        "steps": int(row["steps"]),
-        "per_output": per_output.tolist(),
-        "total": float(per_output.sum()),
-        "relative_per_output": error_over(row["squared_error"], row["baseline"]).tolist(),
-        "relative": float(ratio(np.array([row]))[0]),
-    }
+    variance, baseline = units_of(train, test)
+    ours = mspe(test.outputs, forecast).per_output
+    return float(error_over((ours / variance).sum(), (baseline / variance).sum()))

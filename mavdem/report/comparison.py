@@ -15,7 +15,7 @@ from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
-from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question, ratio
+from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Sentence, Table, caution
 from mavdem.report.charts import Axis, Chart, Kind, Line
@@ -42,7 +42,6 @@ def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[B
             if not from_zero
             for block in _failed_bands(comparison, question)
         ),
-        *([] if from_zero else _losses(comparison)),
         *(_over_flights(comparison, questions) if several else []),
         *(
             block
@@ -100,61 +99,19 @@ def _failed_bands(comparison: Comparison, question: Question) -> list[Block]:
     return cautions
 
 
-def _losses(comparison: Comparison) -> list[Block]:
-    """The ratios of one flight; of several flights, on how many the first method is worse."""
-    reference = comparison.methods[0]
-    losses = comparison.losses()
-    flights = comparison.flights
-    methods = list(dict.fromkeys(loss["method"] for loss in losses))
-    if not losses:
-        return []
-    header, columns = _shared_horizons(comparison, KNOWN)
-    head = f"{reference}'s error / the method's, where above 1; steps:"
-    if len(flights) > 1:
-        head = f"flights of {len(flights)} with {reference} worse (distinguishably); steps:"
-
-    def cell(method: str, steps: Collection[tuple[str, int]]) -> str:
-        lost = [
-            one
-            for one in losses
-            if one["method"] == method and (one["flight"], one["steps"]) in steps
-        ]
-        worse = sum(one["paired"].verdict is TestResult.HIGHER for one in lost)
-        if not lost or len(flights) > 1:
-            return f"{len(lost)} ({worse})" if lost else ""
-        return f"{'' if worse else '≈ '}{_ratio(lost[0]['ratio'])}"
-
-    return [
-        Table(
-            [head, *header],
-            [[method, *(cell(method, steps) for steps in columns)] for method in methods],
-        )
-    ]
-
-
-def _shared_horizons(
-    comparison: Comparison, question: Question
-) -> tuple[list[str], list[set[tuple[str, int]]]]:
-    """What horizons that all flights have are called, as at 100 Hz, and flights with steps; the last is the whole."""
-    horizons = {
-        flight: comparison.summaries(flight, question)[0]["horizons"]
+def _shared_horizons(comparison: Comparison) -> list[str]:
+    """What horizons that all flights have are called, as at 100 Hz; the last is the whole test part."""
+    steps = [
+        [at["steps"] for at in comparison.summaries(flight)[0]["horizons"]]
         for flight in comparison.flights
-    }
-    steps = {flight: [at["steps"] for at in own] for flight, own in horizons.items()}
-    if len(steps) == 1:
-        ((flight, own),) = steps.items()
-        return [*map(str, own)], [{(flight, one)} for one in own]
-    shared = min(map(len, steps.values()))
-    whole = {own[-1] for own in steps.values()}
-    columns = [
-        {(flight, own[column]) for flight, own in steps.items()}
-        for column in (*range(shared - 1), -1)
     ]
-    return [*map(str, HORIZONS[: shared - 1]), str(*whole) if len(whole) == 1 else "all"], columns
+    shared = min(map(len, steps))
+    whole = {own[-1] for own in steps}
+    return [*map(str, HORIZONS[: shared - 1]), str(*whole) if len(whole) == 1 else "all"]
 
 
 def _over_flights(comparison: Comparison, questions: Sequence[Question]) -> list[Block]:
-    header, _ = _shared_horizons(comparison, questions[0])
+    header = _shared_horizons(comparison)
     text = f"{len(comparison.flights)} flights, {len(comparison.windows)} windows."
     blocks: list[Block] = [Sentence(text, "All flights:")]
     for question in questions:
@@ -251,7 +208,7 @@ def error_ratios(comparison: Comparison, from_zero: bool = False) -> Chart:
             method,
             distinct(number),
             window,
-            np.clip([float(ratio(one.of(question))[-1]) for one in column], *SHOWN_RATIOS),
+            np.clip([float(one.scores[question].ratio[-1]) for one in column], *SHOWN_RATIOS),
             kind=Kind.DOTS,
         )
         for number, (method, column) in enumerate(

@@ -10,7 +10,7 @@ from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
 from mavdem.evaluate.comparison import Method, evaluate_window
 from mavdem.evaluate.paired_test import Paired, paired
-from mavdem.evaluate.scores import KNOWN, by_horizon, ratio, score_values
+from mavdem.evaluate.scores import KNOWN, Scores
 from mavdem.evaluate.window import Window, disjoint, windows
 from mavdem.facts.forecasts import TestResult
 
@@ -21,8 +21,9 @@ TRAIN = FLIGHT[:700]
 TEST = FLIGHT[700:]
 
 
-def scores_of(model, flight: Flight = FLIGHT) -> np.ndarray:
-    return evaluate_window(Method("", model), Window("", 0, flight[:700], flight[700:])).of(KNOWN)
+def scores_of(model, flight: Flight = FLIGHT) -> Scores:
+    window = Window("", 0, flight[:700], flight[700:])
+    return evaluate_window(Method("", model), window).scores[KNOWN]
 
 
 def test_mspe_is_per_output_and_summed():
@@ -46,16 +47,16 @@ def test_a_prediction_beyond_all_numbers_errs_infinitely(wild):
 
 def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
     scores = scores_of(baselines.constant_mean)
-    np.testing.assert_allclose(ratio(scores), 1)
-    for row in scores:
-        np.testing.assert_allclose(score_values(row)["relative_per_output"], 1)
+    np.testing.assert_allclose(scores.ratio, 1)
+    for row in scores.values():
+        np.testing.assert_allclose(row["relative_per_output"], 1)
     assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
     still = Flight(TEST.time, TEST.inputs, np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
     assert evaluate.relative_mspe(TRAIN, still, still.outputs) == 1  # neither errs
     # Outputs count in units of their training variance.
     scaled = Flight(FLIGHT.time, FLIGHT.inputs, FLIGHT.outputs * [57.3, 0.01] + 5)
     np.testing.assert_allclose(
-        ratio(scores_of(baselines.hold)), ratio(scores_of(baselines.hold, scaled))
+        scores_of(baselines.hold).ratio, scores_of(baselines.hold, scaled).ratio
     )
     # One that is constant in training has none.
     train = Flight(TRAIN.time, TRAIN.inputs, TRAIN.outputs * [1, 0] + [0, 0.1])
@@ -65,16 +66,16 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
 
 def test_each_sample_counts_once_and_the_last_horizon_is_the_mspe():
     scores = scores_of(baselines.hold)
-    assert [int(rows["steps"][0]) for rows in by_horizon(scores)] == list(HORIZONS)
+    assert scores.steps == HORIZONS
     before = np.vstack([TRAIN.outputs[-1:], TEST.outputs[24:-1:25]])
     errors = (TEST.outputs - np.repeat(before, 25, axis=0)) ** 2
-    row = scores[HORIZONS.index(25)]
-    np.testing.assert_allclose(row["squared_error"], errors.mean(axis=0))
-    assert score_values(row)["total"] == pytest.approx(
+    place = HORIZONS.index(25)
+    np.testing.assert_allclose(scores.squared_error[place], errors.mean(axis=0))
+    assert scores.values()[place]["total"] == pytest.approx(
         (errors / TRAIN.outputs.var(axis=0)).mean(axis=0).sum()
     )
     whole = baselines.hold(TRAIN).forecast(TEST.inputs)
-    assert ratio(scores)[-1] == pytest.approx(evaluate.relative_mspe(TRAIN, TEST, whole))
+    assert scores.ratio[-1] == pytest.approx(evaluate.relative_mspe(TRAIN, TEST, whole))
 
 
 def test_horizons_are_those_of_the_test_part():
