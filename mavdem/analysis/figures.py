@@ -283,6 +283,7 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
         "wind",
         "wind_share",
         "refinements",
+        "windows",
     )
     return {
         "effect": physical.effect.tolist(),
@@ -291,7 +292,6 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
             "effect": None if np.isnan(effect).any() else effect.tolist(),
             **interval,
         },
-        "windows": {name: column.tolist() for name, column in physical.windows._asdict().items()},
     }
 
 
@@ -311,8 +311,6 @@ def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
     )
     return {
         **{name: getattr(wind, name) for name in kept},
-        "answered": or_none(wind.cancelled_share),
-        "answered_below_1_hz": or_none(wind.cancelled_share_slow),
         "gusts": [gust._asdict() for gust in wind.gusts],
         "spectrum": {name: values.tolist() for name, values in wind.spectrum._asdict().items()},
     }

@@ -235,27 +235,6 @@ class PhysicalInterval(Document):
     """half width of the delay"""
 
 
-class WindowTable(Document):
-    """Estimates of each window of the flight."""
-
-    start: list[Seconds]
-    """start of the window, after the first sample"""
-    effect: list[Effectiveness]
-    """mean magnitude of the motors' control effectiveness"""
-    effect_sd: list[Effectiveness]
-    """standard deviation of effect"""
-    damping: list[PerSecond]
-    """rate damping"""
-    damping_sd: list[PerSecond]
-    """standard deviation of damping"""
-    lag: list[Seconds]
-    """motor time constant"""
-    lag_sd: list[Seconds]
-    """standard deviation of lag"""
-    wind: list[AngularAcceleration]
-    """standard deviation of the wind torque"""
-
-
 class Physical(Document):
     """Physical parameters of the axis."""
 
@@ -281,8 +260,8 @@ class Physical(Document):
     """parameters that predict unseen windows better"""
     interval_90_percent: PhysicalInterval
     """half widths of 90 % intervals; null of what is not identifiable"""
-    windows: WindowTable
-    """estimates of each window of the flight"""
+    windows: int
+    """number of windows of the flight that were fitted together"""
 
 
 class Gust(Document):
@@ -330,10 +309,6 @@ class WindTorque(Document):
     """distance from the running level beyond which it is a gust"""
     false_gusts_per_minute: PerMinute
     """gusts a minute that turbulence shows by chance"""
-    answered: Number
-    """share of its variance that the motors cancel"""
-    answered_below_1_hz: Number
-    """share of its variance below 1 Hz that the motors cancel"""
     gusts: list[Gust]
     """in order of time"""
     spectrum: Spectrum

@@ -396,7 +396,7 @@ def _physical(physical: Physical | None) -> list[Block]:
     return [
         *section(
             "physical",
-            windows=len(physical.windows.start),
+            windows=physical.windows,
             refinements=physical.refinements,
         )
     ]

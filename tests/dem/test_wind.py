@@ -18,7 +18,7 @@ from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.gusts import gusts, shortest_gust
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.parameters import updated
-from mavdem.dem.graybox.wind import _Spectra, balanced, wind
+from mavdem.dem.graybox.wind import balanced, wind
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import (
     DELAY_SECONDS,
@@ -171,18 +171,6 @@ def test_outputs_need_a_rate():
     flight, _ = flown(8, 800, Parameters())
     with pytest.raises(ValueError, match="rate"):
         wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, [0, 0]])))
-
-
-def test_the_cancelled_share_is_that_of_the_motors_that_follow_the_wind():
-    frequency = np.linspace(0, 50, 401)
-    density = 1 / (1 + frequency**2)
-    # The answer is 0.8 of the wind, and as much again that has nothing to do with it.
-    spectra = _Spectra(frequency, density, 0.64 * density + 0.05 * density, 0.8 * density, 1000.0)
-    assert spectra.cancelled_share(np.inf) == pytest.approx(1 - 0.2**2, abs=1e-3)
-    # Where its scatter is just below, and just above, a tenth of the wind.
-    for extra, known in ((0.0999, True), (0.1001, False)):
-        scattered = spectra._replace(answer=(0.64 + 999 * extra) * density)
-        assert np.isfinite(scattered.cancelled_share(np.inf)) == known
 
 
 def turbulent(seed: int, samples: int) -> np.ndarray:

@@ -27,7 +27,7 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.identifiability import PARAMETERS
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS
-from mavdem.dem.graybox.parameters import WindComponent, WindowTable
+from mavdem.dem.graybox.parameters import WindComponent
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -226,6 +226,6 @@ def _physical(found: Identified, directions: Array) -> Physical:
         components=components,
         noise=values["noise"],
         refinements={},
-        windows=WindowTable(*np.empty((8, 0))),
+        windows=len(found.axis.spectra.densities),
         filtered=False,
     )

@@ -6,6 +6,7 @@ Effect, damping and lag are the same in all windows; trim and the level of the w
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from mavdem.dem.graybox.identifiability import (
     identifiability,
 )
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
-from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable, updated, windows_of
+from mavdem.dem.graybox.parameters import Physical, WindComponent, updated, windows_of
 from mavdem.dem.record import FEWEST_MOTORS, Record, UniformRecord
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -29,8 +30,8 @@ from mavdem.facts.model import NoPhysical
 from mavdem.unit_slips import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
-SAME_SIZE = 1e-9  # of the motors of an X or plus, whose combination has length 1
 MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
+SAME_SIZE = 1e-9  # of the motors of an X or plus, whose combination has length 1
 RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippett 1925)
 # of the roll motion; its upper end in shares of the sampling rate
 BAND_HZ = (0.4, 6.0)
@@ -84,11 +85,10 @@ def _estimated(
     )
     covariance = inverse(whole.curvature)
     jacobian = _log_jacobian(whole.parameters, whole.theta, windows.dt)
-    table = _over_time(whole, jacobian, windows)
     by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
     own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
     figures = _figures(whole, np.array([own, np.ptp(by_spectrum, axis=0)]), windows)
-    found = _physical(whole, covariance, windows, table, figures)
+    found = _physical(whole, covariance, windows, figures)
     return found if prior is None else updated(found, prior)
 
 
@@ -117,11 +117,9 @@ def _chosen(
     chosen = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
-        try:
+        with suppress(np.linalg.LinAlgError):
             refined = fitted(parameters, some, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
             chosen = max(chosen, refined, key=lambda fit: fit.evidence)
-        except np.linalg.LinAlgError:
-            continue
     return fits, chosen
 
 
@@ -166,7 +164,6 @@ def _physical(
     whole: GrayBoxFit,
     covariance: Array,
     windows: FlightWindows,
-    table: WindowTable,
     figures: IdentifiabilityFigures,
 ) -> Physical:
     """In the units of the flight, with what the model leaves out."""
@@ -226,30 +223,8 @@ def _physical(
         refinements=dict(
             zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
         ),
-        windows=table,
+        windows=len(windows.rate),
     )
-
-
-def _over_time(whole: GrayBoxFit, jacobian: Array, windows: FlightWindows) -> WindowTable:
-    """Each window's own estimate: a step of Fisher's scoring from that of all, with the prior about it."""
-    parameters = whole.parameters
-    _, sd = parameters.prior
-    covariances = np.linalg.inv(whole.information + np.diag(sd**-2.0))
-    deviations = np.einsum("wij,wj->wi", covariances, whole.scores) @ jacobian.T
-    variances = np.einsum("ij,wjk,ik->wi", jacobian, covariances, jacobian)
-    # The prior draws each window's estimate towards that of all: undone, as far as that was little.
-    kept = np.clip(1 - variances / np.einsum("ij,j,ij->i", jacobian, sd**2, jacobian), 0.25, 1.0)
-    deviations = deviations / kept
-    variances = variances / kept
-    whole_flight = np.exp(_logarithms(parameters, whole.theta, windows.dt)) / [
-        windows.unit,
-        1.0,
-        1.0,
-    ]
-    effect, damping, lag = (np.exp(np.clip(deviations, -3, 3)) * whole_flight).T
-    effect_sd, damping_sd, lag_sd = (np.sqrt(variances) * whole_flight).T
-    wind = whole.levels * float(np.sqrt(np.sum(parameters.sizes(whole.theta) ** 2)))
-    return WindowTable(windows.starts, effect, effect_sd, damping, damping_sd, lag, lag_sd, wind)
 
 
 def _wind_share(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +35,6 @@ class GrayBoxFit(NamedTuple):
     theta: Array  # (k,)
     value: float  # of the log joint
     curvature: Array  # (k, k) of the negative log joint, prior included
-    scores: Array  # (W, k) slope of each window's log likelihood
-    information: Array  # (W, k, k) of each window
     # (W,) standard deviation of each window's prediction errors, relative to what θ says
     levels: Array
 
@@ -48,7 +47,7 @@ class GrayBoxFit(NamedTuple):
         )
 
 
-class _LogJoint(NamedTuple):
+class LogJoint(NamedTuple):
     """The log joint of the innovations and the parameters, an ``Objective`` of Fisher's scoring.
 
     The level of each window's innovations is solved for: its likelihood is −N/2 log of their mean square.
@@ -56,54 +55,34 @@ class _LogJoint(NamedTuple):
 
     parameters: Parameters
     windows: FlightWindows
-    fits: list[GrayBoxFit]  # about each iterate
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The value; of residuals there is no use."""
-        with np.errstate(all="ignore"):
-            try:
-                errors = np.concatenate(
-                    [self.parameters.innovations(at[None], part)[0][0] for part in self._chunks]
-                )
-            except np.linalg.LinAlgError:
-                return np.nan, np.empty(0)
-            return self._value(at, errors), np.empty(0)
+        """The value, NaN if no filter is steady; of residuals there is no use."""
+        value = self._log_prior(at)
+        try:
+            for errors, _ in self.innovations(at[None]):
+                value += _log_likelihood(errors[0])
+        except np.linalg.LinAlgError:
+            value = np.nan
+        return value, np.empty(0)
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """To second order; ``LinAlgError`` if no filter is steady."""
+        """To second order, by differences, all at once; ``LinAlgError`` if no filter is steady."""
         del residuals
-        fit = self._about(at)
-        self.fits.append(fit)
         mean, sd = self.parameters.prior
-        slope = fit.scores.sum(axis=0) - (at - mean) / sd**2
-        return Quadratic(at, fit.value, slope, fit.curvature)
-
-    def _about(self, at: Array) -> GrayBoxFit:
-        """By differences, all at once; ``LinAlgError`` if no filter is steady."""
         steps = RELATIVE_STEP * np.maximum(0.01, np.abs(at))
-        points = np.vstack([at, at + np.diag(steps)])
-        scores = []
-        information = []
-        innovations = []
-        with np.errstate(all="ignore"):
-            for part in self._chunks:
-                errors, variance = self.parameters.innovations(points, part)
-                slopes = (errors[1:] - errors[0]) / steps[:, None, None]
-                square = np.mean(errors[0] ** 2, axis=1)
-                scores.append(-np.einsum("kwn,wn->wk", slopes, errors[0]) / square[:, None])
-                weighted = slopes / np.sqrt(square)[:, None]
-                information.append(np.einsum("kwn,jwn->wkj", weighted, weighted, optimize=True))
-                innovations.append(errors[0])
-            value = self._value(at, np.concatenate(innovations))
-        by_window = np.concatenate(information)
-        prior = np.diag(self.parameters.prior[1] ** -2.0)
-        curvature = by_window.sum(axis=0) + prior
+        value = self._log_prior(at)
+        slope = (mean - at) / sd**2
+        curvature = np.diag(sd**-2.0)
+        for errors, _ in self.innovations(np.vstack([at, at + np.diag(steps)])):
+            value += _log_likelihood(errors[0])
+            scaled = errors / np.sqrt(np.mean(errors[0] ** 2, axis=1))[:, None]
+            slopes = ((scaled[1:] - scaled[0]) / steps[:, None, None]).reshape(len(at), -1)
+            slope -= slopes @ scaled[0].ravel()
+            curvature += slopes @ slopes.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise np.linalg.LinAlgError("there is no steady filter")
-        levels = np.sqrt(np.mean(np.concatenate(innovations) ** 2, axis=1) / variance[0])
-        return GrayBoxFit(
-            self.parameters, at, value, curvature, np.concatenate(scores), by_window, levels
-        )
+        return Quadratic(at, value, slope, curvature)
 
     def limited(self, step: Array) -> Array:
         """A step that changes no logarithm by more than ``LONGEST_STEP``."""
@@ -111,35 +90,41 @@ class _LogJoint(NamedTuple):
             step * min(1.0, LONGEST_STEP / np.abs(step[self.parameters.logarithms]).max())
         )
 
-    @property
-    def _chunks(self) -> list[FlightWindows]:
-        count = len(self.windows.rate)
-        return [
-            self.windows.of(slice(start, start + MAX_CHUNK)) for start in range(0, count, MAX_CHUNK)
-        ]
+    def innovations(self, points: Array) -> Iterator[tuple[Array, Array]]:
+        """Those of some windows at a time, as of ``Parameters``."""
+        for start in range(0, len(self.windows.rate), MAX_CHUNK):
+            with np.errstate(all="ignore"):
+                part = self.windows.of(slice(start, start + MAX_CHUNK))
+                yield self.parameters.innovations(points, part)
 
-    def _value(self, at: Array, errors: Array) -> float:
+    def _log_prior(self, at: Array) -> float:
         mean, sd = self.parameters.prior
-        likelihood = -0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum()
-        return float(likelihood - 0.5 * np.sum(((at - mean) / sd) ** 2))
+        return float(-0.5 * np.sum(((at - mean) / sd) ** 2))
+
+
+def _log_likelihood(errors: Array) -> float:
+    """Of the innovations (W, N) of windows, each of a level of its own."""
+    return float(-0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum())
 
 
 def fitted(
-    parameters: Parameters,
-    windows: FlightWindows,
-    start: Array,
-    promised: float = 0.0,
+    parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0
 ) -> GrayBoxFit:
     """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there.
 
     It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
     """
-    objective = _LogJoint(parameters, windows, [])
+    objective = LogJoint(parameters, windows)
     damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited, careful=True)
     first = objective.quadratic(start, np.empty(0))
-    if first.remaining >= promised:
-        gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS)
-    return objective.fits[-1]
+    iterations = MAX_ITERATIONS if first.remaining >= promised else 0
+    trace, _ = gauss_newton(objective, first, damping, iterations, CONVERGED_NATS)
+    last = trace[-1]
+    levels = [
+        np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance)
+        for errors, variance in objective.innovations(last.at[None])
+    ]
+    return GrayBoxFit(parameters, last.at, last.value, last.curvature, np.concatenate(levels))
 
 
 def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[Parameters, Array]:

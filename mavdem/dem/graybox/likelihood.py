@@ -13,7 +13,6 @@ known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, partial
 from math import factorial
 from typing import NamedTuple
 
@@ -82,7 +81,6 @@ SETTLING_SECONDS = 0.25
 # for which an autopilot answers one sample of the rate: then it has the next
 ANSWERED_SECONDS = 0.004
 MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
-BLOCK = 24  # steps that are worked out together
 
 EFFECT = (0.0, 2.0)
 DAMPING = (np.log(2.0), 1.0)
@@ -183,9 +181,6 @@ class Parameters(NamedTuple):
 
         The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
         """
-        r = self.motors
-        # Most of the parameters that differ do so in the motors' effects alone.
-        thetas, which = _distinct(thetas, [r + 1, r + 2, *range(r + 4, self.noise_index + 1)])
         vehicle = np.zeros((len(thetas), 2, 2))
         rate = 1 / self.lag(thetas, dt)
         vehicle[:, 0, 0] = -self.damping(thetas)
@@ -194,33 +189,31 @@ class Parameters(NamedTuple):
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
         A, drive, wind = with_wind(vehicle, list(components))
         A[:, 0] += wind
-        n = A.shape[-1]
-        B = np.zeros((len(thetas), n, 2))
+        B = np.zeros((*A.shape[:2], 2))
         B[:, 1, 0] = rate
         B[:, 0, 1] = 1.0
         transition = discretize(A, B, dt)
         process = step_covariance(A, drive, dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
         gain, variance = steady_gains(transition.state, process, noise)
-        return (
-            Transition(*(part[which] for part in transition)),
-            gain[which],
-            (variance + noise)[which],
-        )
+        return transition, gain, variance + noise
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
-        return np.asarray(
-            self._refined(tuple(theta[self.noise_index + 1 :]), windows) @ self.effect(theta)
-        )
-
-    def _refined(self, values: tuple[float, ...], windows: FlightWindows) -> Array:
-        """(W, N, r) the inputs with refinements of these ``values``."""
         inputs = windows.inputs
-        for name, value in zip(self.refinements, values, strict=True):
+        for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
             jumps = name is Refinement.JUMPS
             inputs = jumping(inputs, value) if jumps else inputs + value * inputs**2 / 2
-        return inputs
+        return np.asarray(inputs @ self.effect(theta))
+
+    def _driven(self, theta: Array, windows: FlightWindows) -> Array:
+        """(3, W, N − 1) what drives the filter: torque at both ends of each step, and the rate."""
+        steps = float(theta[self.motors + 3]) / windows.dt
+        # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
+        answer = windows.answers @ self.effect(theta)
+        held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
+        ends = delayed((self.commanded(theta, windows) - answer).T, steps)
+        return np.array([*((end + held).T for end in ends), windows.rate[:, :-1]])
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
         """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
@@ -230,99 +223,50 @@ class Parameters(NamedTuple):
         transition, gain, variance = self.filters(thetas, windows.dt)
         now = transition.input_now
         later = transition.input_next
-        W, N = windows.rate.shape
-        of_commands = [
-            *range(self.motors + 1),
-            self.motors + 3,
-            *range(self.noise_index + 1, thetas.shape[1]),
-        ]
-        some, which = _distinct(thetas, of_commands)
-        driven = np.empty((len(some), W, N - 1, 3))
-        refined = cache(partial(self._refined, windows=windows))
-        for k, theta in enumerate(some):
-            steps = float(theta[self.motors + 3]) / windows.dt
-            effect = self.effect(theta)
-            # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
-            answer = windows.answers @ effect
-            held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
-            ends = delayed(
-                (refined(tuple(theta[self.noise_index + 1 :])) @ effect - answer).T, steps
-            )
-            driven[k, :, :, 0], driven[k, :, :, 1] = ((end + held).T for end in ends)
-        driven[..., 2] = windows.rate[:, :-1]
         step = transition.state.copy()
         step[:, :, 0] -= gain
-        gains = np.stack([now[..., 0], later[..., 0], gain], axis=2)
-        predicted = followed(step, gains, driven, windows.rate[:, 0], which)
+        gains = np.stack([now[..., 0], later[..., 0], gain], axis=1)
+        driven = np.array([self._driven(theta, windows) for theta in thetas])
+        pushes = np.moveaxis(driven, 1, 3) @ gains[:, None]
+        predicted = followed(step, pushes, windows.rate[:, 0])
         # The response to a constant acceleration of 1 rad/s².
-        alike = np.zeros(len(thetas), np.intp)
-        response = followed(
-            step, (now + later)[..., 1:], np.ones((1, 1, N - 1, 1)), np.zeros(1), alike
-        )[:, 0]
+        alike = np.ones((1, 1, windows.rate.shape[1] - 1, 1)) * (now + later)[:, None, None, :, 1]
+        response = followed(step, alike, np.zeros(1))
         settled = round(SETTLING_SECONDS / windows.dt)
         errors = windows.rate[:, settled + 1 :] - predicted[:, :, settled:]
-        response = response[:, settled:]
-        share = (
-            np.einsum("kwn,kn->kw", errors, response)
-            / np.einsum("kn,kn->k", response, response)[:, None]
-        )
-        errors -= share[:, :, None] * response[:, None]
-        return errors, variance
+        response = response[:, :, settled:]
+        share = (errors * response).sum(axis=2) / np.square(response).sum(axis=2)
+        return errors - share[:, :, None] * response, variance
 
 
-def _distinct(thetas: Array, columns: list[int]) -> tuple[Array, NDArray[np.intp]]:
-    """The ``thetas`` (b, k) that differ in these ``columns``, and for each (b,) which of them is like it there."""
-    if len(thetas) == 1:
-        return thetas, np.zeros(1, np.intp)
-    _, first, which = np.unique(thetas[:, columns], axis=0, return_index=True, return_inverse=True)
-    return thetas[first], which.ravel()
+def followed(step: Array, pushes: Array, first: Array) -> Array:
+    """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + push_k, of b models and W windows.
 
-
-def followed(
-    step: Array,
-    gains: Array,
-    inputs: Array,
-    first: Array,
-    which: NDArray[np.intp],
-) -> Array:
-    """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
-
-    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (a, W, N, c), of which each model has that of ``which`` (b,).
-    The first state of a window is 0 but for its first entry, ``first`` (W,). Blocks run side by side from 0, each by
-    one product; what each begins with is added.
+    ``step`` is (b, n, n), ``pushes`` (b, W, N, n). The first state of a window is 0 but for its first entry, ``first``
+    (W,). Parts of a window run side by side from 0; what each begins with is added.
     """
-    (number, n, c) = gains.shape
-    (W, N) = inputs.shape[1:3]
-    blocks = -(-N // BLOCK)
-    padded = np.zeros((len(inputs), W, blocks * BLOCK, c))
-    padded[:, :, :N] = inputs
-    padded = padded.reshape(len(inputs), W * blocks, BLOCK * c)
-    responses = np.empty((number, BLOCK, n, c))
-    shown = np.empty((number, n, BLOCK))
-    power = step
-    responses[:, 0] = gains
-    for later in range(1, BLOCK):
-        shown[:, :, later - 1] = power[:, 0]
-        responses[:, later] = power @ gains
-        power = power @ step
-    shown[:, :, -1] = power[:, 0]
-    # Of each input of a block on its outputs (later or at once), and on the state after it.
-    within = np.zeros((number, BLOCK, c, BLOCK + n))
-    for early in range(BLOCK):
-        within[:, early, :, early:BLOCK] = np.swapaxes(responses[:, : BLOCK - early, 0], 1, 2)
-    within[..., BLOCK:] = np.swapaxes(responses[:, ::-1], 2, 3)
-    moved = np.empty((number, W, blocks, BLOCK + n))
-    for model, its in enumerate(which):
-        products = moved[model].reshape(W * blocks, BLOCK + n)
-        np.matmul(padded[its], within[model].reshape(BLOCK * c, BLOCK + n), out=products)
-    begins = np.zeros((number, W, blocks, n))
-    across = np.swapaxes(power, 1, 2)
+    b, W, N, n = pushes.shape
+    size = int(np.sqrt(N)) + 1
+    padded = np.zeros((b, W, size * size, n))
+    padded[:, :, :N] = pushes
+    parts = padded.reshape(b, W * size, size, n)
+    turned = np.swapaxes(step, 1, 2)
+    state = np.zeros((b, W * size, n))
+    seen = np.empty((b, W * size, size))
+    power = np.broadcast_to(np.eye(n), step.shape)
+    shown = np.empty((b, n, size))
+    for k in range(size):
+        seen[:, :, k] = state[:, :, 0]
+        state = state @ turned + parts[:, :, k]
+        shown[:, :, k] = power[:, :, 0]
+        power = turned @ power
+    ends = state.reshape(b, W, size, n)
+    begins = np.zeros((b, W, size, n))
     begins[:, :, 0, 0] = first
-    for block in range(1, blocks):
-        begins[:, :, block] = begins[:, :, block - 1] @ across + moved[:, :, block - 1, BLOCK:]
-    followed = begins @ shown[:, None]
-    followed += moved[..., :BLOCK]
-    return followed.reshape(number, W, blocks * BLOCK)[:, :, :N]
+    for part in range(1, size):
+        begins[:, :, part] = begins[:, :, part - 1] @ power + ends[:, :, part - 1]
+    whole = seen.reshape(b, W, size, size) + begins @ shown[:, None]
+    return whole.reshape(b, W, size * size)[:, :, 1 : N + 1]
 
 
 def jumping(inputs: Array, sooner: float) -> Array:

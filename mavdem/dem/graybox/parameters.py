@@ -37,19 +37,6 @@ class PhysicalInterval(NamedTuple):
     delay: float
 
 
-class WindowTable(NamedTuple):
-    """Windows of the flight, each with an estimate of its own, to first order about that of all; (W,) each."""
-
-    start: Array  # s of the given samples before it
-    effect: Array  # mean magnitude over the motors, rad/s² per unit of input
-    effect_sd: Array
-    damping: Array  # 1/s
-    damping_sd: Array
-    lag: Array  # s
-    lag_sd: Array
-    wind: Array  # standard deviation of the wind's torque, rad/s², its constant part not included
-
-
 class Physical(NamedTuple):
     """Physical parameters of one axis.
 
@@ -68,7 +55,7 @@ class Physical(NamedTuple):
         components: of the wind.
         noise: standard deviation of the measured rate's white noise, rad/s.
         refinements: parameters that predict unseen windows better, by name (docs/physical.md).
-        windows: a table over time.
+        windows: how many of the flight it is fitted to.
         filtered: whether lag and delay have the gyro's filters in them.
     """
 
@@ -85,7 +72,7 @@ class Physical(NamedTuple):
     components: tuple[WindComponent, ...]
     noise: float
     refinements: dict[Refinement, float]
-    windows: WindowTable
+    windows: int
     filtered: bool = True
 
     def __repr__(self) -> str:

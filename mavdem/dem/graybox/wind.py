@@ -34,13 +34,7 @@ from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.model import NoPhysical, Refinement
 
-# of the cancelled share: with more, the motors do too much else for it to be known
-MAX_SCATTER = 0.1
 SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
-# of windows by Hann with half of each in the next, as many count (Welch, 1967)
-INDEPENDENT = 18 / 19
-SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
-
 CHANGE_SECONDS = 2.0  # on either side of a step
 STEP_SHARE = 0.5
 STEP_SHARPNESS = 0.75
@@ -76,8 +70,6 @@ class WindTorque:
         gust_threshold: rad/s² from the running level.
         false_gusts_per_minute: to expect of Gaussian turbulence with the same spectrum, without gusts.
         spectrum: of the estimate and of the model.
-        cancelled_share: of its variance, by the motors; NaN where they steer too much for it to be known.
-        cancelled_share_slow: likewise of its variance below 1 Hz.
         resolved: whether its course is larger than its errors, but for those of its size.
         reason: why it is not to be taken for the wind's; ``None`` where it is.
         dt: sampling step, s.
@@ -95,8 +87,6 @@ class WindTorque:
     gust_threshold: float
     false_gusts_per_minute: float
     spectrum: WindSpectrum
-    cancelled_share: float
-    cancelled_share_slow: float
     resolved: bool
     reason: Fact | None
     dt: float
@@ -158,7 +148,6 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     unlike = moving - np.outer(shares, moved)
     added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
-    spectra = _spectra(torques, record)
     band = half_width(variance)
     gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt))
     return WindTorque(
@@ -173,11 +162,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
         false_gusts_per_minute=gusty.false_per_minute,
-        spectrum=WindSpectrum(
-            spectra.frequency, spectra.wind, wind_density(physical, spectra.frequency)
-        ),
-        cancelled_share=spectra.cancelled_share(np.inf),
-        cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
+        spectrum=_spectrum(torques.mean, record, physical),
         resolved=resolved,
         reason=None if resolved else unresolved,
         dt=record.dt,
@@ -221,13 +206,8 @@ def _torques(
     """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
     effect = theta[:-3]
     (damping, lag, delay) = theta[-3:].tolist()
-    axis = plant(
-        damping,
-        lag,
-        physical.components,
-        record.dt,
-        physical.refinements.get(Refinement.JUMPS, 0.0),
-    )
+    jumps = physical.refinements.get(Refinement.JUMPS, 0.0)
+    axis = plant(damping, lag, physical.components, record.dt, jumps)
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []
@@ -266,56 +246,14 @@ def balanced(effect: Array, trim: Array, directions: Array | None) -> float:
     return -float(trim @ effect)
 
 
-class _Spectra(NamedTuple):
-    """One-sided densities (F,) over windows of the segments: of the wind, of the motors' answer, and across."""
-
-    frequency: Array
-    wind: Array
-    answer: Array
-    across: Array
-    windows: float  # independent ones
-
-    def cancelled_share(self, highest: float) -> float:
-        """Share of the wind's variance up to a frequency, Hz, that the motors' torque cancels.
-
-        With the transfer G = across / wind from the wind to the answer, |1 − G|² of the density is left over. So what
-        the motors do besides, such as steering, does not count. The scatter of G, which does not vanish with few
-        windows, is taken off (Bendat and Piersol, Random Data, 4th ed., sec. 9.2).
-        """
-        below = (self.frequency <= highest) & (self.wind > 0)
-        wind = self.wind[below]
-        answer = self.answer[below]
-        across = self.across[below]
-        total = float(wind.sum())
-        left = float((np.abs(wind - across) ** 2 / wind).sum())
-        scatter = float((answer - np.abs(across) ** 2 / wind).sum()) / max(self.windows - 1, 1)
-        return (
-            1 - (left - scatter) / total
-            if total and scatter <= MAX_SCATTER * total
-            else float("nan")
-        )
-
-
-def _spectra(torques: _Torques, record: Record) -> _Spectra:
+def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum:
     """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
-    from scipy.signal import csd, detrend  # it takes half a second to import
+    from scipy.signal import detrend, welch  # it takes half a second to import
 
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
-    total = np.zeros((3, length // 2 + 1), complex)
-    windows = 0.0
-    frequency = np.zeros(length // 2 + 1)
-    cuts = record.starts[1:]
-    for torque, motors in zip(
-        np.split(torques.mean, cuts), np.split(-torques.motors, cuts), strict=True
-    ):
-        if len(torque) < length:
-            continue
-        weight = 2 * len(torque) // length - 1
-        for sums, (one, other) in zip(
-            total, ((torque, torque), (motors, motors), (torque, motors)), strict=True
-        ):
-            frequency, density = csd(one, other, 1 / record.dt, nperseg=length, detrend=detrend)
-            sums += weight * density
-        windows += weight
-    wind, answer, across = total / windows
-    return _Spectra(frequency, wind.real, answer.real, across, INDEPENDENT * windows)
+    parts = [part for part in np.split(torque, record.starts[1:]) if len(part) >= length]
+    found = [welch(part, 1 / record.dt, nperseg=length, detrend=detrend) for part in parts]
+    weights = [2 * len(part) // length - 1 for part in parts]
+    density = np.average([one for _, one in found], axis=0, weights=weights)
+    frequency = found[0][0]
+    return WindSpectrum(frequency, density, wind_density(physical, frequency))

@@ -66,9 +66,8 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
     dt = record.dt
     if isinstance(found, NotIdentifiable):
         raise ValueError(found.reason)
-    axis = plant(
-        found.damping, found.lag, found.components, dt, found.refinements.get(Refinement.JUMPS, 0.0)
-    )
+    jumps = found.refinements.get(Refinement.JUMPS, 0.0)
+    axis = plant(found.damping, found.lag, found.components, dt, jumps)
     filtered = axis.filter(found.noise)
     (inputs, outputs) = record.segments[-1]
     trim = record.inputs.mean(axis=0)
