@@ -47,7 +47,6 @@ SHOWN = {
     "wind_direction": "° that it comes from",
 }
 FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)"}
-FIGURES |= {"peak": " rate's step, largest", "rise": " rate's step, time to half of it (s)"}
 
 
 @click.command("twin")

@@ -116,47 +116,29 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
     return _figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
 
 
-def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -> HoverFigures:
-    """Returns the figures of flights with the same motors as inputs, one at least.
+def hover_figures(flights: Sequence[Flight]) -> HoverFigures:
+    """Returns the figures of flights with the same motors as inputs, one at least, by the range in ``provenance``.
 
     The lean is that of the angles among their outputs: flights of roll and of pitch give both.
 
-    Args:
-        flights: as ``mavdem.read_segments`` gives them, for one axis or for several.
-        scale: the range of the outputs; that in the flights' ``provenance`` unless given.
-
     Raises:
-        ValueError: there are no flights, their inputs differ or are the controller's demand, or have no known range.
+        ValueError: their inputs differ or are the controller's demand, or have no known range.
         NotLearnable: the motors never ran.
     """
-    if not flights:
-        raise ValueError("flights must hold at least one flight")
     names = flights[0].input_names
-    if any(flight.input_names != names for flight in flights):
-        raise ValueError("flights must have the same inputs")
-    if scale is None:
-        known = flights[0].provenance.get("scale")
-        if not known:
-            raise ValueError("the range of the inputs is not known: give the scale")
-        scale = OutputScale(**known)
-    if scale.name == "demand":
-        raise ValueError(
-            "the inputs are the controller's demand: read the flights with inputs='motors'"
-        )
+    known = flights[0].provenance.get("scale")
+    if not known or known["name"] == "demand" or any(one.input_names != names for one in flights):
+        raise ValueError("flights must have the same motors as inputs, and the scale of these")
     # The motors of another axis are the same.
     counted = [flight for flight in flights if flight.output_names == flights[0].output_names]
-    lean: dict[str, float] = {}
-    for axis in TILT_AXES:
-        found = [
-            one.outputs[:, one.output_names.index(axis)]
-            for one in flights
-            if axis in one.output_names
-        ]
-        lean |= {axis: float(np.degrees(np.concatenate(found).mean()))} if found else {}
+    angles: dict[str, list[Array]] = {}
+    for one in flights:
+        for axis, column in zip(one.output_names, one.outputs.T, strict=True):
+            angles.setdefault(axis, []).append(column)
+    lean = {axis: float(np.degrees(np.concatenate(found).mean())) for axis, found in angles.items()}
     seconds = sum(flight.duration for flight in counted)
-    return _figures(
-        names, scale, seconds, np.concatenate([flight.inputs for flight in counted]), lean
-    )
+    inputs = np.concatenate([flight.inputs for flight in counted])
+    return _figures(names, OutputScale(**known), seconds, inputs, lean)
 
 
 def _figures(

@@ -38,7 +38,7 @@ DOCUMENTS = {
     "track": Published(Track, 2, "`--json` of track"),
     "live": Published(Live, 4, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),
-    "twin": Published(Twin, 3, "`--json` of twin"),
+    "twin": Published(Twin, 4, "`--json` of twin"),
     "fly": Published(Fly, 2, "`--json` of fly"),
     "reproduce": Published(Reproduce, 3, "numbers.json, and `--json` of reproduce"),
     "error": Published(

@@ -259,10 +259,6 @@ class Alike(Document):
     """standard deviation of the angle, recorded and twin's; not of yaw"""
     rate: list[DegreesPerSecond]
     """standard deviation of the rate, recorded and twin's"""
-    peak: list[Number] | None = None
-    """peak of the rate's step response, recorded and twin's"""
-    rise: list[Seconds] | None = None
-    """time to half of that peak, recorded and twin's"""
 
 
 class Twin(Document):

@@ -1,6 +1,6 @@
 """Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -234,19 +234,17 @@ def test_flights_give_the_same_figures_and_count_their_motors_once():
     assert hover_figures(flights[:1]).pitch is None
 
 
-def test_arrays_need_the_range_of_their_outputs():
+def test_flights_need_the_range_of_their_motors():
     flight = Flight(np.arange(4) / 100, [[1500.0, 1100.0]] * 4, [0.1] * 4, output_names=("roll",))
-    with pytest.raises(ValueError, match="give the scale"):
+    with pytest.raises(ValueError, match="scale"):
         hover_figures([flight])
-    found = hover_figures([flight], PULSES)
+    found = hover_figures([replace(flight, provenance={"scale": asdict(PULSES)})])
     assert found.trim_of_range == approx((0.5, 0.1)) and found.at_lower_limit == (0.0, 1.0)
     assert found.roll == approx(np.degrees(0.1)) and found.pitch is None
-    still = Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0])
+    still = Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0], provenance={"scale": asdict(PULSES)})
     with pytest.raises(NotLearnable) as refusal:
-        hover_figures([still], PULSES)
+        hover_figures([still])
     assert refusal.value.fact.code is MotorObstacle.MOTORS_OFF
-    with pytest.raises(ValueError, match="demand"):
-        hover_figures([still], OutputScale("demand", "", -1, 1, 0.1))
 
 
 TEXT = "CUAVv5Nano 001A002F 30395113 33333539"

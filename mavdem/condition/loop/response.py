@@ -1,9 +1,8 @@
-"""The measured response of the rate to its setpoint, beside the predicted one: spectra, step and fit."""
+"""The measured response of the rate to its setpoint, beside the predicted one: spectra and fit."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -28,9 +27,6 @@ LEAST_FIT = 80.0  # %, from which the two agree
 # of the demand and the parameters', where compared; of their ratio's logarithm
 SURE_COHERENCE = 0.9
 GAIN_ERROR = 0.3
-# of the setpoint's largest density, in the deconvolution; of the step
-REGULARISED = 1e-4
-STEP_SECONDS = 1.0
 
 
 class MeasuredResponse(NamedTuple):
@@ -43,8 +39,6 @@ class MeasuredResponse(NamedTuple):
     band: tuple[float, float]
     fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
     agreement: float  # likewise of what the setpoint explains: what is missing is the loop's error
-    time: Array  # (K,) s of the step, from it on
-    step: Array  # (K,) of the rate by a setpoint of 1 rad/s, deconvolved
     # of the motors' demand in flight, over that of the parameters; NaN where it is not known
     controller_gain: float
     reason: Fact | None  # why the two do not agree; None where they do
@@ -66,51 +60,53 @@ def measured_response(
     if record.setpoints is None or not names or "rate" not in names[0]:
         return None
     size = round(WINDOW_SECONDS / record.dt)
-    parts = list[list[tuple[Array, ...]]]()
     asked = record.setpoints[:, [record.setpoint_names.index(name) for name in names]]
     seen = record.outputs[:, [rate_column(record), 0]]
     table = np.column_stack([seen, record.inputs @ per_demand / (per_demand @ per_demand), asked])
+    plain, corrected = list[Array](), list[Array]()
     for rows in np.split(table, record.starts[1:]):
-        edges = np.flatnonzero(
-            np.diff(np.isfinite(rows).all(axis=1), prepend=False, append=False)
-        ).reshape(-1, 2)
+        known = np.isfinite(rows).all(axis=1)
+        edges = np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2)
         for first, last in edges[np.ptp(edges, axis=1) >= size]:
             rate, angle, demand, *given = rows[first:last].T
             setpoint, *wanted = map(evenly, given)
-            corrected = (setpoint + controller.angle * (one - angle) for one in wanted)
-            if np.ptp(setpoint):  # as of a heading that is held
-                parts.append([(one, rate, demand) for one in (setpoint, *corrected)])
-    if sum(2 * len(part[0][0]) // size - 1 for part in parts) < FEWEST:
+            if np.ptp(setpoint):  # not as of a heading that is held
+                plain.append(np.array([setpoint, rate, demand]))
+                for one in wanted:
+                    asked_for = setpoint + controller.angle * (one - angle)
+                    corrected.append(np.array([asked_for, rate, demand]))
+    if sum(2 * part.shape[1] // size - 1 for part in plain) < FEWEST:
         return None
-    ways = (
-        _compared(record.dt, size, way, controller, at, closed) for way in zip(*parts, strict=True)
-    )
+    ways = [
+        _compared(record.dt, size, parts, controller, at, closed)
+        for parts in (plain, corrected)
+        if parts
+    ]
     return max(ways, key=lambda one: one.fit)
 
 
 def _compared(
     dt: float,
     size: int,
-    parts: Sequence[tuple[Array, ...]],
+    parts: Sequence[Array],
     controller: Controller,
     at: Array,
     closed: Complex,
 ) -> MeasuredResponse:
-    """The response by the ``parts``, each of setpoint, rate and demand (T,)."""
+    """The response by the ``parts`` (3, T), each of setpoint, rate and demand."""
     from scipy.signal import csd  # it takes half a second to import
 
-    densities = np.zeros((6, size // 2 + 1), np.complex128)
-    for part in parts:
-        for total, pair in zip(densities, combinations_with_replacement(part, 2), strict=True):
-            total += len(part[0]) * csd(*pair, 1 / dt, nperseg=size)[1]
-    smoothed = [np.convolve(one, np.full(3, 1 / 3), mode="same") for one in densities]
-    of_setpoint, of_rate, of_demand = (
-        np.maximum(smoothed[row].real, np.finfo(float).tiny) for row in (0, 3, 5)
+    densities = sum(
+        part.shape[1] * csd(part[:, None], part, 1 / dt, nperseg=size)[1] for part in parts
     )
-    across = smoothed[1]
+    smoothed = np.apply_along_axis(np.convolve, -1, densities, np.full(3, 1 / 3), mode="same")
+    of_setpoint, of_rate, of_demand = np.maximum(
+        np.einsum("iif->if", smoothed).real, np.finfo(float).tiny
+    )
+    across = smoothed[0, 1]
     hertz = np.arange(len(across)) / (size * dt)
     response = np.asarray(across / of_setpoint, np.complex128)
-    predicted = np.interp(hertz, at, closed.real) + 1j * np.interp(hertz, at, closed.imag)
+    predicted = np.interp(hertz, at, closed)
     coherence = np.abs(response) ** 2 * of_setpoint / of_rate
     unclear = hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)]
     highest = float(min([*unclear, at[-1], hertz[-1]]))
@@ -123,13 +119,9 @@ def _compared(
         else 0.0
         for error in (unlike + by_wind, unlike)
     )
-    kept = np.clip(1.5 - hertz / highest / 2, 0.0, 1.0)
-    passed = kept / (1 + REGULARISED * of_setpoint.max() / of_setpoint)
-    pulse = np.append(abs(response[1]), (passed * response)[1:])
-    step = np.cumsum(np.fft.irfft(pulse, size))[: round(STEP_SECONDS / dt)]
     # What the controller should have asked for, by its parameters, and what it did.
     forward, back = transfer(controller, np.maximum(hertz, hertz[1]))
-    likewise = forward.conj() * smoothed[2] - back.conj() * smoothed[4]
+    likewise = forward.conj() * smoothed[0, 2] - back.conj() * smoothed[1, 2]
     asked = np.abs(forward) ** 2 * of_setpoint + np.abs(back) ** 2 * of_rate
     asked = asked - 2 * (forward.conj() * back * across).real
     sure = np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand
@@ -143,24 +135,10 @@ def _compared(
     elif highest < LEAST_BAND:
         reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
     elif agreement < LEAST_FIT:
-        reason = Fact(
-            Responses.RESPONSE_DISAGREES,
-            Level.WATCH,
-            share=agreement / 100,
-            needed=LEAST_FIT / 100,
-        )
-    return MeasuredResponse(
-        frequency=hertz,
-        response=response,
-        predicted=predicted,
-        band=(LOWEST, highest),
-        fit=fit,
-        agreement=agreement,
-        time=dt * np.arange(len(step), dtype=np.float64),
-        step=step,
-        controller_gain=gain,
-        reason=reason,
-    )
+        share, needed = agreement / 100, LEAST_FIT / 100
+        reason = Fact(Responses.RESPONSE_DISAGREES, Level.WATCH, share=share, needed=needed)
+    band = LOWEST, highest
+    return MeasuredResponse(hertz, response, predicted, band, fit, agreement, gain, reason)
 
 
 def evenly(asked: Array) -> Array:

@@ -11,7 +11,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.condition.loop.controllers import FASTEST, LOOP_RATES, USUAL_RATES, controller_of
 from mavdem.condition.loop.loop import Loop
-from mavdem.condition.loop.response import evenly, measured_response
+from mavdem.condition.loop.response import evenly
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.model import Drag
@@ -278,8 +278,7 @@ def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[
     """Returns figures of a ``record`` and of angle and rate (T, 2), rad and rad/s, that were ``flown`` again.
 
     Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; both mean and sd of the angle but
-    for yaw, and sd of the rate, in degrees; where it is measured the peak of the rate's step, and the time to half of
-    it, s.
+    for yaw, and sd of the rate, in degrees.
     """
     from scipy.signal import detrend, welch  # it takes half a second to import
 
@@ -296,20 +295,5 @@ def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[
     if loop.axis != "yaw":
         angles = np.degrees(both[..., 0])
         values |= {"lean": angles.mean(axis=1), "sway": angles.std(axis=1)}
-    if loop.agrees:
-        flights = [replace(record, outputs=one) for one in (record.outputs, *outputs)]
-        known = (
-            loop.controller,
-            np.ones(record.inputs.shape[1]),
-            loop.rate.frequency,
-            loop.rate.closed[0],
-        )
-        steps = [
-            one.step
-            for one in (measured_response(flight, *known) for flight in flights)
-            if one is not None
-        ]
-        values["peak"] = np.array([step.max() for step in steps])
-        values["rise"] = np.array([record.dt * np.argmax(step > step.max() / 2) for step in steps])
     found = {name: [float(one[0]), float(one[1:].mean())] for name, one in values.items()}
     return {"levels": (10 * np.log10(level[:, 1:].mean(axis=1) / level[:, 0])).tolist()} | found

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.dem.closed_loop.likelihood import PLANT, Axis
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.linalg import Array, inverse
 
 STARTS = tuple(product((3.0, 10.0), ((0.05, 0.009), (0.02, 0.005))))
@@ -29,6 +30,7 @@ class Identified(NamedTuple):
 
 def identified(axis: Axis) -> Identified:
     """Returns the most probable parameters of an ``axis``; ``LinAlgError`` where there are none."""
+    objective = _LogJoint(axis)
     mean, _ = axis.prior
     begun = []
     for crossover, (lag, delay) in STARTS:
@@ -36,47 +38,38 @@ def identified(axis: Axis) -> Identified:
         back = abs(axis.known.back(np.array([crossover]))[0])
         effect, _, *late = PLANT
         theta[[effect, *late]] = np.log([2 * np.pi * crossover / back, lag, delay])
-        begun.append(_ascended(axis, theta, FIRST_STEPS))
-    theta, _ = max(begun, key=lambda one: one[1])
-    theta, value = _ascended(axis, theta, MAX_STEPS)
-    if not np.isfinite(value):
+        begun.append(objective.ascended(objective.quadratic(theta, theta), FIRST_STEPS))
+    best = objective.ascended(max(begun, key=lambda one: one.value), MAX_STEPS)
+    if not np.isfinite(best.value):
         raise np.linalg.LinAlgError("nothing has a likelihood")
-    _, information = _scores(axis, theta)
-    return Identified(axis, theta, inverse(information))
+    return Identified(axis, best.at, inverse(best.curvature))
 
 
-def _log_joint(axis: Axis, theta: Array) -> float:
-    mean, sd = axis.prior
-    return axis.value(theta) - 0.5 * float(np.sum(((theta - mean) / sd) ** 2))
+class _LogJoint(NamedTuple):
+    """The log joint of an axis's spectra and parameters, an ``Objective`` of Fisher's scoring."""
 
+    axis: Axis
 
-def _scores(axis: Axis, theta: Array) -> tuple[Array, Array]:
-    """Slope (k,) of the log joint, and the information (k, k), prior included."""
-    mean, sd = axis.prior
-    slope, information = axis.scores(theta, RELATIVE_STEP * sd)
-    return slope - (theta - mean) / sd**2, information + np.diag(sd**-2.0)
+    def value(self, at: Array) -> tuple[float, Array]:
+        """The value; of residuals there is no use."""
+        mean, sd = self.axis.prior
+        return self.axis.value(at) - 0.5 * float(np.sum(((at - mean) / sd) ** 2)), at
 
+    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
+        """To second order, the information for the curvature."""
+        del residuals
+        mean, sd = self.axis.prior
+        slope, information = self.axis.scores(at, RELATIVE_STEP * sd)
+        curvature = information + np.diag(sd**-2.0)
+        return Quadratic(at, self.value(at)[0], slope - (at - mean) / sd**2, curvature)
 
-def _ascended(axis: Axis, theta: Array, steps: int) -> tuple[Array, float]:
-    """Parameters and log joint after so many damped steps, or where there is nothing to gain."""
-    longest = np.minimum(axis.prior[1], LONGEST_STEP)
-    value = _log_joint(axis, theta)
-    damping = 1e-2
-    for _ in range(steps):
-        score, information = _scores(axis, theta)
-        gain = 0.0
-        step = score
-        while not gain > 0 and damping < 1e8:
-            damped = information + damping * np.diag(information.diagonal())
-            step = np.asarray(np.linalg.solve(damped, score))
-            step /= max(1.0, float(np.abs(step / longest).max()))
-            gain = _log_joint(axis, theta + step) - value
-            damping *= 1 / 6 if gain > 0 else 4
-        if not gain > 0:
-            break
-        theta = theta + step
-        value += gain
-        damping = max(damping, 1e-6)
-        if gain < CONVERGED_NATS:
-            break
-    return theta, value
+    def ascended(self, start: Quadratic, steps: int) -> Quadratic:
+        """After so many damped steps, or where there is nothing to gain."""
+        damping = Damping(first=1e-2, factor=5.0, attempts=16, limited=self._limited)
+        trace, _ = gauss_newton(self, start, damping, steps, CONVERGED_NATS)
+        return trace[-1]
+
+    def _limited(self, step: Array) -> Array:
+        """A step that changes no parameter by more than ``LONGEST_STEP``."""
+        longest = np.minimum(self.axis.prior[1], LONGEST_STEP)
+        return step / max(1.0, float(np.abs(step / longest).max()))

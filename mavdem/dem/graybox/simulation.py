@@ -78,12 +78,8 @@ def _mean(
     ahead = pushes(np.vstack([before, inputs]))[len(before) - 1 :]
     # A steady disturbance acts like a steady command.
     ahead += steady * (now + later)[:, 0]
-    x = np.array([*outputs[-1, order], torques[-1][-1] + steady])
-    path = np.empty((len(inputs), 2))
-    for step, push in enumerate(ahead):
-        x = state @ x + push
-        path[step] = x[:2]
-    return path
+    first = np.array([*outputs[-1, order], torques[-1][-1] + steady])
+    return recursion(state, ahead, first)[:, :2]
 
 
 def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
