@@ -155,16 +155,17 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
 def test_parts_side_by_side_are_the_recursion_step_by_step(samples):
     rng = np.random.default_rng(1)
     step = 0.4 * rng.standard_normal((2, 3, 3))
-    pushes = rng.standard_normal((2, 4, samples, 3))
+    gains = rng.standard_normal((2, 3, 2))
+    inputs = rng.standard_normal((2, 2, 4, samples))
     first = rng.standard_normal(4)
     x = np.zeros((2, 4, 3))
     x[:, :, 0] = first
     expected = []
     for k in range(samples):
-        x = x @ np.swapaxes(step, 1, 2) + pushes[:, :, k]
+        x = x @ np.swapaxes(step, 1, 2) + np.einsum("bnc,bcw->bwn", gains, inputs[..., k])
         expected.append(x[:, :, 0])
     np.testing.assert_allclose(
-        followed(step, pushes, first), np.stack(expected, axis=2), rtol=1e-9, atol=1e-12
+        followed(step, gains, inputs, first), np.stack(expected, axis=2), rtol=1e-9, atol=1e-12
     )
 
 

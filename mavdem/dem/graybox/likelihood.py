@@ -225,13 +225,12 @@ class Parameters(NamedTuple):
         later = transition.input_next
         step = transition.state.copy()
         step[:, :, 0] -= gain
-        gains = np.stack([now[..., 0], later[..., 0], gain], axis=1)
+        gains = np.stack([now[..., 0], later[..., 0], gain], axis=2)
         driven = np.array([self._driven(theta, windows) for theta in thetas])
-        pushes = np.moveaxis(driven, 1, 3) @ gains[:, None]
-        predicted = followed(step, pushes, windows.rate[:, 0])
+        predicted = followed(step, gains, driven, windows.rate[:, 0])
         # The response to a constant acceleration of 1 rad/s².
-        alike = np.ones((1, 1, windows.rate.shape[1] - 1, 1)) * (now + later)[:, None, None, :, 1]
-        response = followed(step, alike, np.zeros(1))
+        alike = np.ones((len(thetas), 1, 1, driven.shape[-1]))
+        response = followed(step, (now + later)[..., 1:], alike, np.zeros(1))
         settled = round(SETTLING_SECONDS / windows.dt)
         errors = windows.rate[:, settled + 1 :] - predicted[:, :, settled:]
         response = response[:, :, settled:]
@@ -239,32 +238,34 @@ class Parameters(NamedTuple):
         return errors - share[:, :, None] * response, variance
 
 
-def followed(step: Array, pushes: Array, first: Array) -> Array:
-    """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + push_k, of b models and W windows.
+def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
+    """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
 
-    ``step`` is (b, n, n), ``pushes`` (b, W, N, n). The first state of a window is 0 but for its first entry, ``first``
-    (W,). Parts of a window run side by side from 0; what each begins with is added.
+    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, c, W, N). The first state of a window is 0 but for its
+    first entry, ``first`` (W,). Parts of a window run side by side from 0; what each begins with is added.
     """
-    b, W, N, n = pushes.shape
+    b, c, W, N = inputs.shape
+    n = step.shape[-1]
     size = int(np.sqrt(N)) + 1
-    padded = np.zeros((b, W, size * size, n))
-    padded[:, :, :N] = pushes
-    parts = padded.reshape(b, W * size, size, n)
+    padded = np.zeros((b, c, W, size * size))
+    padded[..., :N] = inputs
+    parts = np.ascontiguousarray(padded.reshape(b, c, W * size, size).transpose(3, 0, 2, 1))
     turned = np.swapaxes(step, 1, 2)
+    into = np.swapaxes(gains, 1, 2)
     state = np.zeros((b, W * size, n))
     seen = np.empty((b, W * size, size))
     power = np.broadcast_to(np.eye(n), step.shape)
     shown = np.empty((b, n, size))
-    for k in range(size):
+    for k, part in enumerate(parts):
         seen[:, :, k] = state[:, :, 0]
-        state = state @ turned + parts[:, :, k]
+        state = state @ turned + part @ into
         shown[:, :, k] = power[:, :, 0]
         power = turned @ power
     ends = state.reshape(b, W, size, n)
     begins = np.zeros((b, W, size, n))
     begins[:, :, 0, 0] = first
-    for part in range(1, size):
-        begins[:, :, part] = begins[:, :, part - 1] @ power + ends[:, :, part - 1]
+    for at in range(1, size):
+        begins[:, :, at] = begins[:, :, at - 1] @ power + ends[:, :, at - 1]
     whole = seen.reshape(b, W, size, size) + begins @ shown[:, None]
     return whole.reshape(b, W, size * size)[:, :, 1 : N + 1]
 
