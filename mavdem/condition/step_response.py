@@ -188,7 +188,7 @@ def rate_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | 
     else:
         with_angle = [list(piece) for piece in pieces]
     fit = _fitted(sampled, with_angle, gain, SECONDS["rate"])
-    return _described(signals.axis, "rate", fit, _coherence(used[:2], parts, MINIMUM_RATE))
+    return _described(signals.axis, "rate", sampled, fit, _coherence(used[:2], parts, MINIMUM_RATE))
 
 
 def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
@@ -209,7 +209,9 @@ def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepRespons
         return found
     sampled, pieces = found
     fit = _fitted(sampled, [list(piece) for piece in pieces], 0.0, SECONDS["attitude"])
-    return _described(signals.axis, "attitude", fit, _coherence(used, parts, SLOW_MOTION_RATE))
+    return _described(
+        signals.axis, "attitude", sampled, fit, _coherence(used, parts, SLOW_MOTION_RATE)
+    )
 
 
 def _known(
@@ -247,12 +249,10 @@ def _coherence(
 
 
 class _Fit(NamedTuple):
-    """Impulse response, its covariance, and the mean square of what it leaves, whitened, of one sample."""
+    """Impulse response, and its covariance."""
 
-    sampled: float
     weights: Array  # (K,) of the last K setpoints, the last first; their sum is T at 0 Hz
     covariance: Array  # (K, K)
-    noise: float
     windows: int
 
 
@@ -273,13 +273,13 @@ def _fitted(
             if angle_gain:
                 clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
                 driver = _windows(clean, taps, size)
-            step = _step(asked, seen, driver, whitening, emphasis)
-            weights = step.weights
+            fit = _step(asked, seen, driver, whitening, emphasis)
+            weights = fit.weights
             left = seen[:, taps:] - _regressors(asked, taps) @ weights
             whitening = _autoregression(left)
             variance = _filtered(left, whitening).var(axis=1)
             emphasis = np.median(variance) / np.maximum(variance, np.finfo(np.float64).tiny)
-    return _Fit(sampled, weights, step.covariance, step.noise, len(seen))
+    return fit
 
 
 def _without_feedback(
@@ -326,13 +326,7 @@ def _autoregression(left: Array) -> Array:
     return np.convolve(np.append(1.0, -own), [1.0, -1.0])
 
 
-class _Step(NamedTuple):
-    weights: Array
-    covariance: Array
-    noise: float
-
-
-def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: Array) -> _Step:
+def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: Array) -> _Fit:
     """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``."""
     taps = seen.shape[1] // 3
     root = np.sqrt(emphasis)[:, None]
@@ -360,7 +354,7 @@ def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: 
     missed = np.eye(taps) - inverse @ (own / variance + known)
     by_steady = inverse @ steady
     covariance = scatter + missed @ prior @ missed.T + np.outer(by_steady, by_steady)
-    return _Step(weights, covariance, float(np.mean(left**2) / np.mean(root**2)))
+    return _Fit(weights, covariance, windows)
 
 
 def _prior(precision: Array, moment: Array) -> Array:
@@ -391,13 +385,13 @@ def _matern(after: Array, length: float, decay: float) -> Array:
 
 
 def _described(
-    axis: str, loop: str, fit: _Fit, coherence: tuple[Array, Array]
+    axis: str, loop: str, sampled: float, fit: _Fit, coherence: tuple[Array, Array]
 ) -> StepResponse | Fact:
     """Figures of a fit, with intervals of draws; or that too little is known at any frequency."""
     taps = len(fit.weights)
-    time = np.arange(1, taps + 1) / fit.sampled
+    time = np.arange(1, taps + 1) / sampled
     # Setpoints of the angle may come without stamps of their own.
-    highest = HIGHEST * fit.sampled / (2 if loop == "rate" else 4)
+    highest = HIGHEST * sampled / (2 if loop == "rate" else 4)
     hertz = np.linspace(0.5, highest, 2 * taps)
     drawn = np.random.default_rng(31).multivariate_normal(
         fit.weights, fit.covariance, DRAWS, method="eigh"

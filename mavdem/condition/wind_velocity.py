@@ -212,22 +212,26 @@ def estimate_wind(
     width = max(round(GUST_SECONDS / fine.step), 1)
     mean = air.mean(axis=0)
 
-    edges = np.linspace(0, len(air), max(round(len(air) * fine.step / 60), 1) + 1).astype(int)
     minutes = []
-    names = ("speed", "low", "high", "direction", "start", "end")
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
-        one = *_mean(winds[a:b], spreads[a:b], fine.step)[:3], coming_from(*air[a:b].mean(axis=0))
+    for rows in np.array_split(np.arange(len(air)), max(round(len(air) * fine.step / 60), 1)):
+        its_speed, its_low, its_high, _ = _mean(winds[rows], spreads[rows], fine.step)
         minutes.append(
-            dict(zip(names, (*one, float(fine.time[a]), float(fine.time[b - 1])), strict=True))
+            {
+                "speed": its_speed,
+                "low": its_low,
+                "high": its_high,
+                "direction": coming_from(*air[rows].mean(axis=0)),
+                "start": float(fine.time[rows[0]]),
+                "end": float(fine.time[rows[-1]]),
+            }
         )
-    place = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER)
     layers = []
-    for n in (n for n in np.unique(place) if np.sum(place == n) * fine.step >= INDEPENDENT_SECONDS):
-        one = air[place == n].mean(axis=0)
-        middle = float(LAYER * (n + 0.5))
-        layers.append(
-            {"height": middle, "speed": float(np.hypot(*one)), "direction": coming_from(*one)}
-        )
+    place = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER)
+    for n in np.unique(place):
+        if np.sum(place == n) * fine.step >= INDEPENDENT_SECONDS:
+            one = air[place == n].mean(axis=0)
+            layer = {"speed": float(np.hypot(*one)), "direction": coming_from(*one)}
+            layers.append({"height": float(LAYER * (n + 0.5)), **layer})
     moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
     sd = found.relative_sd(moved)
     known = sd / prior.relative_sd(moved)

@@ -32,9 +32,6 @@ GAIN_ERROR = 0.3
 class MeasuredResponse(NamedTuple):
     """Of the rate to its setpoint, in flight, and as the loop predicts it."""
 
-    frequency: Array  # (F,) Hz
-    response: Complex  # (F,)
-    predicted: Complex
     # Hz from and to which the setpoint explains enough of the rate's power to compare
     band: tuple[float, float]
     fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
@@ -138,7 +135,7 @@ def _compared(
         share, needed = agreement / 100, LEAST_FIT / 100
         reason = Fact(Responses.RESPONSE_DISAGREES, Level.WATCH, share=share, needed=needed)
     band = LOWEST, highest
-    return MeasuredResponse(hertz, response, predicted, band, fit, agreement, gain, reason)
+    return MeasuredResponse(band, fit, agreement, gain, reason)
 
 
 def evenly(asked: Array) -> Array:
