@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, disarmed, log_of, only, with_pulses, with_texts
-from numpy.testing import assert_allclose
 from pytest import approx
 from recorded_flights import recorded
 from scipy.signal import lfilter
@@ -127,12 +126,6 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
     inside = float((np.abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
     # Four standard errors of a share of so many series; correlation costs a few per cent.
     assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
-
-
-def test_a_rate_ten_times_as_high_makes_the_interval_no_narrower_where_it_adds_nothing():
-    slow = np.random.default_rng(4).standard_normal((600, 20))
-    often = np.repeat(slow, 10, axis=0)
-    assert_allclose(mean_interval(often, 60.0), mean_interval(slow, 60.0), rtol=1e-3)
 
 
 PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
@@ -327,15 +320,6 @@ def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
     ]
     old = with_texts(flown(), b"GROUND START", b"ARMING MOTORS", severity=(1, 3))
     assert autopilot_alarms(old) == autopilot_alarms(flown()) == []
-
-
-@pytest.mark.slow
-def test_one_flight_recorded_both_ways_is_of_one_vehicle_and_another_is_of_another():
-    alike = [f"sitl_ardupilot/ardupilot_inertia_wind5_steps.{kind}" for kind in ("tlog", "BIN")]
-    others = [f"real/propeller/hover_{which}_1.BIN" for which in ("good", "cut25mm")]
-    names = [name_of(recorded(path)) for path in (*alike, *others)]
-    assert names[0] == names[1] and names[2] == names[3] == ("001a002f3039511333333539", "board")
-    assert names[0] != names[2]
 
 
 LONG = Hover(hovering=100.0)

@@ -119,21 +119,16 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     samples = 4000
     theta = model.prior[0].copy()
     theta[0], theta[2] = np.log(3.0), np.log(1.5)
-    transition, _, _ = model.filters(theta[None], DT)
     components = list(zip(wind, model.sizes(theta), model.times(theta), strict=True))
     true = plant(model.damping(theta), model.lag(theta, DT), components, DT)
     root = root_of(true.process)
     inputs = rng.standard_normal((samples, 1))
-    before, after = delayed(3.0 * inputs, theta[model.motors + 3] / DT)
-    state = np.zeros(len(root))
+    # A steady torque is as good as a constant acceleration.
+    pushes = true.pushes(3.0 * inputs[:, 0] + 0.7, theta[model.motors + 3] / DT)
+    state = 0.7 * np.eye(1, len(root), k=1)[0]
     rates = np.zeros(samples)
-    for k in range(samples - 1):
-        # The constant acceleration is the second input of the transition.
-        known = transition.input_now[0] @ [before[k, 0], 0.7] + transition.input_next[0] @ [
-            after[k, 0],
-            0.7,
-        ]
-        state = true.step.state @ state + known + root @ rng.standard_normal(len(root))
+    for k, push in enumerate(pushes):
+        state = true.step.state @ state + push + root @ rng.standard_normal(len(state))
         rates[k + 1] = state[0]
     measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
     errors, variance = model.innovations(
@@ -157,9 +152,8 @@ def test_parts_side_by_side_are_the_recursion_step_by_step(samples):
     step = 0.4 * rng.standard_normal((2, 3, 3))
     gains = rng.standard_normal((2, 3, 2))
     inputs = rng.standard_normal((2, 2, 4, samples))
-    first = rng.standard_normal(4)
-    x = np.zeros((2, 4, 3))
-    x[:, :, 0] = first
+    first = rng.standard_normal((4, 3))
+    x = np.broadcast_to(first, (2, 4, 3))
     expected = []
     for k in range(samples):
         x = x @ np.swapaxes(step, 1, 2) + np.einsum("bnc,bcw->bwn", gains, inputs[..., k])
@@ -460,12 +454,3 @@ def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_i
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
     with pytest.raises(ValueError, match="no band.*not identifiable"):
         learned.simulate_band(flight.inputs[:20])
-
-
-def test_without_physical_parameters_it_is_refused_with_the_reason():
-    flight = flown(0, steering=0.5)
-    learned = mavdem.learn(flight[:150], SETTINGS)
-    assert learned.physical is None
-    for answer in (learned.simulate, learned.simulate_band):
-        with pytest.raises(ValueError, match="at least 200 samples"):
-            answer(flight.inputs[150:])

@@ -176,27 +176,13 @@ class Parameters(NamedTuple):
         """(…, components) their times, s."""
         return np.exp(theta[..., self.motors + 5 : self.noise_index : 2])
 
-    def filters(self, thetas: Array, dt: float) -> tuple[Transition, Array, Array]:
-        """Transition, gain (b, n) and variance (b,) of the innovations of the steady filter, for parameters (b, k).
-
-        The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
-        """
-        vehicle = np.zeros((len(thetas), 2, 2))
-        rate = 1 / self.lag(thetas, dt)
-        vehicle[:, 0, 0] = -self.damping(thetas)
-        vehicle[:, 0, 1] = 1.0
-        vehicle[:, 1, 1] = -rate
+    def filters(self, thetas: Array, dt: float) -> tuple[Plant, Array, Array]:
+        """Plant, gain (b, n) and variance (b,) of the innovations of the steady filter, for parameters (b, k)."""
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
-        A, drive, wind = with_wind(vehicle, list(components))
-        A[:, 0] += wind
-        B = np.zeros((*A.shape[:2], 2))
-        B[:, 1, 0] = rate
-        B[:, 0, 1] = 1.0
-        transition = discretize(A, B, dt)
-        process = step_covariance(A, drive, dt)
+        of = plant(self.damping(thetas), self.lag(thetas, dt), list(components), dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
-        gain, variance = steady_gains(transition.state, process, noise)
-        return transition, gain, variance + noise
+        gain, variance = steady_gains(of.step.state, of.process, noise)
+        return of, gain, variance + noise
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
@@ -220,17 +206,19 @@ class Parameters(NamedTuple):
 
         They are without what a constant acceleration in each window explains.
         """
-        transition, gain, variance = self.filters(thetas, windows.dt)
-        now = transition.input_now
-        later = transition.input_next
-        step = transition.state.copy()
+        of, gain, variance = self.filters(thetas, windows.dt)
+        now = of.step.input_now[..., 0]
+        later = of.step.input_next[..., 0]
+        step = of.step.state.copy()
         step[:, :, 0] -= gain
-        gains = np.stack([now[..., 0], later[..., 0], gain], axis=2)
         driven = np.array([self._driven(theta, windows) for theta in thetas])
-        predicted = followed(step, gains, driven, windows.rate[:, 0])
-        # The response to a constant acceleration of 1 rad/s².
+        first = np.zeros((len(windows.rate), len(gain[0])))
+        first[:, 0] = windows.rate[:, 0]
+        predicted = followed(step, np.stack([now, later, gain], axis=2), driven, first)
+        # A constant acceleration of 1 rad/s² acts like a steady torque.
+        steady = np.eye(1, len(gain[0]), k=1)
         alike = np.ones((len(thetas), 1, 1, driven.shape[-1]))
-        response = followed(step, (now + later)[..., 1:], alike, np.zeros(1))
+        response = followed(step, (now + later)[..., None], alike, steady)
         settled = round(SETTLING_SECONDS / windows.dt)
         errors = windows.rate[:, settled + 1 :] - predicted[:, :, settled:]
         response = response[:, :, settled:]
@@ -241,8 +229,8 @@ class Parameters(NamedTuple):
 def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
     """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
 
-    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, c, W, N). The first state of a window is 0 but for its
-    first entry, ``first`` (W,). Parts of a window run side by side from 0; what each begins with is added.
+    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, c, W, N), and ``first`` (W, n) the state that a window
+    begins with. Parts of a window run side by side from 0; what each begins with is added.
     """
     b, c, W, N = inputs.shape
     n = step.shape[-1]
@@ -263,7 +251,7 @@ def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
         power = turned @ power
     ends = state.reshape(b, W, size, n)
     begins = np.zeros((b, W, size, n))
-    begins[:, :, 0, 0] = first
+    begins[:, :, 0] = first
     for at in range(1, size):
         begins[:, :, at] = begins[:, :, at - 1] @ power + ends[:, :, at - 1]
     whole = seen.reshape(b, W, size, size) + begins @ shown[:, None]
@@ -349,15 +337,24 @@ def with_wind(
 
 
 def plant(
-    damping: float,
-    lag: float,
-    components: Sequence[tuple[Coloured, float, float]],
+    damping: Array | float,
+    lag: Array | float,
+    components: Sequence[tuple[Coloured, Array | float, Array | float]],
     dt: float,
     jumps: float = 0.0,
 ) -> Plant:
-    """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds."""
-    A, drive, wind = with_wind(np.array([[-damping, 1.0], [0.0, -1 / lag]]), components)
-    A[0] += wind
-    step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
+    """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds.
+
+    Of several (…) side by side its arrays have these axes first.
+    """
+    vehicle = np.zeros((*np.shape(damping), 2, 2))
+    vehicle[..., 0, 0] = -damping
+    vehicle[..., 0, 1] = 1.0
+    vehicle[..., 1, 1] = -1 / np.asarray(lag)
+    A, drive, wind = with_wind(vehicle, components)
+    A[..., 0, :] += wind
+    B = np.zeros((*wind.shape, 1))
+    B[..., 1, 0] = 1 / np.asarray(lag)
     process = step_covariance(A, drive, dt)
-    return Plant(step, (process + process.T) / 2, wind, jumps)
+    process = (process + np.swapaxes(process, -1, -2)) / 2
+    return Plant(discretize(A, B, dt), process, wind, jumps)
