@@ -53,25 +53,17 @@ def floats(columns: Columns, field: str) -> Array:
 
 def series(columns: Columns, values: Array, rows: NDArray[np.bool_] | None = None) -> Signal:
     """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
-    time = columns["time"]
-    boot = columns["boot"]
-    if rows is not None:
-        time = time[rows]
-        boot = boot[rows]
-        values = values[rows]
-    sent = len(time)
-    table = values if values.ndim == 2 else values[:, None]
-    finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
-    order = np.flatnonzero(finite)[np.lexsort((time[finite], boot[finite]))]
-    time = time[order]
-    boot = boot[order]
-    table = table[order]
-    new = np.ones(len(time), dtype=bool)
-    other = np.zeros(len(time), dtype=bool)
-    new[1:] = (np.diff(time) > 0) | (np.diff(boot) > 0)
-    other[1:] = (np.diff(table, axis=0) != 0).any(axis=1)
-    left_out = int(np.count_nonzero(~finite)) + int(np.count_nonzero(other & ~new))
-    return Signal(time[new], boot[new], values[order[new]], sent, left_out)
+    time, boot = columns["time"], columns["boot"]
+    table = values.reshape(len(time), -1)
+    chosen = np.ones(len(time), dtype=np.bool_) if rows is None else rows
+    order = np.flatnonzero(chosen & np.isfinite(table).all(axis=1) & np.isfinite(time))
+    finite = len(order)
+    order = order[np.lexsort((time[order], boot[order]))]
+    again = np.flatnonzero((np.diff(time[order]) <= 0) & (np.diff(boot[order]) <= 0))
+    others = int(np.count_nonzero((table[order[again]] != table[order[again + 1]]).any(axis=1)))
+    order = np.delete(order, again + 1)
+    sent = int(np.count_nonzero(chosen))
+    return Signal(time[order], boot[order], values[order], sent, sent - finite + others)
 
 
 def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, int]:

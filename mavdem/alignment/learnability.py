@@ -260,16 +260,12 @@ class _Evidence:
     def slow_or_short(self, figures: QualityFigures, duration: float | None = None) -> Fact:
         """Which rate of the log leaves no segment that is long enough, or else its ``duration``, s."""
         is_logged = self.signals.telemetry.translated_from in ("DataFlash", "ULog")
-        return (
-            self.too_slow(figures)
-            or self.slowed_down()
-            or Fact(
-                Reason.TOO_SHORT,
-                duration=duration,
-                least_duration=MINIMUM_DURATION,
-                airborne=figures.airborne,
-                recorder="logger" if is_logged else "link",
-            )
+        return self.too_slow(figures) or Fact(
+            Reason.TOO_SHORT,
+            duration=duration,
+            least_duration=MINIMUM_DURATION,
+            airborne=figures.airborne,
+            recorder="logger" if is_logged else "link",
         )
 
     def too_slow(self, figures: QualityFigures) -> Fact | None:
@@ -281,26 +277,6 @@ class _Evidence:
         }
         slow = too_slow(rates, self.signals.axis, self.least_rate)
         return slow and slow.but(remedy=self.for_faster(attitude_rate >= MINIMUM_RATE))
-
-    def slowed_down(self) -> Fact | None:
-        """Whether a stream that comes fast elsewhere comes too slowly in most of the air: somebody asked for less."""
-        # Attitude before motors: rates that hardly differ would choose by chance.
-        for stream in (self.attitude, self.drive) if self.least_rate >= MINIMUM_RATE else ():
-            slow, rate = quality.slow_in_air(self.signals, stream)
-            duration = sum(part.duration for part in slow)
-            if duration > self.figures.airborne / 2:
-                return Fact(
-                    Reason.SLOWED_DOWN,
-                    name=self.name(stream),
-                    rate=rate,
-                    start=slow[0].start,
-                    boot=slow[0].boot,
-                    duration=duration,
-                    airborne=self.figures.airborne,
-                    axis=self.signals.axis,
-                    remedy=self.for_faster(stream is not self.attitude),
-                )
-        return None
 
     def repeated(self, figures: QualityFigures) -> Fact | None:
         """Whether a stream repeats old values under new stamps."""

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, usually_slow, within
-from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import both, total, unbroken
-from mavdem.alignment.signals import Attitude, Signals, usual_rate
+from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, within
+from mavdem.alignment.phases import both, total
+from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Array
@@ -83,22 +82,6 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     return replace(
         figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
     )
-
-
-def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segment, ...], float]:
-    """Returns where a stream usually came slower than ``MINIMUM_RATE`` in the air, and at how many Hz there."""
-    assert signals.drive is not None
-    slow: list[Segment] = []
-    messages = 0
-    for boot in np.intersect1d(stream.boot, signals.drive.boot):
-        time = stream.time[stream.boot == boot]
-        driven = signals.drive.time[signals.drive.boot == boot]
-        flown = both([(driven[0], driven[-1])], phases.flying(signals, boot))
-        # Outages are not slow.
-        for start, end in both(unbroken(time, ~usually_slow(np.diff(time))), flown):
-            slow.append(Segment(int(boot), start, end))
-            messages += int(np.count_nonzero((time > start) & (time <= end)))
-    return tuple(slow), messages / max(sum(part.duration for part in slow), 1e-9)
 
 
 def of_segment(

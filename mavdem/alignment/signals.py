@@ -34,7 +34,6 @@ from mavdem.alignment.drive import (
     UINT16_UNKNOWN,
     Motors,
     Signal,
-    by_preference,
     control,
     demand,
     floats,
@@ -62,9 +61,7 @@ HEIGHT_FIELDS = {
     "ALTITUDE": ("altitude_relative", 1.0),
 }
 """Messages with vertical speed, and height, the preferred first: the field, and the factor that makes it m/s, m, up."""
-BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
-"""Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
-message before them: a few ms, for a quantity that changes over seconds."""
+BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")  # With the state of the battery
 EARTH_RADIUS = 6_371_000.0  # m, in the mean
 POSSIBLE_VOLTAGE = (1.0, 1000.0)
 """V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
@@ -197,24 +194,18 @@ class VehicleSignals:
     @cached_property
     def voltage(self) -> Signal | None:
         """Voltage of the first battery, V; None where it was not measured."""
-        for message in by_preference(message_counts(self.telemetry, BATTERY_MESSAGES)):
-            columns = self.telemetry.messages[message]
-            volts = (
-                _of_cells(columns)
-                if message == "BATTERY_STATUS"
-                else floats(columns, "voltage_battery")
-            )
-            volts = np.where(volts == UINT16_UNKNOWN, np.nan, volts) / 1000
-            least, most = POSSIBLE_VOLTAGE
-            possible = (volts >= least) & (volts <= most)
-            # damage doubles single ones
-            possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)
-            measured = series(columns, volts, possible)
-            # Of a battery that is not measured, single messages have a voltage by damage.
-            usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
-            if usual and len(measured.time):
-                return measured
-        return None
+        columns = self.telemetry.messages.get("SYS_STATUS")
+        if columns is None:
+            return None
+        volts = floats(columns, "voltage_battery")
+        volts = np.where(volts == UINT16_UNKNOWN, np.nan, volts) / 1000
+        least, most = POSSIBLE_VOLTAGE
+        possible = (volts >= least) & (volts <= most)
+        # damage doubles single ones
+        possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)
+        # Of a battery that is not measured, single messages have a voltage by damage.
+        usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
+        return series(columns, volts, possible) if usual else None
 
     @cached_property
     def armed(self) -> Signal | None:
@@ -492,12 +483,12 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
         turning = q * np.sin(roll) + r * np.cos(roll)
-        if axis == "roll":
-            table = np.column_stack([roll, p, p + turning * np.tan(pitch)])
-        elif axis == "pitch":
-            table = np.column_stack([pitch, q, q * np.cos(roll) - r * np.sin(roll)])
-        else:
-            table = np.column_stack([yaw, r, turning / np.cos(pitch)])
+        motion = {
+            "roll": (roll, p, p + turning * np.tan(pitch)),
+            "pitch": (pitch, q, q * np.cos(roll) - r * np.sin(roll)),
+            "yaw": (yaw, r, turning / np.cos(pitch)),
+        }
+    table = np.column_stack(motion[axis])
     table[impossible] = np.nan
     kept = series(columns, table)
     angle, rate, slope = kept.values.T
@@ -514,13 +505,3 @@ def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
     """
     rate = (f"{axis} rate", "rad/s")
     return ((axis, "rad"), rate) if axis in TILT_AXES else (rate,)
-
-
-def _of_cells(columns: Columns) -> Array:
-    """(N,) mV of battery 0: the sum of its cells, or the whole in the place of the first."""
-    cells = np.atleast_2d(floats(columns, "voltages"))
-    total = np.where(cells == UINT16_UNKNOWN, 0.0, cells).sum(axis=1)
-    if "voltages_ext" in columns:
-        # 0 where there is no cell
-        total += np.atleast_2d(floats(columns, "voltages_ext")).sum(axis=1)
-    return np.where(floats(columns, "id") == 0, total, np.nan) if "id" in columns else total

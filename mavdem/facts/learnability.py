@@ -23,7 +23,6 @@ class Reason(Code):
     NEVER_AIRBORNE = auto()
     TOO_SHORT = auto()
     STREAMS_TOO_SLOW = auto()
-    SLOWED_DOWN = auto()
     SLOWER_THAN_LONGEST = auto()
     VALUES_REPEATED = auto()
     OUTPUT_CONSTANT = auto()

@@ -341,26 +341,6 @@ def test_without_a_battery_monitor_there_is_none():
     assert Signals(HOVER.telemetry()).voltage is None
 
 
-@pytest.mark.parametrize("split", [True, False])
-def test_cells_add_up_and_the_whole_may_be_in_the_place_of_the_first(split):
-    time = HOVER.stamps(1.0)
-    cells = np.full((len(time), 10), 65535, dtype=np.uint16)
-    cells[:, : 4 if split else 1] = 4000 if split else 16000
-    ids = np.arange(len(time)) % 2
-    cells[ids == 1, 0] = 5000  # another battery
-    telemetry = with_battery(
-        "BATTERY_STATUS", time, voltages=cells, id=ids, voltages_ext=np.zeros((len(time), 4))
-    )
-    found = Signals(telemetry).voltage
-    assert_array_equal(found.values, np.full(np.count_nonzero(ids == 0), 16.0))
-    unmeasured = changed(
-        telemetry,
-        "SYS_STATUS",
-        **columns(time, voltage_battery=np.full(len(time), 65535, dtype=np.uint16)),
-    )
-    assert_array_equal(Signals(unmeasured).voltage.values, found.values)
-
-
 @pytest.mark.parametrize(
     ("message", "field", "value"),
     [("LOCAL_POSITION_NED", "z", -12.0), ("GLOBAL_POSITION_INT", "relative_alt", 12000.0)],
