@@ -54,15 +54,14 @@ def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
     messages = [
         columns for name, columns in signals.telemetry.messages.items() if name != "STATUSTEXT"
     ]
-    time, boot = (
-        np.concatenate([np.zeros(0), *(columns[name] for columns in messages)])
-        for name in ("time", "boot")
-    )
-    known = np.isfinite(time)
-    boots = ((int(number), time[known & (boot == number)]) for number in np.unique(boot[known]))
-    return tuple(
-        Segment(number, float(stamps.min()), float(stamps.max())) for number, stamps in boots
-    )
+    if not messages:
+        return ()
+    time, boot = (np.concatenate([one[name] for one in messages]) for name in ("time", "boot"))
+    parts = []
+    for number in np.unique(boot[np.isfinite(time)]):
+        stamps = time[(boot == number) & np.isfinite(time)]
+        parts.append(Segment(int(number), float(stamps.min()), float(stamps.max())))
+    return tuple(parts)
 
 
 def settled_segments(signals: Signals) -> tuple[Segment, ...]:
@@ -318,8 +317,7 @@ def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
 
 def kept_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
     """Rows of ``time`` (N,) at each point of ``grid`` (T,); None unless all differ and lie within ``STAMP_SECONDS``."""
-    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    nearest = np.where(grid - time[after - 1] < time[after] - grid, after - 1, after)
+    nearest = np.searchsorted((time[1:] + time[:-1]) / 2, grid, side="right")
     kept = np.all(np.abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0)
     return nearest if kept else None
 

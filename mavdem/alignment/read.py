@@ -13,7 +13,7 @@ from mavdem.alignment.learnability import (
     learnabilities,
     learnability_of,
 )
-from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, SLOW_MOTION_RATE, Signals
+from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.learnability import Caution, Reason
@@ -21,16 +21,12 @@ from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
-# What the rates of a log allow: everything; its slow motion; figures of its condition
-TIERS = ("a", "b", "c")
-
 
 def read_flight(
     path: str | bytes | PathLike[str],
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-    tier: str = "a",
 ) -> Flight:
     """Returns the longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
 
@@ -44,21 +40,16 @@ def read_flight(
         vehicle: "system" or "system:component", where the log holds several.
         inputs: "motors", or "demand": what the controller asked of the axis, one column; None for the motors, unless
             they come too slowly and the demand does not.
-        tier: the lowest that will do: "a", attitude and inputs at 40 Hz or more, for a model; "b", 8 Hz and more, for
-            its slow motion; "c", at any rate, whether or not its attitude is consistent. The provenance's cautions then
-            say why no full model can be learned from it.
 
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or it cannot be learned from.
-        ValueError: ``path`` is no path, or an axis, inputs or a tier that is none.
+        ValueError: ``path`` is no path, or an axis or inputs that are none.
 
     See Also:
         :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`: what it is; :func:`mavdem.learn`.
     """
-    if tier not in TIERS:
-        raise ValueError(f"tier must be one of {', '.join(TIERS)}, not {tier!r}")
-    flight, _ = learnable_flight(read_log(path), axis, vehicle, inputs, tier)
+    flight, _ = learnable_flight(read_log(path), axis, vehicle, inputs)
     return flight
 
 
@@ -100,18 +91,11 @@ def learnable_flight(
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-    tier: str = "a",
 ) -> tuple[Flight, Learnability]:
     """Returns the longest usable segment of a log, as :func:`read_flight` gives it, and whether it is learnable."""
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     learnability = learnability_of(signals, log.components)
-    if learnability.learnable or tier == "a":
-        return _with_cautions(learnability), learnability
-    doubt = Fact(Caution.ONLY_SLOWER_TIER, Level.WATCH, axis=axis, because=learnability.reason)
-    slow = learnability_of(signals, log.components, SLOW_MOTION_RATE)
-    if slow.learnable or tier == "b" or learnability.flight is None:
-        return _with_cautions(slow, doubt), learnability
-    return _but(learnability.flight, (doubt,)), learnability
+    return _with_cautions(learnability), learnability
 
 
 def usable_segments(
@@ -146,10 +130,8 @@ def usable_segments(
 def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:
     if not learnability.learnable or learnability.flight is None:
         raise NotLearnable(learnability.reason)
-    return _but(learnability.flight, (*learnability.cautions, *further))
-
-
-def _but(flight: Flight, cautions: tuple[Fact, ...]) -> Flight:
+    flight = learnability.flight
+    cautions = (*learnability.cautions, *further)
     provenance = {**flight.provenance, "cautions": [str(caution) for caution in cautions]}
     return replace(flight, provenance=provenance, cautions=cautions)
 

@@ -54,7 +54,6 @@ class Caution(Code):
     NEAR_RESOLUTION = auto()
     RATE_EXPLAINS_LITTLE = auto()
     SEGMENTS_LEFT_OUT = auto()
-    ONLY_SLOWER_TIER = auto()
 
 
 class Resampling(Code):

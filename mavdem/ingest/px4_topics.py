@@ -8,7 +8,7 @@ https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,16 @@ SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
 OF_PX4 = ("failure_detector_status", "estimator_selector_status", "input_rc")
 """Topics that no message of MAVLink has the meaning of."""
+OF_FLIGHT = {
+    "ATTITUDE_QUATERNION",
+    "SERVO_OUTPUT_RAW",
+    "HIL_ACTUATOR_CONTROLS",
+    "ACTUATOR_CONTROL_TARGET",
+    "HEARTBEAT",
+    "EXTENDED_SYS_STATE",
+    "LOCAL_POSITION_NED",
+}
+"""Messages of which a flight has one at least."""
 SAMPLES = {
     "GYRO": ("sensor_gyro_fifo", "gyro_rad"),
     "ACCEL": ("sensor_accel_fifo", "accelerometer_m_s2"),
@@ -98,45 +108,41 @@ def messages(
     attitude = _made(_attitude_quaternion, topics)
     rates = _first(topics, "vehicle_angular_velocity")
     by_rates = bool(attitude and rates) and np.isin(attitude["time"], rates["time"]).all()
+    makers = {
+        "SERVO_OUTPUT_RAW": ("actuator_outputs", _servo_output_raw),
+        "ACTUATOR_CONTROL_TARGET": (demand, _actuator_control_target),
+        "EXTENDED_SYS_STATE": ("vehicle_land_detected", _extended_sys_state),
+        "LOCAL_POSITION_NED": ("vehicle_local_position", _local_position_ned),
+        "ATTITUDE_TARGET": (" and ".join(sorted(SETPOINTS, reverse=True)), _attitude_target),
+        "SIDD": ("autotune_attitude_control_status", _injected),
+        "SYS_STATUS": ("battery_status", _sys_status),
+        "VIBRATION": ("vehicle_imu_status", _vibration),
+        "SYSTEM_TIME": ("vehicle_gps_position", _system_time),
+        "CURRENT_MODE": ("vehicle_status", _current_mode),
+        "ESC": ("esc_status", _motor_speeds),
+    }
     named = {
         "ATTITUDE_QUATERNION": (
             "vehicle_angular_velocity" if by_rates else "vehicle_attitude",
             attitude,
         ),
-        "SERVO_OUTPUT_RAW": ("actuator_outputs", _made(_servo_output_raw, topics)),
         "HIL_ACTUATOR_CONTROLS": (
             "actuator_motors",
             _made(_hil_actuator_controls, topics, vehicle, parameters),
         ),
-        "ACTUATOR_CONTROL_TARGET": (demand, _made(_actuator_control_target, topics)),
         "HEARTBEAT": ("vehicle_status", _made(_heartbeat, topics, kind or 0)),
-        "EXTENDED_SYS_STATE": ("vehicle_land_detected", _made(_extended_sys_state, topics)),
-        "LOCAL_POSITION_NED": ("vehicle_local_position", _made(_local_position_ned, topics)),
+        **{
+            name: (rule["topics"][0], _made(_renamed, topics, name))
+            for name, rule in _RENAMED.items()
+        },
+        **{name: (topic, _made(make, topics)) for name, (topic, make) in makers.items()},
+        **{name: (name, _made(_as_logged, topics, name)) for name in OF_PX4},
     }
-    if any(columns for _, columns in named.values()):
-        targets = _made(_attitude_target, topics)
-        named |= {
-            "ATTITUDE_TARGET": (" and ".join(sorted(SETPOINTS, reverse=True)), targets),
-            **{
-                name: (rule["topics"][0], _made(_renamed, topics, name))
-                for name, rule in _RENAMED.items()
-            },
-            "SIDD": ("autotune_attitude_control_status", _made(_injected, topics)),
-            "SYS_STATUS": ("battery_status", _made(_sys_status, topics)),
-            "VIBRATION": ("vehicle_imu_status", _made(_vibration, topics)),
-            "SYSTEM_TIME": ("vehicle_gps_position", _made(_system_time, topics)),
-            "CURRENT_MODE": ("vehicle_status", _made(_current_mode, topics)),
-            **{name: (name, _made(_as_logged, topics, name)) for name in OF_PX4},
-            "ESC": ("esc_status", _made(_motor_speeds, topics)),
-            **{
-                f"{sensor}_BEFORE": (
-                    name if name in topics else "sensor_combined",
-                    _made(_samples, topics, name, field),
-                )
-                for sensor, (name, field) in SAMPLES.items()
-            },
-        }
+    for sensor, (name, field) in SAMPLES.items():
+        topic = name if name in topics else "sensor_combined"
+        named[f"{sensor}_BEFORE"] = topic, _made(_samples, topics, name, field)
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
+    made = made if OF_FLIGHT & made.keys() else {}
     return made, {name: topic for name, (topic, _) in named.items()}
 
 
@@ -207,37 +213,28 @@ def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]]:
 
     An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports.
     """
-    ports: dict[int, Px4Topic] = {}
+    ports: list[Columns] = []
     for instance, topic in topics.get("actuator_outputs", {}).items():
-        if "output[0]" in topic:
-            used = topic.get("noutputs", np.zeros(len(topic["time"])))
-            in_turn = np.count_nonzero(np.diff(used)) >= 2 * len(np.unique(used))
-            parts = (
-                [selected(topic, used == kind) for kind in np.unique(used)] if in_turn else [topic]
-            )
-            parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
-            ports |= {instance + _OUTPUTS * n: part for n, part in enumerate(parts)}
-    if not ports:
-        return {}
-    outputs = np.concatenate([_outputs(topic) for topic in ports.values()])
-    port = np.concatenate(
-        [np.full(len(topic["time"]), port, dtype=np.uint8) for port, topic in ports.items()]
-    )
-    time = np.concatenate([topic["time"] for topic in ports.values()])
-    order = np.argsort(time, kind="stable")
-    fields = {f"servo{n + 1}_raw": outputs[order, n] for n in range(_OUTPUTS)}
-    return {"time": time[order], "port": port[order], **fields}
+        used = topic.get("noutputs", np.zeros(len(topic["time"])))
+        kinds = np.unique(used)
+        in_turn = np.count_nonzero(np.diff(used)) >= 2 * len(kinds)
+        parts = [selected(topic, used == kind) for kind in kinds] if in_turn else [topic]
+        parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
+        for number, part in enumerate(parts):
+            outputs = _outputs(part)
+            port = np.full(len(outputs), instance + _OUTPUTS * number, dtype=np.uint8)
+            fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(_OUTPUTS)}
+            ports.append({"time": part["time"], "port": port, **fields})
+    return _in_time(ports)
 
 
 def _outputs(topic: Px4Topic) -> Array:
     """(N, 16), zero beyond the number of outputs in use, unless that is 0."""
-    there = [n for n in range(_OUTPUTS) if f"output[{n}]" in topic]
-    outputs = np.zeros((len(topic["time"]), _OUTPUTS))
-    outputs[:, there] = np.column_stack([topic[f"output[{n}]"] for n in there])
-    if "noutputs" in topic:
-        used = np.where(topic["noutputs"] > 0, topic["noutputs"], _OUTPUTS)
-        outputs[np.arange(_OUTPUTS) >= used[:, None]] = 0.0
-    return outputs
+    none = np.zeros(len(topic["time"]))
+    outputs = np.column_stack([topic.get(f"output[{n}]", none) for n in range(_OUTPUTS)])
+    outputs = outputs.astype(np.float64)
+    used = topic.get("noutputs", none)
+    return np.where((used[:, None] > 0) & (np.arange(_OUTPUTS) >= used[:, None]), 0.0, outputs)
 
 
 def _hil_actuator_controls(
@@ -294,6 +291,10 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
             np.float64
         )
         parts.append({"time": rates["time"], **attitude_target(rates=asked)})
+    return _in_time(parts)
+
+
+def _in_time(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
     together = joined(parts or [{"time": np.zeros(0)}])
     return selected(together, np.argsort(together["time"], kind="stable"))
 

@@ -179,14 +179,23 @@ def _last_at(places: Places, wanted: Places) -> Rows | slice:
 def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
     """Gives each message without a time that of the last message before it, of any type, or else the first time."""
     kinds = [(kind.places, *placed[kind.message]) for kind in sent]
-    places, time, boot = map(np.concatenate, zip(*kinds, strict=True))
-    known = np.flatnonzero(~np.isnan(time))
-    known = known[np.argsort(places[known], kind="stable")]
-    for own, times, boots in kinds if len(known) else ():
-        missing = np.flatnonzero(np.isnan(times))
-        before = np.searchsorted(places[known], own[missing], side="right") - 1
-        times[missing] = time[known[np.maximum(before, 0)]]
-        boots[missing] = boot[known[np.maximum(before, 0)]]
+    known = [without(np.isnan(time), places, time, boot) for places, time, boot in kinds]
+    known = [columns for columns in known if len(columns[0])]
+    if not known:
+        return
+    first = min(known, key=lambda columns: int(columns[0][0]))
+    for places, time, boot in kinds:
+        missing = np.flatnonzero(np.isnan(time))
+        wanted = places[missing]
+        latest = np.full(len(missing), -1, dtype=np.int64)
+        time[missing] = first[1][0]
+        boot[missing] = first[2][0]
+        for there, times, boots in known:
+            row = np.searchsorted(there, wanted, side="right") - 1
+            later = (row >= 0) & (there[row] > latest)
+            latest[later] = there[row[later]]
+            time[missing[later]] = times[row[later]]
+            boot[missing[later]] = boots[row[later]]
 
 
 def _placed_alone(

@@ -8,7 +8,6 @@ https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cache, lru_cache
 from math import isfinite
 from typing import Any, NamedTuple
@@ -177,46 +176,48 @@ class FrameSender(NamedTuple):
     component: int
 
 
+def frame_of(
+    payload: bytes,
+    definition: MessageDefinition,
+    sender: FrameSender,
+    number: int,
+    version: int = 2,
+) -> bytes:
+    """Returns the frame of a payload with a sequence ``number``; that of ``version`` 2 without trailing zeros."""
+    if version == 1:
+        header = bytes((MARKER_1, len(payload), number, *sender, definition.message_id))
+    else:
+        payload = payload.rstrip(b"\0") or b"\0"
+        header = bytes((MARKER_2, len(payload), 0, 0, number, *sender))
+        header += definition.message_id.to_bytes(3, "little")
+    checksum = framing.frame_checksum(header[1:] + payload, definition.seed)
+    return header + payload + checksum.to_bytes(framing.CHECKSUM, "little")
+
+
 def composed_frames(
     payloads: NDArray[Any],
     definition: MessageDefinition,
     sender: FrameSender,
     sequence: Bytes,
-    good: NDArray[np.bool_] | None = None,
     version: int = 2,
 ) -> tuple[Bytes, Frames]:
     """Returns frames of one message: their bytes, one after the other, and the table of them.
 
-    ``payloads`` (N,) are of ``definition.wire``. Where ``good`` (N,) is given and False, the row has no bytes and the
-    verdict ``FAILED``. ``version`` 1 of MAVLink has ids below 256, no extension fields and no trailing zeros dropped.
+    ``payloads`` (N,) are of ``definition.wire``. ``version`` 1 of MAVLink has ids below 256, no extension fields and no
+    trailing zeros dropped.
     """
-    message_id = definition.message_id
-    sizes = payloads.dtype.itemsize
+    size = payloads.dtype.itemsize
     if version == 1:
         # as slow to import as the other: only where it is needed
         from pymavlink.dialects.v10 import all as dialect_1
 
-        sizes = dialect_1.mavlink_map[message_id].unpacker.size  # without extensions
-    who = (sender.system, sender.component)
-    headers = []
-    data = bytearray()
-    ends = []
-    for row, number in enumerate(sequence.tolist()):
-        payload = payloads[row].tobytes()[:sizes]
-        if version == 1:
-            header = bytes((MARKER_1, len(payload), number, *who, message_id))
-        else:
-            payload = payload.rstrip(b"\0") or b"\0"
-            header = bytes((MARKER_2, len(payload), 0, 0, number, *who))
-            header += message_id.to_bytes(3, "little")
-        headers.append(header.ljust(HEADER, b"\0"))
-        if good is None or good[row]:
-            checksum = framing.frame_checksum(header[1:] + payload, definition.seed)
-            data += header + payload + checksum.to_bytes(framing.CHECKSUM, "little")
-        ends.append(len(data))
-    end = np.array(ends, dtype=np.int64)
-    start = np.concatenate([[0], end])[:-1]
-    head = np.frombuffer(b"".join(headers), dtype=np.uint8).reshape(-1, HEADER)
-    verdict = np.where(end > start, framing.GOOD, framing.FAILED).astype(np.uint8)
-    frames = replace(framing.headed_frames(start, head), end=end, verdict=verdict)
-    return np.frombuffer(data, dtype=np.uint8), frames
+        size = dialect_1.mavlink_map[definition.message_id].unpacker.size  # without extensions
+    sent = zip(payloads, sequence.tolist(), strict=True)
+    contents = [
+        frame_of(row.tobytes()[:size], definition, sender, number, version) for row, number in sent
+    ]
+    data = np.frombuffer(b"".join(contents), dtype=np.uint8)
+    end = np.cumsum([len(frame) for frame in contents], dtype=np.int64)
+    start = np.concatenate([[0], end])[:-1].astype(np.int64)
+    header = data[np.minimum(start[:, None] + np.arange(HEADER), len(data) - 1)]
+    return data, framing.headed_frames(start, header)

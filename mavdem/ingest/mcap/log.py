@@ -19,16 +19,15 @@ import inspect
 import json
 import os
 import re
+from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from functools import cache, lru_cache, reduce
 from math import nan
 from operator import or_
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
@@ -39,8 +38,8 @@ from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     MessageDefinition,
-    composed_frames,
     definition_named,
+    frame_of,
     seeds,
 )
 from mavdem.ingest.mavlink.framing import (
@@ -50,7 +49,7 @@ from mavdem.ingest.mavlink.framing import (
     find_in_pieces,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
-from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
+from mavdem.ingest.mcap.records import Channel, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, repair
 
@@ -85,48 +84,57 @@ def mcap_stream(path: str | os.PathLike[str]) -> FrameStream:
 
 def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, int]:
     """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
-    carriers: dict[Channel, bool] = {}
-    carried: dict[Channel, list[tuple[int, McapMessage]]] = {}
+    carried: dict[Channel, _Carried | None] = {}
     for place, message in enumerate(recording.messages()):
         channel = message.channel
-        if channel not in carriers:
+        if channel not in carried:
             marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
             bare = channel.schema == 0 and channel.encoding not in NO_FRAMES and marked
-            carriers[channel] = channel.encoding == "mavlink" or bare
-        if carriers[channel]:
-            carried.setdefault(channel, []).append((place, message))
-    parts = [_framed(messages) for messages in carried.values()]
+            carried[channel] = _Carried() if channel.encoding == "mavlink" or bare else None
+        if (frames := carried[channel]) is not None:
+            frames.add(place, message.log_time, message.data)
+    parts = [frames.part() for frames in carried.values() if frames is not None]
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     heard: set[FrameSender] = set()
     for part in parts:
         good = part.frames[part.frames.verdict == GOOD]
         heard |= set(map(FrameSender, good.system.tolist(), good.component.tolist()))
     topics = _json_topics(recording.channels.values())
-    left_out: tuple[Fact, ...] = ()
-    unknown = 0
-    if any(topic.sender not in heard for topic in topics.values()):
-        written, unknown, left_out = _json_parts(recording.content, topics, heard)
-        parts += written
+    own = {channel: topic for channel, topic in topics.items() if topic.sender not in heard}
+    repairs = recording.repairs()
+    unread = 0
+    if own:
+        written, unread, left_out = _json_part(recording.content, own)
+        parts.append(written)
+        repairs += left_out
     if not any((part.frames.verdict == GOOD).any() for part in parts):
-        return None, unknown + sum(len(part.frames) for part in parts)
+        return None, unread + sum(len(part.frames) for part in parts)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
-    repairs = [*recording.repairs(), *left_out]
     if flight_topics(recording.channels.values(), recording.schemas):
         repairs += repair(Repair.TOPICS_NOT_READ, name="ros2")
-    return FrameStream(
-        source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)
-    ), len(part.frames)
+    return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, repairs), 0
 
 
-def _framed(messages: Sequence[tuple[int, McapMessage]]) -> RecordingPart:
-    """The frames in a channel's messages, each of which is a frame, several, or a part of one."""
-    data = np.frombuffer(b"".join(one.data for _, one in messages), dtype=np.uint8)
-    ends = np.cumsum([len(one.data) for _, one in messages])
-    frames, holding = find_in_pieces(data, ends, seeds())
-    places = np.array([place for place, _ in messages], dtype=np.int64)
-    times = np.array([one.log_time for _, one in messages], dtype=np.uint64)
-    return RecordingPart(data, frames, places[holding], times[holding])
+class _Carried:
+    """The messages of a channel, each of which is a frame, several, or a part of one."""
+
+    def __init__(self) -> None:
+        # Arrays, not lists, whose integers take five times the memory: there may be millions of messages.
+        self.content = bytearray()
+        self.ends, self.places, self.log_times = array("q"), array("q"), array("Q")
+
+    def add(self, place: int, log_time: int, data: bytes) -> None:
+        self.content += data
+        self.ends.append(len(self.content))
+        self.places.append(place)
+        self.log_times.append(log_time)
+
+    def part(self) -> RecordingPart:
+        data = np.frombuffer(self.content, dtype=np.uint8)
+        frames, holding = find_in_pieces(data, np.array(self.ends), seeds())
+        places, times = np.array(self.places), np.array(self.log_times)
+        return RecordingPart(data, frames, places[holding], times[holding])
 
 
 class JsonTopic(NamedTuple):
@@ -139,7 +147,7 @@ class JsonTopic(NamedTuple):
 def _json_topics(channels: Iterable[Channel]) -> dict[Channel, JsonTopic]:
     """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
     found: dict[JsonTopic, Channel] = {}
-    for channel in sorted(channels, key=lambda one: not one.topic.startswith("/")):
+    for channel in sorted(channels, key=lambda one: one.topic.startswith("/")):
         topic = re.fullmatch(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)", channel.topic)
         if topic is not None and channel.encoding in JSON:
             ids = int(topic[1]), int(topic[2])
@@ -148,59 +156,45 @@ def _json_topics(channels: Iterable[Channel]) -> dict[Channel, JsonTopic]:
     return {channel: topic for topic, channel in found.items()}
 
 
-def _json_parts(
-    content: bytes,
-    topics: Mapping[Channel, JsonTopic],
-    heard: set[FrameSender],
-) -> tuple[list[RecordingPart], int, tuple[Fact, ...]]:
-    """The JSON messages of senders not ``heard`` in frames, how many are unknown, and why some are left out.
+def _json_part(
+    content: bytes, topics: Mapping[Channel, JsonTopic]
+) -> tuple[RecordingPart, int, tuple[Fact, ...]]:
+    """The JSON messages of these topics as frames, how many are none, and why.
 
     None of a damaged chunk: no checksum shows a wrong digit there.
     """
-    named: dict[FrameSender, dict[str, list[tuple[int, McapMessage]]]] = {}
+    written = _Carried()
+    last: dict[FrameSender, int] = {}
     unknown: Counter[str] = Counter()
+    wrong: Counter[str] = Counter()
     damaged = 0
     for place, message in enumerate(McapRecording(content).messages()):
-        topic = topics.get(message.channel)
-        if topic is None or topic.sender in heard:
+        if message.channel not in topics:
             continue
+        sender, name = topics[message.channel]
+        definition = definition_named(name)
         if not message.sound:
             damaged += 1
-        elif definition_named(topic.name) is None:
-            unknown[topic.name] += 1
+        elif definition is None:
+            unknown[name] += 1
         else:
-            kinds = named.setdefault(topic.sender, {})
-            kinds.setdefault(topic.name, []).append((place, message))
+            payload, number = read_body(message.data, definition)
+            # Without a number in its header, a message shows no loss.
+            last[sender] = (last.get(sender, -1) + 1) % 256 if number is None else number
+            if payload is None:
+                wrong[message.channel.topic] += 1
+            else:
+                frame = frame_of(payload, definition, sender, last[sender])
+                written.add(place, message.log_time, frame)
     names = [name for name, _ in unknown.most_common(5)]
     more = len(unknown) - len(names)
     code = Repair.LOGGED_MESSAGES_LEFT_OUT
     left_out = (
         *repair(code, count=damaged, flaw=Flaw.DAMAGED_CHUNK, name="JSON"),
+        *repair(code, count=wrong.total(), flaw=Flaw.UNDECODABLE, names=sorted(wrong)),
         *repair(Repair.JSON_OF_NO_DIALECT, count=unknown.total(), names=names, more=more),
     )
-    parts = [part for sender, kinds in named.items() for part in _composed(sender, kinds)]
-    return parts, unknown.total(), left_out
-
-
-def _composed(
-    sender: FrameSender, kinds: Mapping[str, Sequence[tuple[int, McapMessage]]]
-) -> Iterator[RecordingPart]:
-    """One sender's messages by name as frames; without sequence numbers theirs show no loss."""
-    read = {}
-    for name, messages in kinds.items():
-        definition = definition_named(name)
-        assert definition is not None
-        read[name] = definition, *payloads([one.data for _, one in messages], definition)
-    every = np.concatenate([[place for place, _ in messages] for messages in kinds.values()])
-    numbered = all((numbers != NO_SEQUENCE).all() for *_, numbers in read.values())
-    for name, (definition, made, good, numbers) in read.items():
-        places = np.array([place for place, _ in kinds[name]], dtype=np.int64)
-        if not numbered:
-            numbers = np.searchsorted(np.sort(every), places)
-        sequence = (numbers % 256).astype(np.uint8)
-        data, frames = composed_frames(made, definition, sender, sequence, good)
-        times = np.array([one.log_time for _, one in kinds[name]], dtype=np.uint64)
-        yield RecordingPart(data, frames, places, times)
+    return written.part(), unknown.total() + wrong.total(), left_out
 
 
 def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> Fact:
@@ -218,59 +212,52 @@ def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages
     return Fact(code, path=source, names=sorted(names))
 
 
-NO_SEQUENCE = -1
 _PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
 
 
-def parse(body: bytes) -> tuple[dict[str, Any], int, str | None]:
-    """Returns the fields of the message in one body, of either layout; its sequence number and name, if it has them."""
-    document = _document(body)
-    if not isinstance(document, dict):
-        return {}, NO_SEQUENCE, None
-    message = document.get("message")
-    header = document.get("header")
-    if not isinstance(message, dict):
-        return document, NO_SEQUENCE, None
-    number = header.get("sequence") if isinstance(header, dict) else None
-    sequence = number if type(number) is int and 0 <= number <= 255 else NO_SEQUENCE
-    called = message.pop("type", None)
-    if "mavtype" in message:
-        message["type"] = message["mavtype"]
-    return message, sequence, called if isinstance(called, str) else None
+def read_body(body: bytes, definition: MessageDefinition) -> tuple[bytes | None, int | None]:
+    """Returns the payload of the message in a body of either layout, and its sequence number; None without them.
 
-
-def payloads(
-    bodies: Sequence[bytes], definition: MessageDefinition
-) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.int64]]:
-    """Payloads (N,) of ``definition.wire``, whether each body is valid, and its sequence number.
-
-    It is where it has the message's name and all values have the right type. A missing field is zero where it is an
-    extension or an integer, as on the wire, and else NaN. A parameter of value NaN becomes a float.
+    It has one where it has the message's name and all values have the right type. A missing field is zero where it is
+    an extension or an integer, as on the wire, and else NaN. A parameter of value NaN becomes a float.
     """
+    message = _document(body)
+    number = None
+    if isinstance(message, dict) and isinstance(message.get("message"), dict):
+        header = message.get("header")
+        sent = header.get("sequence") if isinstance(header, dict) else None
+        number = sent if type(sent) is int and 0 <= sent <= 255 else None
+        message = message["message"]
+        if message.pop("type", definition.name) != definition.name:
+            return None, number
+        if "mavtype" in message:
+            message["type"] = message["mavtype"]
+    if not isinstance(message, dict) or message.keys().isdisjoint(definition.fields):
+        return None, number
+    made = np.zeros(1, dtype=definition.wire)
+    try:
+        with np.errstate(over="raise", invalid="ignore"):
+            made[0] = tuple(
+                _value(message[name], kind, absent) if name in message else absent
+                for name, kind, absent in _fields(definition)
+            )
+    except (TypeError, ValueError, ArithmeticError):
+        return None, number
+    if definition.name == "PARAM_VALUE" and np.isnan(made["param_value"][0]):
+        # PX4 sends an integer as the bits of a float. JSON has one NaN only, so the bits are lost.
+        made["param_type"] = dialect.MAV_PARAM_TYPE_REAL32
+    return made.tobytes(), number
+
+
+@lru_cache(maxsize=1 << 10)
+def _fields(definition: MessageDefinition) -> list[tuple[str, np.dtype[Any], Any]]:
+    """Name, type and value where it was not sent, of each field."""
     wire = definition.wire
     empty = np.zeros(1, dtype=wire)
     for name in set(definition.fields) - _extensions(definition.message_id):
         if wire[name].base.kind == "f":
             empty[name] = nan
-    fields = [(name, wire[name], empty[name].tolist()[0]) for name in wire.names or ()]
-    made = np.zeros(len(bodies), dtype=wire)
-    good = np.zeros(len(bodies), dtype=np.bool_)
-    numbers = np.full(len(bodies), NO_SEQUENCE, dtype=np.int64)
-    with np.errstate(over="raise", invalid="ignore"):
-        for row, body in enumerate(bodies):
-            message, numbers[row], called = parse(body)
-            with suppress(TypeError, ValueError, ArithmeticError):
-                values = (
-                    _value(message[name], kind, absent) if name in message else absent
-                    for name, kind, absent in fields
-                )
-                made[row] = tuple(values)
-                named = called in (None, definition.name)
-                good[row] = named and not message.keys().isdisjoint(definition.fields)
-    if definition.name == "PARAM_VALUE":
-        # PX4 sends an integer as the bits of a float. JSON has one NaN only, so the bits are lost.
-        made["param_type"][np.isnan(made["param_value"])] = dialect.MAV_PARAM_TYPE_REAL32
-    return made, good, numbers
+    return [(name, wire[name], empty[name].tolist()[0]) for name in wire.names or ()]
 
 
 def _document(body: bytes) -> Any:
