@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-import mavdem
 from mavdem.cli.options import Number, folder_named, jobs_option, no_option
 from mavdem.cli.output import printable, say_aside
 from mavdem.cli.track import MOST
@@ -16,8 +15,7 @@ from mavdem.dem.parallel import spare_cores
 from mavdem.extras import require
 from mavdem.fleet.workers import Limits
 
-SAMPLE = Path(mavdem.__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog"
-"""Of the source tree; an installation has none."""
+SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 
 
 @click.command("serve")
@@ -52,6 +50,12 @@ SAMPLE = Path(mavdem.__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog
     callback=no_option,
     help="Read them on this Dask cluster instead, whose machines share FOLDER.",
 )
+@click.option(
+    "--link",
+    metavar="LINK",
+    callback=no_option,
+    help="Attach to a vehicle, as `mavdem live` does: its page while it flies, and its log at the end.",
+)
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
 def serve_command(
     folder: Path,
@@ -62,6 +66,7 @@ def serve_command(
     quota: float | None,
     jobs: int | None,
     scheduler: str | None,
+    link: str | None,
     no_browser: bool,
 ) -> None:
     """Shows logs that are dropped in a browser, and the library of all flights.
@@ -73,6 +78,7 @@ def serve_command(
     Examples:
       mavdem serve
       mavdem serve fleet/ --port 8000
+      mavdem serve --link udpin:127.0.0.1:14550
       MAVDEM_TOKEN=$(openssl rand -hex 16) mavdem serve --host 0.0.0.0 --quota 100
       curl -F filearg=@flight.bin http://127.0.0.1:8600/api/logs
 
@@ -92,7 +98,8 @@ def serve_command(
         jobs or spare_cores(),
         Limits(megabytes=1000),  # the page and the recording need more than rows
         scheduler,
-        SAMPLE if SAMPLE.is_file() else None,
+        SAMPLE,
+        link,
     )
     has_screen = sys.platform == "darwin" or bool(
         {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()

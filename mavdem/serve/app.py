@@ -50,6 +50,7 @@ from mavdem.report.library_page import (
     words,
 )
 from mavdem.results import PAGE, RECORDING, REPORT
+from mavdem.serve.attached import PAGE_SECONDS, Attached
 from mavdem.serve.library import Entry, Library
 from mavdem.serve.openapi import openapi
 from mavdem.serve.rights import COOKIE, Rights
@@ -88,7 +89,8 @@ Endpoint = Callable[[HttpRequest], Awaitable[Response]]
 class Server:
     """Answers requests about a ``library``, whose logs ``work`` reads, by the ``rights`` of those who ask.
 
-    ``sample`` is a flight to try it with; ``show`` opens a recording in a viewer and returns its address.
+    ``sample`` is a flight to try it with; ``show`` opens a recording in a viewer and returns its address; ``live`` is a
+    link that the server is attached to.
     """
 
     def __init__(
@@ -98,12 +100,14 @@ class Server:
         work: Work,
         sample: Path | None = None,
         show: Callable[[Path], str] | None = None,
+        live: Attached | None = None,
     ) -> None:
         self.library = library
         self.rights = rights
         self.work = work
         self._sample = sample
         self._show = show
+        self._live = live
         self._uploads = 0
         self._watchers = 0
 
@@ -114,6 +118,7 @@ class Server:
             "GET /": self._list_page,
             "GET /f/{id}": self._flight_page,
             "GET /f/{id}/{name}": self._file,
+            "GET /live": self._live_page,
             "GET /vehicle": self._vehicle_page,
             "GET /compare": self._compare_page,
             "GET /enter": self._enter_page,
@@ -143,7 +148,11 @@ class Server:
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
         _headers()  # compiles the pages, too: whoever asks first should not wait for that
         self.work.start()
+        if self._live is not None:
+            self._live.start()
         yield
+        if self._live is not None:
+            await run_in_threadpool(self._live.stop)
         await run_in_threadpool(self.work.stop)
         self.library.close()
 
@@ -230,6 +239,7 @@ class Server:
             page=PAGE_LENGTH,
             is_empty=not entries and not query and not offset,
             sample=self._sample,
+            is_live=self._live is not None,
             vehicles=self.library.vehicles()[:20] if known["may_read"] else [],
             **known,
         )
@@ -272,6 +282,12 @@ class Server:
         if not path.is_file():
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
         return FileResponse(path, media_type="application/octet-stream", filename=name)
+
+    def _live_page(self, request: HttpRequest) -> Response:
+        self._need(self.rights.may_read(request), Use.READ)
+        if self._live is None:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        return HTMLResponse(self._live.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
 
     def _vehicle_page(self, request: HttpRequest) -> Response:
         self._need(self.rights.may_read(request), Use.READ)

@@ -254,9 +254,14 @@ class Library:
         """Takes a copy of a log of this machine, and returns its entry."""
         part = self.new_part()
         shutil.copyfile(path, part)
+        return self.entered(part, path.name)
+
+    def entered(self, part: Path, name: str) -> Entry:
+        """Takes a log that this server has written, ``part``, and returns its entry."""
         with part.open("rb") as file:
+            os.fsync(file.fileno())
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return self.receive(part, digest, path.name)[0]
+        return self.receive(part, digest, name)[0]
 
     def set_baseline(self, ids: Iterable[str]) -> None:
         """Makes these flights those that all others of their vehicles are compared with."""

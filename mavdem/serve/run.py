@@ -19,6 +19,7 @@ from mavdem.facts.serve import Start
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Limits
 from mavdem.serve.app import Server
+from mavdem.serve.attached import Attached
 from mavdem.serve.library import Library
 from mavdem.serve.rights import LOOPBACK, rights_of
 from mavdem.serve.viewers import Viewers
@@ -31,6 +32,7 @@ class Options(NamedTuple):
     """How a server runs.
 
     ``processes`` read logs, each within ``limits``, or the Dask cluster at ``scheduler`` does. ``quota`` is in bytes.
+    A server may be attached to a ``link``.
     """
 
     folder: Path
@@ -43,6 +45,7 @@ class Options(NamedTuple):
     limits: Limits
     scheduler: str | None
     sample: Path | None
+    link: str | None = None
 
 
 def serve(options: Options, say: Callable[[str], None], is_shown: bool) -> None:
@@ -62,7 +65,8 @@ def serve(options: Options, say: Callable[[str], None], is_shown: bool) -> None:
     # A viewer listens on this machine only, so whoever opens one must sit there.
     can_show = options.host in LOOPBACK and not options.is_behind_proxy and not missing("view")
     show = viewers.show if can_show else None
-    app = Server(library, rights, work, options.sample, show).app
+    live = Attached(options.link, library, work.notify) if options.link else None
+    app = Server(library, rights, work, options.sample, show, live).app
     config = uvicorn.Config(
         app,
         log_level="warning",

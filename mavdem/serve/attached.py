@@ -1,0 +1,96 @@
+"""A link that the server is attached to: the page of the session, and its recording in the library at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from threading import Event, Thread
+
+from mavdem.dem import Settings
+from mavdem.dem.parallel import LearningProcess
+from mavdem.live import LiveStream
+from mavdem.live.link import Link
+from mavdem.live.raw_recording import RawRecording
+from mavdem.live.running import run
+from mavdem.live.session import LiveSession
+from mavdem.report.flight_page import live_page
+from mavdem.serve.library import Library
+
+PAGE_SECONDS = 5.0  # between two pages of a session
+SILENT_PAGES = 12  # in which nothing was received after something was: the session is over
+AXIS = "roll"
+
+
+class Attached:
+    """Sessions on a link, one after the other, in a thread; nothing is ever sent to a vehicle.
+
+    A session ends when a vehicle that was heard is silent for a minute, or when the server ends.
+
+    Attributes:
+        page: HTML of what the running session has so far.
+
+    Raises:
+        Unreadable: the link cannot be opened.
+    """
+
+    def __init__(self, link: str, library: Library, notify: Callable[[], None]) -> None:
+        self.page = ""
+        self._link = Link(link)
+        self._library = library
+        self._notify = notify
+        self._is_ending = Event()
+        self._silent = 0
+        self._frames = 0
+        self._thread = Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        """Begins."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends the session; its recording is then in the library."""
+        self._is_ending.set()
+        self._thread.join()
+        self._link.close()
+
+    def _run(self) -> None:
+        with LearningProcess() as executor:
+            while not self._is_ending.is_set():
+                self._attend(executor)
+
+    def _attend(self, executor: LearningProcess) -> None:
+        """One session."""
+        part = self._library.new_part()
+        recording = RawRecording(part)
+        began = datetime.now(UTC)
+        ignored: Callable[[object], None] = lambda _: None  # noqa: E731
+        session = LiveSession(
+            self._link,
+            LiveStream(AXIS, None, None, asked=False),
+            Settings(),
+            ignored,
+            ignored,
+            ignored,
+            executor,
+            recording,
+        )
+        self._silent = self._frames = 0
+        self._show(session, "")
+        run(session, self._is_over, None, PAGE_SECONDS, self._show)
+        session.end()
+        if recording.frames:
+            self._library.entered(part, f"{began:%Y-%m-%d_%H-%M-%S}.tlog")
+            self._notify()
+        else:
+            part.unlink()
+
+    def _is_over(self) -> bool:
+        return self._is_ending.is_set() or self._silent >= SILENT_PAGES
+
+    def _show(self, session: LiveSession, _: str) -> str:
+        frames = 0 if session.recording is None else session.recording.frames
+        self._silent = self._silent + 1 if frames == self._frames > 0 else 0
+        self._frames = frames
+        known = session.history, session.status, session.account()
+        self.page = live_page(session.link.name, AXIS, *known, None)
+        return ""
