@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures.json"
 NUMBER = re.compile(r"-?(?:\d+,)*\d+(?:\.\d+)?")
 CHANNELS = Channels(
-    "live", 0.01, (25,), ("motor 1",), ("roll", "roll rate"), ("µs",), ("rad", "rad/s"), (1.0,)
+    "live", 0.01, (25,), ("motor 1",), ("roll", "roll rate"), ("µs",), ("rad", "rad/s")
 )
 
 

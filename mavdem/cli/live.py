@@ -108,10 +108,8 @@ class Dashboard:
 
         layout = setup.layout
         (outputs, units) = zip(*axis_outputs(self._axis), strict=True)
-        weights = None if layout.positions_assumed else layout.effect(self._axis)
-        command = () if weights is None else tuple((2 * weights).tolist())
         motors = layout.names, outputs, (setup.scale.unit,) * len(layout.names), units
-        self.view.change(Channels(self._link, setup.dt, horizons(setup.dt), *motors, command))
+        self.view.change(Channels(self._link, setup.dt, horizons(setup.dt), *motors))
         return self.view
 
     def report(self, status: SessionStatus) -> None:

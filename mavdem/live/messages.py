@@ -180,7 +180,7 @@ def message_of(frame: Frame) -> Message | None:
 
 
 def attitude(message: Message) -> Values | None:
-    """Roll, pitch, rad, body rates p and q, rad/s, and yaw, rad; None if not finite or impossible."""
+    """Roll, pitch, rad, body rates, rad/s, and yaw, rad; None if not finite or impossible."""
     if message.name == "ATTITUDE":
         roll, pitch, yaw, p, q, r = message.values
     else:
@@ -191,7 +191,7 @@ def attitude(message: Message) -> Values | None:
     # NaN fails every comparison.
     possible = all(abs(angle) <= MAX_ANGLE for angle in (roll, pitch))
     possible = possible and all(abs(rate) <= MAX_BODY_RATE for rate in (p, q, r))
-    return (roll, pitch, p, q, yaw) if possible else None
+    return (roll, pitch, p, q, r, yaw) if possible else None
 
 
 def attitude_asked(message: Message) -> Values:

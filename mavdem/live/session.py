@@ -441,7 +441,7 @@ class LiveSession:
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
         if self._view.display is not None:
             shift = self.history.shift
-            known = estimate, learner.learned, self.stream.air.row
+            known = estimate, learner.learned, self.stream.air.row, self.stream.pose
             self._view.display.put(row.time, shift, row.segment, row.outputs, row.inputs, *known)
 
     def _begin(self, setup: Setup) -> None:

@@ -56,7 +56,8 @@ class Shown:
         is_alike = known is None or known.layout.names == setup.layout.names
         if self.display is not None and is_alike:
             shift = self._history.shift
-            self.display.put(row.time, shift, row.segment, row.outputs, row.inputs)
+            sample = row.time, shift, row.segment, row.outputs, row.inputs
+            self.display.put(*sample, None, None, None, stream.pose)
 
 
 def failure(code: Code, error: Exception, finishing: bool = False) -> Fact:

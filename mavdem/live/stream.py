@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from math import inf, isnan, nan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,6 +76,15 @@ OF_ANY_VEHICLE = Session.ALARM, Watch.ALARM_OVER, InFlight.MOTOR_RECOVERED
 """What is reported of vehicles that are not followed, beside what their autopilots say."""
 
 
+class Pose(NamedTuple):
+    """The latest attitude that came, at ``time``, s of the boot clock."""
+
+    time: float
+    angles: tuple[float, ...]  # roll, pitch and yaw, rad
+    rates: tuple[float, ...]  # of the body, rad/s
+    asked: tuple[float, ...]  # roll and pitch, rad; NaN where not known
+
+
 class LiveStream:
     """Turns the bytes of a link into rows. No threads, no sockets, no clock of its own.
 
@@ -118,6 +128,7 @@ class LiveStream:
         self.beside: dict[str, LiveStream] = {}  # of other vehicles, by name: watched, too
         self._attitude: str | None = None
         self._heading = 0.0
+        self.pose: Pose | None = None
         # The time, s, and roll and pitch of the latest setpoint
         self._asked: tuple[float, Values] = -inf, ()
         self._inputs: Inputs | None = None
@@ -484,9 +495,12 @@ class LiveStream:
 
     def _look(self, time: float, motion: Values) -> None:
         """Where the nose points by an attitude, unless roll and pitch stray from the setpoint that holds."""
-        *tilts, _, _, self._heading = motion
+        *tilts, p, q, r, self._heading = motion
         since, asked = self._asked
-        strayed = abs(time - since) <= HOLD_SECONDS and strays(np.array(tilts), np.array(asked))
+        is_asked = abs(time - since) <= HOLD_SECONDS
+        angles = (*tilts, self._heading)
+        self.pose = Pose(time, angles, (p, q, r), asked if is_asked else (nan, nan))
+        strayed = is_asked and strays(np.array(tilts), np.array(asked))
         if strayed or max(map(abs, tilts)) >= MAX_TILT:
             self._heading = nan
 

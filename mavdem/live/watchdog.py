@@ -147,7 +147,9 @@ class Watchdog:
         self._said = {_kind(fact) for fact in facts}
         for fact in facts:
             is_new = _kind(fact) not in before and (fact.time or 0.0) > self._reviewed - 1.0
-            if is_new and fact.code is not Reported.RESTARTED:  # which the clock has shown
+            # A stream has no beginning of its own, and a restart is shown by the clock.
+            is_ours = fact.code is not Reported.RESTARTED and not fact.figures.get("is_begun")
+            if is_new and is_ours:
                 yield fact.but(height=None)
 
     def _of_motion(

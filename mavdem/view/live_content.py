@@ -9,14 +9,17 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mavdem.alignment.align import MAX_GAP_SECONDS
+from mavdem.alignment.drive import AXES
 from mavdem.confidence import LEVEL
-from mavdem.dem import Estimate, Learned, LinearModel
+from mavdem.dem import Estimate, Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.facts import Level
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
+from mavdem.live.stream import Pose
 from mavdem.live.wind import WindRow
 from mavdem.report.blocks import markdown
 from mavdem.report.live import watching
@@ -25,11 +28,11 @@ from mavdem.report.palette import (
     BAD,
     BAND_OPACITY,
     BOUND,
-    COMMAND,
+    DISTINCT,
     DISTURBANCE,
     MEASURED,
     PREDICTED,
-    distinct,
+    TRUTH,
 )
 from mavdem.report.screen import verdict_blocks
 from mavdem.report.words import advised, section
@@ -37,7 +40,6 @@ from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view
 FLIGHT_SECONDS = 20.0
-LEARNING_SECONDS = 120.0
 LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
@@ -56,8 +58,6 @@ class Channels(NamedTuple):
     output_names: tuple[str, ...]
     input_units: tuple[str, ...]
     output_units: tuple[str, ...]
-    # weights of the inputs in the command of the axis; empty where not known
-    command: tuple[float, ...] = ()
 
 
 class ViewRow(NamedTuple):
@@ -72,6 +72,7 @@ class ViewRow(NamedTuple):
     learned: Learned | None  # the learner's last batch result
     channels: Channels  # of outputs and inputs
     wind: WindRow | None = None  # the latest, in m/s
+    pose: Pose | None = None
 
 
 class LiveWriter:
@@ -86,8 +87,7 @@ class LiveWriter:
         self._segment: int | None = None
         # by plot, the least and most that were measured
         self._seen: dict[str, tuple[float, float]] = {}
-        self._aired = -np.inf
-        self._model: LinearModel | None = None
+        self._aired = self._posed = -np.inf
         self._styled: set[Lines] = set()
 
     def rows(self, rows: list[ViewRow]) -> None:
@@ -100,25 +100,48 @@ class LiveWriter:
             [i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp
         )
         self._outputs(rows, time, breaks)
-        command = inputs
         names = tuple(map(place, self.channels.input_names))
-        lines = Lines("command", names, tuple(map(distinct, range(len(names)))))
-        if self.channels.command:
-            command = inputs @ np.array(self.channels.command)[:, None]
-            lines = Lines("command", ("motors' difference",), (COMMAND,))
-        self._in_sight("command", command, command)
-        self._draw(lines, time, command, breaks)
+        self._in_sight("motors", inputs, inputs)
+        self._draw(Lines("motors", names, DISTINCT[: len(names)]), time, inputs, breaks)
+        self._poses(rows)
         estimates = [(row.estimate, row.shift) for row in rows if row.estimate is not None]
         self._judgement([pair for pair in estimates if np.isfinite(pair[0].seen)])
         self._wind(estimates)
         self._air(rows)
-        self._models(rows)
+
+    def _poses(self, rows: list[ViewRow]) -> None:
+        """Draws the angles with what was asked for, and the rates, each attitude once."""
+        new = {row.pose.time + row.shift: row.pose for row in rows if row.pose is not None}
+        poses = {time: pose for time, pose in new.items() if time > self._posed}
+        if not poses:
+            return
+        time = np.array([*poses])
+        apart = np.diff([self._posed, *time]) > MAX_GAP_SECONDS
+        breaks = np.flatnonzero(apart & np.isfinite(self._posed))
+        self._posed = float(time[-1])
+        angles, rates, asked = (
+            np.degrees([pose[part] for pose in poses.values()]) for part in (1, 2, 3)
+        )
+        for number, axis in enumerate(AXES):
+            values = angles[:, number, None]
+            if axis != "yaw":
+                wanted = asked[:, number, None]
+                self._draw(
+                    Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,)), time, wanted, breaks
+                )
+            if axis not in self.channels.output_names:
+                self._in_sight(f"axes/{axis}", values, values)
+                self._draw(
+                    Lines(f"axes/{axis}/1_measured", (axis,), (MEASURED,)), time, values, breaks
+                )
+        self._in_sight("rates", rates, rates)
+        self._draw(Lines("rates", AXES, DISTINCT[: len(AXES)]), time, rates, breaks)
 
     def mark(self, since: float) -> None:
-        """Marks a change of the vehicle at the time ``since`` in every plot; NaN is none."""
+        """Marks an alarm at the time ``since`` in every plot; NaN is none."""
         if np.isfinite(since):
             for plot, (low, high) in self._seen.items():
-                line = Lines(f"{plot}/9_changes", ("motor changed",), (BAD,), filled=True)
+                line = Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True)
                 ends = np.array([[np.nan, np.nan], [low, high]])
                 self._draw(line, np.array([since - 1e-3, since]), ends)
 
@@ -145,7 +168,7 @@ class LiveWriter:
                 half[i] = now.ahead_band[h]
                 later[i] = now.ahead_times[h] + row.shift
         for i, (name, unit) in enumerate(zip(self.channels.output_names, self._units, strict=True)):
-            plot = rr.new_entity_path(["outputs", name])
+            plot = rr.new_entity_path(["axes", name])
             drawn = unit.scale * measured[:, i]
             then = unit.scale * np.stack(
                 [ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1
@@ -218,76 +241,58 @@ class LiveWriter:
         ]
         time, energy, surprise, unusual = np.array(rows, np.float64).T
         marked = unusual > 0
-        for plot, values in (("free_energy_of_samples", energy), ("surprise", surprise)):
-            self._in_sight(plot, values, values)
+        self._in_sight("surprise", surprise, surprise)
         samples = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
         above = Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True)
         self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), time, energy[:, None])
         self._draw(samples, time, np.stack([np.ones(len(time)), surprise], axis=-1))
         self._draw(above, time[marked], surprise[marked, None])
 
-    def _models(self, rows: list[ViewRow]) -> None:
-        """Draws F̄ and λ: a point for each new model."""
-        for row in rows:
-            now = row.estimate
-            if now is None or now.model is None or now.model is self._model:
-                continue
-            self._model = now.model
-            time = np.array([row.time])
-            action = np.array([now.free_energy_action])
-            self._draw(Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0), time, action)
-            lines = Lines(
-                "noise_precisions",
-                ("z, measurement", "w, process"),
-                (distinct(0), distinct(1)),
-                2.0,
-            )
-            self._draw(lines, time, now.log_precisions)
-
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
-    """Returns tabs: the flight, the model, more of the samples, the status."""
+    """Returns tabs: the flight on one axis of time, more of the samples, the status."""
 
-    def plot(name: str, origin: str, seconds: float = FLIGHT_SECONDS) -> rrb.TimeSeriesView:
+    def plot(name: str, origin: str) -> rrb.TimeSeriesView:
         """A plot of the last seconds before the time cursor; only these are queried."""
-        right = 0.22 if seconds == FLIGHT_SECONDS else 0.35  # left free for the legend
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
-        end = rr.TimeRangeBoundary.cursor_relative(seconds=right * seconds)
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
+        end = rr.TimeRangeBoundary.cursor_relative(seconds=AHEAD)
         axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
         shown = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)
-        legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
         return rrb.TimeSeriesView(
-            name=name, origin=origin, axis_x=axis, time_ranges=[shown], plot_legend=legend
+            name=name,
+            origin=origin,
+            axis_x=axis,
+            time_ranges=[shown],
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         )
 
-    what = "measured, and predicted without the motors ahead"
-    outputs = []
-    for name, unit in zip(channels.output_names, channels.output_units, strict=True):
-        heading = f"{named(name.capitalize(), readable(unit).name)}: {what}"
-        outputs.append(plot(heading, rr.new_entity_path(["outputs", name])))
-    command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
-    inputs = plot(named(command, next(iter(channels.input_units), "")), "command")
-    wind = plot(f"Wind torque, {TORQUE.name}", "wind")
-    air = plot("Wind, m/s", "air")
-    pictures = rrb.Vertical(outputs[0], wind, air, inputs, row_shares=[34, 25, 20, 21])
-    beside = rrb.Horizontal(pictures, events_view(), column_shares=[70, 30])
-    cards = (
-        rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False)
-        for i in range(5)
+    name, *others = channels.output_names
+    axes = [plot(named(axis.capitalize(), "°"), f"axes/{axis}") for axis in AXES]
+    motors = named("Motors", next(iter(channels.input_units), ""))
+    pictures = rrb.Vertical(
+        *axes,
+        plot("Rates, °/s", "rates"),
+        plot(motors, "motors"),
+        plot("Wind, m/s", "air"),
+        plot(f"Wind torque on {name}, {TORQUE.name}", "wind"),
     )
-    flight = rrb.Vertical(rrb.Horizontal(*cards), beside, row_shares=[13, 87], name="Flight")
-    precisions = plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS)
-    energy = plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS)
-    model = rrb.Grid(precisions, energy, grid_columns=1, name="Model")
+    *cards, watched = (
+        rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False)
+        for i in range(6)
+    )
+    words = rrb.Vertical(watched, events_view(), row_shares=[20, 80])
+    beside = rrb.Horizontal(pictures, words, column_shares=[70, 30])
+    flight = rrb.Vertical(rrb.Horizontal(*cards), beside, row_shares=[15, 85], name="Flight")
+    outputs = [plot(other.capitalize(), rr.new_entity_path(["axes", other])) for other in others]
     surprise = plot("Surprise: how unusual a sample is", "surprise")
     samples = plot("F(t), nats: low at an unusual sample", "free_energy_of_samples")
-    details = rrb.Vertical(*outputs[1:], surprise, samples, name="Details")
+    details = rrb.Vertical(*outputs, surprise, samples, name="Details")
     status = rrb.TextDocumentView(origin="status", name="Status")
-    return blueprint(rrb.Tabs(flight, model, details, status, active_tab=0), play_state="following")
+    return blueprint(rrb.Tabs(flight, details, status, active_tab=0), play_state="following")
 
 
 def figures(status: SessionStatus, row: ViewRow, until: float | None) -> tuple[str, ...]:
-    """Returns five Markdown documents: the state, the prediction, the wind and its torque, and physical parameters.
+    """Returns Markdown documents: state, prediction, wind, its torque, physical parameters, and what is watched.
 
     ``row`` is the latest; the model was learned ``until`` s of the boot clock.
     """

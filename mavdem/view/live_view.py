@@ -23,6 +23,7 @@ from mavdem.dem import Estimate, Learned
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
 from mavdem.live import Event, SessionStatus
+from mavdem.live.stream import Pose
 from mavdem.live.wind import WindRow
 from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, status_document
 from mavdem.view.plots import BOOT_CLOCK, log
@@ -141,7 +142,7 @@ class SinkThread(threading.Thread):
             self._writer.rows(same)
         for line in lines:
             log(recording, line.seconds, line.sentence, line.fact.level)
-            if self._writer is not None:
+            if self._writer is not None and line.is_alarm:
                 self._writer.mark(line.since)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
@@ -191,19 +192,22 @@ class LiveView:
         estimate: Estimate | None = None,
         learned: Learned | None = None,
         wind: WindRow | None = None,
+        pose: Pose | None = None,
     ) -> None:
         """Shows a row of ``outputs`` (m,) and ``inputs`` (r,) at ``time``, s of the boot clock; takes microseconds.
 
         The timeline is ``shift`` s after that clock, so that flights of two boots do not overlap. The number of the
         ``segment`` changes where samples are missing or the vehicle rebooted. ``estimate`` is of this sample;
-        ``learned`` is the learner's last batch result, which contains the prior; ``wind`` is the latest row in m/s.
+        ``learned`` is the learner's last batch result, which contains the prior; ``wind`` is the latest row in m/s,
+        ``pose`` the latest attitude.
         """
         if self._closed or self._channels is None:
             return
         # Copies, since callers may reuse their arrays.
         y = np.array(outputs, np.float64)
         u = np.array(inputs, np.float64)
-        row = ViewRow(time + shift, shift, segment, y, u, estimate, learned, self._channels, wind)
+        known = estimate, learned, self._channels, wind, pose
+        row = ViewRow(time + shift, shift, segment, y, u, *known)
         for thread in self._threads:
             thread.put(row)
 

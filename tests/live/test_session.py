@@ -82,7 +82,16 @@ class Screen:
         return self
 
     def put(
-        self, time, shift, segment, outputs, inputs, estimate=None, learned=None, wind=None
+        self,
+        time,
+        shift,
+        segment,
+        outputs,
+        inputs,
+        estimate=None,
+        learned=None,
+        wind=None,
+        pose=None,
     ) -> None:
         self.rows.append((time, segment, estimate))
 

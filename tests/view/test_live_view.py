@@ -28,6 +28,7 @@ from mavdem.facts import Level
 from mavdem.facts.session import Session
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
+from mavdem.live.stream import Pose
 from mavdem.live.wind import WindRow
 from mavdem.view.live_content import Channels, ViewRow, figures, status_document
 from mavdem.view.live_view import MAX_ROWS, LiveView, SinkThread
@@ -149,7 +150,8 @@ def recording(tmp_path_factory):
             )
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            view.put(t, 0.0, 0, y, u, known, None, WIND._replace(time=round(t, 1)))
+            pose = Pose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan))
+            view.put(t, 0.0, 0, y, u, known, None, WIND._replace(time=round(t, 1)), pose)
         view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.troubles == []
     return path
@@ -161,10 +163,10 @@ def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_t
 ):
     lines = drawn(recording)
     measured = np.degrees(OUTPUTS[:, column])
-    times, values = lines[f"outputs/{name}/1_measured"]
+    times, values = lines[f"axes/{name}/1_measured"]
     assert_allclose(times, TIME, atol=1e-8)
     assert_allclose(values[:, 0], measured)
-    times, values = lines[f"outputs/{name}/2_predicted"]
+    times, values = lines[f"axes/{name}/2_predicted"]
     assert_allclose(times, TIME + 25 * DT, atol=1e-8)
     assert np.isnan(values[:20]).all()
     centre, half = (
@@ -172,7 +174,7 @@ def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_t
     )
     sight = measured.min() - 0.3 * np.ptp(measured), measured.max() + 0.3 * np.ptp(measured)
     assert_allclose(values[20:, 0], np.clip(np.degrees(centre), *sight))
-    times, edges = lines[f"outputs/{name}/0_band"]
+    times, edges = lines[f"axes/{name}/0_band"]
     assert_allclose(times, np.repeat(TIME + 25 * DT, 2), atol=1e-8)
     assert_allclose(
         edges[40:, 0], np.clip(np.degrees([centre - half, centre + half]), *sight).T.ravel()
@@ -189,8 +191,10 @@ def test_what_is_estimated_is_drawn_at_the_times_it_is_about(recording):
         "surprise/samples": (seen, np.stack([np.ones(len(TOLD)), surprise], axis=-1)),
         "surprise/unusual": (seen[unusual], surprise[unusual, None]),
         "wind/1_torque": (TIME[20:] - 0.25, torques[:, None]),
-        "free_energy_action": (TIME[20::10], -1000.0 - np.arange(2.0, 30)[:, None]),  # once a model
-        "command": (TIME, INPUTS),
+        "motors": (TIME, INPUTS),
+        "axes/yaw/1_measured": (TIME, np.full((300, 1), np.degrees(0.2))),
+        "axes/roll/0_asked": (TIME, np.full((300, 1), np.degrees(0.5))),
+        "rates": (TIME, np.degrees([(y, 0.3, 0.4) for y in OUTPUTS[:, 1]])),
         # each row of the wind once
         "air/speed": (np.unique(TIME.round(1)), np.tile([5.0, 4.5, 5.5], (31, 1))),
     }
@@ -212,12 +216,10 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
     assert CHANNELS.title in document and "No motion." in document
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
     assert (
-        min(rows for name, rows in entities.items() if name.startswith(("outputs", "command")))
-        >= 100
+        min(rows for name, rows in entities.items() if name.startswith(("axes", "motors"))) >= 100
     )
-    assert len(views(recording)) == 16
-    # drawn from the first batch of learning on
-    for origin in set(views(recording)) - {"noise_precisions"}:
+    assert len(views(recording)) == 18
+    for origin in set(views(recording)):
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), (
             f"the view of {origin} is empty"
         )
@@ -232,8 +234,8 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
             view.put(t, 0.0, 0, y, u, known)
         alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
-    marks = {name: line for name, line in drawn(path).items() if name.endswith("changes")}
-    assert len(marks) == 6
+    marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
+    assert len(marks) == 5
     for times, values in marks.values():
         assert_allclose(times[np.isfinite(values[:, 0])], 51.25)
         assert np.nanmin(values) < np.nanmax(values)
@@ -261,12 +263,12 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     rows = [
         batch.column("Scalars:scalars").to_pylist()
         for name, _, batch in chunks(path)
-        if name == "command"
+        if name == "motors"
     ]
     assert sorted(len(values) for batch in rows for values in batch) == [1, 1, 1, 4, 4, 4]
-    lines = drawn(path, ignored="command")
-    assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[:6, 0]))
-    assert_allclose(lines["outputs/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
+    lines = drawn(path, ignored="motors")
+    assert_allclose(lines["axes/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[:6, 0]))
+    assert_allclose(lines["axes/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
 def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path):
@@ -286,9 +288,9 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
     ten = DT * np.arange(10)
     shown = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
     for name, width in (
-        ("command", 4),
-        ("outputs/roll/1_measured", 1),
-        ("outputs/roll/2_predicted", 1),
+        ("motors", 4),
+        ("axes/roll/1_measured", 1),
+        ("axes/roll/2_predicted", 1),
     ):
         times, values = lines[name]
         assert (
@@ -296,7 +298,7 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
             and np.isnan(values[[10, 21]]).all()
             and (np.diff(times) > 0).all()
         )
-    assert_allclose(np.delete(lines["command"][0], [10, 21]), shown, atol=1e-8)
+    assert_allclose(np.delete(lines["motors"][0], [10, 21]), shown, atol=1e-8)
     assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
     assert "boot clock: 3.1 s" in texts(path, "TextDocument:text")[-1]
 
@@ -331,8 +333,8 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
         assert [thread.dropped for thread in view._threads] == [1000, 0]
         stalled.go.set()
     assert view.troubles == []
-    assert len(drawn(other.path)["command"][0]) == rows
-    assert_allclose(drawn(stalled.path)["command"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7)
+    assert len(drawn(other.path)["motors"][0]) == rows
+    assert_allclose(drawn(stalled.path)["motors"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7)
     assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path)
 
 
@@ -376,7 +378,7 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
     assert path.stat().st_size == size
     (trouble,) = view.troubles
     assert "nowhere/flight.rrd cannot be written" in trouble
-    assert texts(path)[0].startswith("not drawn: ") and len(drawn(path)["command"][0]) >= 1
+    assert texts(path)[0].startswith("not drawn: ") and len(drawn(path)["motors"][0]) >= 1
 
 
 @pytest.mark.slow
@@ -405,8 +407,8 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
-    assert len(drawn(killed)["command"][0]) == 500
-    assert len(drawn(path)["command"][0]) == 500
+    assert len(drawn(killed)["motors"][0]) == 500
+    assert len(drawn(path)["motors"][0]) == 500
 
 
 def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
@@ -416,10 +418,10 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     for at in TIME:
         sending.put(ViewRow(at, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS))
     sending.turn()
-    assert "command" not in drawn(path)
+    assert "motors" not in drawn(path)
     sending.closing.set()
     sending.turn()
-    assert_allclose(drawn(path)["command"][0], TIME, atol=1e-8)
+    assert_allclose(drawn(path)["motors"][0], TIME, atol=1e-8)
 
 
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
