@@ -160,19 +160,19 @@ class LiveWriter:
         seconds = np.array(self.channels.horizons) * self.channels.dt
         measured = np.array([row.outputs for row in rows])
         h = int(np.abs(seconds - AHEAD).argmin())
-        ahead, half = np.full((2, *measured.shape), np.nan)
-        later = time + seconds[h]
-        for i, row in enumerate(rows):
-            if (now := row.estimate) is not None:
-                ahead[i] = now.ahead[h]
-                half[i] = now.ahead_band[h]
-                later[i] = now.ahead_times[h] + row.shift
+        unknown = np.full((2, measured.shape[1]), np.nan)
+        known = [
+            (row.time + seconds[h], *unknown)
+            if (now := row.estimate) is None
+            else (now.ahead_times[h] + row.shift, now.ahead[h], now.ahead_band[h])
+            for row in rows
+        ]
+        later, ahead, half = map(np.array, zip(*known, strict=True))
+        curves = np.stack([ahead - half, ahead + half, ahead], axis=-1)
         for i, (name, unit) in enumerate(zip(self.channels.output_names, self._units, strict=True)):
             plot = rr.new_entity_path(["axes", name])
             drawn = unit.scale * measured[:, i]
-            then = unit.scale * np.stack(
-                [ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1
-            )
+            then = unit.scale * curves[:, i]
             then = self._in_sight(plot, drawn, then)
             band = Lines(
                 f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True

@@ -50,7 +50,7 @@ def test_a_recording_to_look_at(tmp_path, capsys):
         "/world/here/wind",
         "/world/path",
         "/plots/0/0 roll",
-        "/plots/5/0 roll",
+        "/plots/4/0 roll",
     } <= paths
 
 
