@@ -1,4 +1,4 @@
-"""Flights in 3D: a simulated one as a Rerun file, with estimates and motor outputs, and the path of a logged one."""
+"""A simulated flight in 3D as a Rerun file, with its wind and motor outputs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from mavdem.alignment.drive import AXES, Signal
-from mavdem.condition.wind_velocity import WindVelocity
+from mavdem.alignment.drive import AXES
 from mavdem.dem.engine.linalg import Array
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
@@ -21,9 +20,7 @@ from mavdem.report import palette
 from mavdem.report.charts import Chart, Line, over_time
 from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
 
-# the viewer draws every row, and all arrows along a path at once
-MAX_ROWS = 50_000
-MAX_ARROWS = 150
+MAX_ROWS = 50_000  # the viewer draws every one
 RATE = 50.0  # Hz, of what is drawn
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
@@ -38,8 +35,8 @@ class Pose:
 
     Attributes:
         time, position: (N,) s, and (N, 3) m.
-        attitude, known_attitude: (N, 4) unit quaternions (w, x, y, z), body to NED, true and as estimated.
-        rates, known_rates: (N, 3) body rates, rad/s, likewise.
+        attitude: (N, 4) unit quaternions (w, x, y, z), body to NED.
+        rates: (N, 3) body rates, rad/s.
         outputs, rotor_speeds, armed: (N, 4) of the motors, µs; (N, 4) rad/s; (N,) bool.
         wind: (N, 3) NED, m/s, where the air moves to.
         moment: (N, 3) of what disturbs, body, N m.
@@ -49,9 +46,7 @@ class Pose:
     time: Array
     position: Array
     attitude: Array
-    known_attitude: Array
     rates: Array
-    known_rates: Array
     outputs: Array
     rotor_speeds: Array
     wind: Array
@@ -104,17 +99,13 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
 
 
 def _rows(pose: Pose) -> list[Chart]:
-    """What was flown in the air, and the errors of what the autopilot knew of it."""
+    """What was flown in the air."""
     rows = np.flatnonzero(pose.carries())
-    true, known = (np.degrees(euler_angles(q[rows])) for q in (pose.attitude, pose.known_attitude))
-    rates, known_rates = (np.degrees(each[rows].T) for each in (pose.rates, pose.known_rates))
+    *tilts, yaw = euler_angles(pose.attitude[rows])
     motors = pose.outputs[rows] - pose.outputs[rows].mean(axis=1, keepdims=True)
-    ends = "roll", "roll rate"
-    errors = np.array([known[0] - true[0], known_rates[0] - rates[0]])
     tables = (
-        ("Angles", "°", AXES, np.array([*true[:2], np.degrees(np.unwrap(np.radians(true[2])))])),
-        ("Rates", "°/s", AXES, rates),
-        ("Errors of the autopilot's estimates", "° and °/s", ends, errors),
+        ("Angles", "°", AXES, np.degrees([*tilts, np.unwrap(yaw)])),
+        ("Rates", "°/s", AXES, np.degrees(pose.rates[rows].T)),
         ("Motor outputs, deviation from their mean", "µs", pose.motors, motors.T),
         ("Wind, where the air moves to", "m/s", ("north", "east", "down"), pose.wind[rows].T),
         ("Disturbance moment", "mN m", AXES, 1e3 * pose.moment[rows].T),
@@ -135,9 +126,10 @@ def _rows(pose: Pose) -> list[Chart]:
 
 def _scene(pose: Pose) -> rrb.View:
     """The view that the vehicle is seen in, with the scale of its arrows."""
-    thrust = 100 * pose.arm
     wind = 100 * WIND_SCALE * pose.arm
-    arrows = f"Thrust arrows: {thrust:.2g} cm at hover. Wind arrow: {wind:.2g} cm for 1 m/s"
+    said = (
+        f"Thrust arrows: an arm long at hover. Wind arrow: {wind:.2g} cm for 1 m/s. Green: the path"
+    )
     # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
     eye = pose.arm * np.array((-5.2, 2.2, -3.5))
     target = pose.arm * np.array((0.0, 0.9, -0.2))
@@ -146,7 +138,7 @@ def _scene(pose: Pose) -> rrb.View:
     )
     # What moves along with the vehicle but does not turn with it: the eye does too.
     here: dict[str, Any] = {"origin": "world/here", "contents": "world/**", "line_grid": False}
-    return rrb.Spatial3DView(name=f"{arrows}. Green: the path", eye_controls=controls, **here)
+    return rrb.Spatial3DView(name=said, eye_controls=controls, **here)
 
 
 def _vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
@@ -197,39 +189,3 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose) -> None:
     recording.send_columns("world/here/wind", index, columns)
     path = rr.LineStrips3D([pose.position[rows]], radii=0.022 * arm, colors=[TRAIL])
     recording.log("world/path", path, static=True)
-
-
-def path_with_wind(
-    recording: rr.RecordingStream, position: Signal, wind: WindVelocity
-) -> rrb.View | None:
-    """Draws the path that was flown in the ``wind`` and arrows of it; returns their view, None without a path."""
-    rows = (position.time >= wind.time[0]) & (position.time <= wind.time[-1])
-    time = position.time[rows]
-    place = position.values[rows]
-    if len(time) < 2:
-        return None
-    at = np.linspace(time[0], time[-1], min(MAX_ARROWS, ceil(np.ptp(time)) + 1))
-    moved = np.column_stack([*(np.interp(at, wind.time, air) for air in wind.velocity.T), 0 * at])
-    tails = np.column_stack([np.interp(at, time, axis) for axis in place.T])
-    size = float(np.ptp(place, axis=0).max()) + 5.0
-    middle = (place.min(axis=0) + place.max(axis=0)) / 2
-    scale = 0.2 * size / max(float(np.hypot(*moved.T[:2]).max()), 1.0)
-    colour = palette.channels(palette.DISTURBANCE)
-    corner = middle - size * np.array([0.5, 0.5, 0.0])
-    path = place[:: ceil(len(time) / MAX_ROWS)]
-    north: dict[str, Any] = {"origins": [corner], "vectors": [[size / 6, 0, 0]]}
-    air: dict[str, Any] = {"origins": tails, "vectors": scale * moved, "colors": [colour]}
-    parts: dict[str, Any] = {
-        "": rr.ViewCoordinates.FRD,  # as north, east, down
-        "/flown": rr.LineStrips3D([path], radii=0.0025 * size, colors=[TRAIL]),
-        "/wind": rr.Arrows3D(radii=0.002 * size, **air),
-        "/north": rr.Arrows3D(radii=0.004 * size, labels=["north"], **north),
-    }
-    for name, part in parts.items():
-        recording.log(f"path{name}", part, static=True)
-    above = middle + size * np.array([-1.2, -0.4, -0.9])
-    controls = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=above, look_target=middle, eye_up=(0, 0, -1)
-    )
-    said = f"Path: {scale:.2g} m of arrow for 1 m/s of wind"
-    return rrb.Spatial3DView(name=said, origin="path", eye_controls=controls)

@@ -27,9 +27,7 @@ BOOT_CLOCK = "boot clock"
 LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN", Level.GOOD: "INFO", Level.UNKNOWN: "INFO"}
 # points: the viewer fills nothing, so an area is drawn as upright strokes that touch each other
 FILL_WIDTH = 2.5
-# of an area, which is drawn at once, and of all shaded times of a plot
-MAX_STROKES = 20_000
-SPAN_STROKES = 3000
+MAX_STROKES = 20_000  # of an area, which is drawn at once
 
 
 @dataclass(frozen=True)
@@ -85,12 +83,11 @@ class Plot:
     lines: list[tuple[Lines, Array, Array]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, origin: str, chart: Chart, gusts: Sequence[tuple[float, float]] = ()) -> Plot:
-        """Returns the plot of a ``chart`` with its bands, and ``gusts`` from start to end, s, behind."""
+    def of(cls, origin: str, chart: Chart) -> Plot:
+        """Returns the plot of a ``chart`` with its bands."""
         ends = ((line.y, line.low, line.high) for line in chart.lines)
         shown = [one for parts in ends for one in parts if one is not None]
         plot = cls(origin, chart.y.label, range_of(*shown))
-        plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
         for line in chart.lines:
             if line.low is not None and line.high is not None:
                 shade = faint(line.colour, palette.BAND_OPACITY)
@@ -119,19 +116,6 @@ class Plot:
             self.line(
                 name, colour, with_gaps([np.full(2, at) for at in times], last=True), ends, 2.0
             )
-
-    def spans(self, name: str, colour: str, times: Sequence[tuple[float, float]]) -> None:
-        """Adds filled spans of time, from start to end, s, over the whole range; nothing if there are none."""
-        spacing = sum(end - start for start, end in times) / SPAN_STROKES
-        parts = [
-            np.linspace(*span, max(2, ceil((span[1] - span[0]) / spacing)))
-            for span in times
-            if spacing
-        ]
-        if parts:
-            time = with_gaps(parts, last=True)
-            inside = with_gaps([np.ones(len(part)) for part in parts])
-            self.area(name, colour, time, self.range[0] * inside, self.range[1] * inside)
 
     def draw(self, recording: rr.RecordingStream) -> None:
         """Draws the lines."""

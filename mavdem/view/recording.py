@@ -23,26 +23,24 @@ from mavdem.report.blocks import Block, Sentence, markdown
 from mavdem.report.charts import Chart, Line, over_time
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables
-from mavdem.report.numbers import named, readable
+from mavdem.report.numbers import readable
 from mavdem.report.screen import detail_blocks, motor_blocks, screen, title
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
 from mavdem.report.timeline import Timeline, timeline_of
 from mavdem.report.words import advised, headline
-from mavdem.view.flown import path_with_wind
 from mavdem.view.plots import (
     Plot,
     Target,
     blueprint,
     events_view,
-    faint,
     log,
     range_of,
     recorded,
     with_gaps,
 )
 
-# how far a plot extends beyond the measured values, in spans of them, where a forecast does
-BEYOND = 0.15
+# how far forecasts and their bands are drawn beyond the measured values, in spans of these
+BEYOND = 0.5
 
 
 def write_recording(target: Target, assessment: Assessment) -> None:
@@ -114,7 +112,8 @@ class _Page:
         ]
         words = _text(self._recording, "lights", "Lights", lights)
         beside = rrb.Vertical(words, events_view(), row_shares=[55, 45])
-        plots = rrb.Vertical(*self._plots("flight", shown))
+        drawn = [Plot.of(f"flight/{number}", row) for number, row in enumerate(shown)]
+        plots = rrb.Vertical(*self._drawn(drawn))
         below = rrb.Horizontal(plots, beside, column_shares=[75, 25])
         return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
 
@@ -124,21 +123,18 @@ class _Page:
         return [row for row in self._timeline.rows if row.title.startswith("Wind")]
 
     def air(self, learned: Learned, flights: Sequence[Flight]) -> list[rrb.Container]:
-        """The wind with the path in it, and the torque with its gusts; nothing where neither is known."""
+        """The wind, and its torque with marks where gusts begin; nothing where neither is known."""
         if not self._wind:
             return []
-        gusts = list[tuple[float, float]]()
-        if (torque := learned.wind_torque) is not None and torque.reason is None:
-            clock = np.concatenate([flight.time for flight in flights])
-            starts = [(clock[gust.sample], gust.length) for gust in torque.gusts]
-            gusts = [(start, start + length) for start, length in starts]
-        path = None
-        wind = self._assessment.wind_of_model
-        position = self._timeline.position
-        if wind is not None and wind.sized and position is not None:
-            path = path_with_wind(self._recording, position, wind)
-        plots = rrb.Vertical(*self._plots("air", self._wind, gusts))
-        return [rrb.Horizontal(*filter(None, [path]), plots, name="Wind")]
+        torque = learned.wind_torque
+        gusts = () if torque is None or torque.reason is not None else torque.gusts
+        clock = np.concatenate([flight.time for flight in flights])
+        begins = [float(clock[gust.sample]) for gust in gusts]
+        plots = [Plot.of(f"air/{number}", row) for number, row in enumerate(self._wind)]
+        for plot, row in zip(plots, self._wind, strict=True):
+            if row.title == "Wind torque":
+                plot.marks(f"gust ({len(begins)})", palette.GUST, begins)
+        return [rrb.Vertical(*self._drawn(plots), name="Wind")]
 
     def loops(self) -> list[rrb.Container]:
         """Measured steps by axis, and loops with their margins; nothing where none is known."""
@@ -175,7 +171,7 @@ class _Page:
         """Outputs with their forecasts in held-out windows, and what DEM makes of each sample."""
         measured = series[OUTPUTS]
         labels = Labels.of(learned)
-        plots = [
+        charts = [
             _forecast(i, held_out, measured, unit) for i, unit in enumerate(labels.output_units)
         ]
         samples, _, energy = series[FREE_ENERGY]
@@ -186,10 +182,11 @@ class _Page:
             for i, (name, values) in enumerate(states)
         ]
         bound = Line("F(t)", palette.BOUND, samples, energy[:, 0])
-        plots += [
-            Plot.of("process_noise", over_time("Process noise w of DEM", "° and s", lines)),
-            Plot.of("free_energy", over_time("Free energy F(t) of each sample", "nats", (bound,))),
+        charts += [
+            over_time("Process noise w of DEM", "° and s", lines),
+            over_time("Free energy F(t) of each sample", "nats", (bound,)),
         ]
+        plots = [Plot.of(f"forecast/{number}", chart) for number, chart in enumerate(charts)]
         return rrb.Vertical(*self._drawn(plots), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
@@ -204,16 +201,6 @@ class _Page:
             self._recording, "learning/details", "The model, and how it was learned", blocks
         )
         return rrb.Horizontal(bars, details, name="Learning")
-
-    def _plots(
-        self, origin: str, rows: Sequence[Chart], gusts: Sequence[tuple[float, float]] = ()
-    ) -> list[rrb.View]:
-        """Views of rows; ``gusts`` are drawn behind a torque."""
-        plots = [
-            Plot.of(f"{origin}/{number}", row, gusts if row.title == "Wind torque" else ())
-            for number, row in enumerate(rows)
-        ]
-        return self._drawn(plots)
 
     def _drawn(self, plots: Sequence[Plot]) -> list[rrb.View]:
         """The views of plots, each with its marks."""
@@ -241,21 +228,20 @@ def _text(
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
 
 
-def _forecast(i: int, held_out: HeldOut, measured: Series, label: str) -> Plot:
+def _forecast(i: int, held_out: HeldOut, measured: Series, label: str) -> Chart:
     """The output number ``i`` as measured, and its forecasts in held-out windows with their bands."""
     unit = readable(label)
-    name = measured.names[i]
+    name = measured.names[i].capitalize()
     values = unit.scale * measured.values[:, i]
     low, high = range_of(values)
     beyond = BEYOND * (high - low)
-    heading = f"{named(name.capitalize(), unit.name)}: measured, and forecast for {held_out.seconds:.2g} s"
-    plot = Plot(rr.new_entity_path(["outputs", name]), heading, (low - beyond, high + beyond))
-    time = with_gaps(held_out.time, last=True)
     windows = held_out.forecasts[FORECAST], held_out.band
     forecast, half = (unit.scale * with_gaps(each[:, :, i]) for each in windows)
-    forecast = np.clip(forecast, low - 9 * beyond, high + 9 * beyond)  # it may overflow
-    colour = faint(palette.PREDICTED, palette.BAND_OPACITY)
-    plot.area("90 % band", colour, time, forecast - half, forecast + half)
-    plot.line("measured", palette.MEASURED, measured.time, values)
-    plot.line("forecast", palette.PREDICTED, time, forecast, 1.8)
-    return plot
+    curves = np.array([forecast, forecast - half, forecast + half])
+    inside = np.clip(curves, low - beyond, high + beyond)  # it may overflow
+    time = with_gaps(held_out.time, last=True)
+    lines = (
+        Line("measured", palette.MEASURED, measured.time, values),
+        Line("forecast", palette.PREDICTED, time, *inside),
+    )
+    return over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)

@@ -97,7 +97,7 @@ def test_forecasts_are_those_of_held_out_windows_in_degrees(recording, assessed)
     away = np.full_like(held_out.band, 1e9)
     diverging = replace(held_out, forecasts={"forecast": away}, band=away)
     _, line = _forecast(0, diverging, series, "rad").lines
-    assert np.nanmax(line.values + line.half) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
+    assert np.nanmax(line.high) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
 
 
 def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
