@@ -1,11 +1,10 @@
 #!/usr/bin/env python
-"""Forecasts of windows of recorded flights against the constant mean; prints a table by flight and one by half.
+"""Forecasts of windows of recorded flights against the constant mean; prints a table by flight, and what is over all.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
-that of the constant mean; the tables have the median over windows. A window from which nothing can be learnt counts as
-1. Every flight belongs to half A or half B: what is chosen on one half is judged on the other. Below, errors are beside
-those of joint autoregressions: of forecasts over VAR(10)'s, of predictions without the motors over VAR(4)'s, geometric
-means over flights of the medians over windows.
+that of the constant mean; the table has the median over windows. A window from which nothing can be learnt counts as 1.
+Below, errors are beside those of joint autoregressions: of forecasts over VAR(10)'s, of predictions without the motors
+over VAR(4)'s, geometric means over flights of the medians over windows.
 
 Usage: tools/bench/forecasts.py [--windows N] [--preset paper] [--settings JSON]
 """
@@ -15,8 +14,6 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
-from itertools import cycle
-from time import perf_counter
 from typing import Any
 
 import click
@@ -37,7 +34,6 @@ ERRORS = [
     for step in steps
     for by in ("ours", "theirs")
 ]
-HALVES = ("A", "B", "AB")
 
 
 def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[Any, float]:
@@ -61,50 +57,39 @@ def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[Any, f
 
 
 def of_flight(
-    name: str, flight: mavdem.Flight, half: str, most: int | None, settings: mavdem.Settings
+    name: str, flight: mavdem.Flight, most: int | None, settings: mavdem.Settings
 ) -> pd.DataFrame:
     """The figures of up to ``most`` windows, evenly over the flight; prints the flight's row."""
     every = windows(name, flight)
     places = np.linspace(0, len(every) - 1, min(most or len(every), len(every)))
     cut = [every[place] for place in np.unique(places.astype(int))]
-    began = perf_counter()
     found = list(mavdem.learn_many((window.train, settings) for window in cut))
-    seconds = (perf_counter() - began) / max(1, len(cut))
     rows = pd.DataFrame([figures(*pair) for pair in zip(cut, found, strict=True)])
     if len(rows):
         ratio = rows["ratio"]
-        row = [name, half, flight.inputs.shape[1], f"{1 / flight.dt:.0f}", len(rows)]
-        row += [f"{ratio.median():.3g}", f"{ratio.max():.3g}", f"{(ratio < 1).mean():.2f}"]
-        print_row(*row, f"{rows['inside'].mean():.2f}", f"{seconds:.2f}")
-    return rows.assign(name=name, half=half)
+        shares = f"{(ratio < 1).mean():.2f}", f"{rows['inside'].mean():.2f}"
+        print_row(name, len(rows), f"{ratio.median():.3g}", f"{ratio.max():.3g}", *shares)
+    return rows.assign(name=name)
 
 
 def print_row(*cells: object) -> None:
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def print_summaries(rows: pd.DataFrame) -> None:
-    """Prints a row of each half, and errors over those of autoregressions."""
-    print()
-    shown = ("geometric mean of medians", "worse than the constant mean", "worst")
-    print_row("half", "flights", "windows", *shown)
-    print_row(*["---"] * 6)
-    for half in HALVES:
-        those = rows[rows["half"].isin([*half])]
-        ratio = those["ratio"]
-        mean = np.exp(np.log(those.groupby("name")["ratio"].median()).mean())
-        counts = [those["name"].nunique(), len(those), f"{mean:.3g}", (ratio >= 1).sum()]
-        print_row(half, *counts, f"{ratio.max():.3g}")
-    for question, steps in (("known", KNOWN), ("unknown", UNKNOWN)):
-        for half in HALVES:
-            those = rows[rows["half"].isin([*half])]
-            logs = np.log(those.groupby("name")[ERRORS].median())
-            over = [(logs[question, one, "ours"] - logs[question, one, "theirs"]) for one in steps]
-            listed = [f"{np.exp(ratio.mean()):.2f}" for ratio in over]
-            at = ", ".join(f"{one} at {step}" for one, step in zip(listed, steps, strict=True))
-            order = 10 if question == "known" else 4
-            print(f"\nMotors {question}, half {half}, over joint VAR({order}): {at} steps.")
-    print(f"\nIn the 90 % band: {rows['inside'].mean():.2f} of the samples.")
+def print_summary(rows: pd.DataFrame) -> None:
+    """Prints what is over all flights, and errors over those of autoregressions."""
+    flights = rows.groupby("name")
+    mean = np.exp(np.log(flights["ratio"].median()).mean())
+    print(f"\nGeometric mean of the medians: {mean:.3g}.")
+    print(f"Worse than the constant mean: {(rows['ratio'] >= 1).sum()} of {len(rows)} windows.")
+    logs = np.log(flights[ERRORS].median()).mean()
+    for question, steps, order in (("known", KNOWN, 10), ("unknown", UNKNOWN, 4)):
+        over = [
+            np.exp(logs[question, one, "ours"] - logs[question, one, "theirs"]) for one in steps
+        ]
+        at = ", ".join(f"{one:.2f} at {step}" for one, step in zip(over, steps, strict=True))
+        print(f"Motors {question}, over joint VAR({order}): {at} steps.")
+    print(f"In the 90 % band: {rows['inside'].mean():.2f} of the samples.")
 
 
 @click.command(help=__doc__)
@@ -119,16 +104,14 @@ def print_summaries(rows: pd.DataFrame) -> None:
 def main(most: int | None, preset: str, settings: str) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
-    shown = ("median ratio", "worst", "below 1", "in the 90 % band", "s a window")
-    print_row("flight", "half", "inputs", "Hz", "windows", *shown)
-    print_row(*["---"] * 10)
-    halved = zip(recorded_flights(), cycle("AB"), strict=False)
-    tables = [of_flight(*named, half, most, chosen) for named, half in halved]
+    print_row("flight", "windows", "median ratio", "worst", "below 1", "in the 90 % band")
+    print_row(*["---"] * 6)
+    tables = [of_flight(*named, most, chosen) for named in recorded_flights()]
     if not tables:
         sys.exit(
             f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA."
         )
-    print_summaries(pd.concat(tables))
+    print_summary(pd.concat(tables))
 
 
 if __name__ == "__main__":

@@ -62,13 +62,6 @@ def recv_match(path: str) -> int:
     return sum(1 for _ in iter(mavutil.mavlogfile(path, robust_parsing=True).recv_match, None))
 
 
-def fasttlogparser(path: str) -> int:
-    from fasttlogparser import parseTLog
-
-    messages, _ = parseTLog(path)
-    return sum(len(next(iter(fields.values()))) for fields in messages.values())
-
-
 def dfreader(path: str) -> int:
     from pymavlink.DFReader import DFReader_binary
 
@@ -95,7 +88,7 @@ def mcap(path: str) -> int:
 
 
 READERS: dict[str, dict[str, Callable[[str], int]]] = {  # by format and library
-    ".tlog": {"mavdem": ours, "pymavlink": recv_match, "fasttlogparser": fasttlogparser},
+    ".tlog": {"mavdem": ours, "pymavlink": recv_match},
     ".bin": {"mavdem": ours, "pymavlink": dfreader},
     ".ulg": {"mavdem": ours, "pyulog": ulog},
     ".mcap": {"mavdem": ours, "mcap": mcap},
@@ -106,7 +99,7 @@ def read(logs: tuple[Path, ...]) -> None:
     """How fast a log is read, beside the usual libraries of its format: the fastest of three runs.
 
     Ours decodes attitude, motor outputs and the roll demand of each vehicle, and has the rate of every message. The
-    libraries: pymavlink's recv_match, message by message; fasttlogparser with all columns; pymavlink's DFReader with
+    libraries: pymavlink's recv_match, message by message; pymavlink's DFReader with
     the same message types as ours; pyulog with all topics; mcap with all messages in file order, and Python's json
     where they are JSON. One that is not installed is left out.
     """

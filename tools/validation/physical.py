@@ -43,6 +43,7 @@ PARAMETERS = ("effect", "damping", "lag")
 STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
 FLOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 RATES = (50.0, 100.0, 200.0)  # Hz
+RATE = 200.0  # Hz of the Crazyflie
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
 
@@ -144,15 +145,13 @@ def judged(case: Case) -> list[Values]:
             click.echo(f"{case}: refused: {found.reason}", err=True)
             continue
         known = truth_of(motion, of, part)
-        row: Values = {"steering": case.steering, "rate": case.rate, "varied": bool(case.varied)}
-        row |= {"seed": case.seed, "of": "flights" if window is None else "7 s"}
+        row: Values = {"steering": case.steering, "rate": case.rate, "seed": case.seed}
+        row["of"] = "flights" if window is None else "7 s"
         for name in PARAMETERS:
             value, half = estimate_of(found, name)
             true = float(np.abs(known[name]).mean())
             row |= {f"{name} status": found.status[name], f"{name} error": value / true - 1}
             row[f"{name} inside"] = abs(value - true) <= half
-        errors = np.abs(found.effect - known["effect"])
-        row["motors inside"] = np.mean(errors <= found.interval(LEVEL).effect)
         if window is None:
             row |= wind_of(wind(found, Record.of(part)), known["wind"])
         rows.append(row)
@@ -173,26 +172,19 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
 
 def by_steering(every: Any, name: str) -> list[Values]:
     """Rows of a parameter: share that is reported, and how often intervals hold the truth."""
-    is_slow = every["rate"] < 100
     groups = {steering: every["steering"] == steering for steering in FLOWN["steering"]}
     quick = "multisine, 3°"
-    groups |= {f"{quick}, 100 Hz or more": groups[quick] & ~is_slow, "all": every["rate"] > 0}
-    groups |= {f"all, {rate:.0f} Hz": every["rate"] == rate for rate in RATES}
-    groups["all, thrust curve, lag, inertia and battery varied"] = every["varied"]
+    groups[f"{quick}, 100 Hz or more"] = groups[quick] & (every["rate"] >= 100)
+    groups |= {"all": every["rate"] > 0, "all, 50 Hz": every["rate"] == 50}
     rows = []
     for label, belongs in groups.items():
         for of, some in every[belongs].groupby("of"):
             status = some[f"{name} status"]
-            known = some[status == "reported"]
             row: Values = {"steering": label, "of": of, "number": len(some)}
             row |= {one: share(status == one) for one in STATUSES}
-            if name == "effect":
-                row["inside, each motor"] = share(known["motors inside"])
-            row["inside, mean"] = share(known[f"{name} inside"])
-            errors = known[f"{name} error"]
-            row["median error of the reported"] = f"{errors.median():+.0%}" if len(known) else "–"
-            worst = max(errors, key=abs, default=np.nan)
-            row["worst"] = f"{worst:+.0%}" if len(known) else "–"
+            known = some[status == "reported"]
+            row["inside"] = share(known[f"{name} inside"])
+            row["worst"] = f"{max(known[f'{name} error'], key=abs, default=np.nan):+.0%}"
             row["inside, where biased"] = share(some[status == "biased"][f"{name} inside"])
             rows.append(row)
     return rows
@@ -215,21 +207,14 @@ def simulated(seed: int, every: int, jobs: int) -> None:
 
 def row_of(flight: Flight) -> Values:
     """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
-    row: Values = {"s": f"{flight.dt * len(flight):.0f}", "Hz": f"{1 / flight.dt:.0f}"}
     found = physical(flight)
     if isinstance(found, NotIdentifiable):
-        return row | {"effect": found.reason.advised}
-    for name, scale, head in (
-        ("effect", 1, "effect"),
-        ("damping", 1, "damping, 1/s"),
-        ("lag", 1e3, "lag, ms"),
-    ):
-        value, half = np.multiply(scale, estimate_of(found, name))
-        width = f" ± {half:.2g}" if np.isfinite(half) else ""
-        row[head] = f"{value:.3g}{width}{STATUSES[found.status[name]]}"
-    row |= {"wind's share": f"{found.wind_share:.0%}", "wind, rad/s²": f"{found.wind:.2g}"}
-    more = ", ".join(f"{name} {value:.2f}" for name, value in found.refinements.items())
-    return row | {"refinements": more}
+        return {"effect": found.reason.advised}
+    row = dict[str, str]()
+    for name in PARAMETERS:
+        value, half = estimate_of(found, name)
+        row[name] = f"{value:.3g} ± {half:.2g}{STATUSES[found.status[name]]}"
+    return row
 
 
 def usdlog(path: Path) -> NDArray[Any]:
@@ -244,22 +229,20 @@ def usdlog(path: Path) -> NDArray[Any]:
 
 
 def crazyflie(axis: str) -> list[Values]:
-    """Rows of an axis of a Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
+    """Rows of an axis of a Crazyflie 2.1 with roll and pitch excited, really flown."""
     rows = usdlog(SHARED / "real/crazyflie/roll_pitch_excitation.usdlog")
     gyro, directions = AXES[axis]
-    table = []
-    for rate in (100.0, 200.0, 400.0):
-        time = np.arange(56.0 * rate, 89.0 * rate) / rate  # where it is excited
-        columns = np.stack([rows[f"motor.m{motor}"] / 65535 for motor in range(1, 5)])
-        given = [*columns, np.radians(rows[gyro])]
-        *motors, turning = (np.interp(time, rows["time"] / 1e6, one) for one in given)
-        outputs = turning[:, None]
-        effects = np.array(directions)
-        flight = Flight(time, np.stack(motors, 1), outputs, dt=1 / rate, effect_directions=effects)
-        for window, part in parts_of(flight).items():
-            of = "whole" if window is None else f"7 s, no. {window + 1}"
-            table.append({"axis": axis, "of": of} | row_of(part))
-    return table
+    time = np.arange(56.0 * RATE, 89.0 * RATE) / RATE  # where it is excited
+    columns = [rows[f"motor.m{motor}"] / 65535 for motor in range(1, 5)]
+    given = [*columns, np.radians(rows[gyro])]
+    *motors, turning = (np.interp(time, rows["time"] / 1e6, one) for one in given)
+    inputs = np.stack(motors, 1)
+    effects = np.array(directions)
+    flight = Flight(time, inputs, turning[:, None], dt=1 / RATE, effect_directions=effects)
+    return [
+        {"axis": axis, "of": "whole" if window is None else f"7 s, no. {window + 1}"} | row_of(part)
+        for window, part in parts_of(flight).items()
+    ]
 
 
 # By published thrust curves and inertia.
