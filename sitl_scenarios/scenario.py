@@ -141,8 +141,6 @@ class VehicleSpec(Section):
     """Where the rotors are"""
     battery_sag: float = Field(0.0, ge=0, lt=0.5)
     """Share of the voltage, and of the rotors' speed, that the battery loses from the flight's beginning to its end."""
-    battery_load: float = Field(0.0, ge=0, le=0.1)
-    """Share of the voltage that the rotors' power takes in hover; at another power in proportion to it."""
     rotor_drag: bool = True
     """Whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does."""
     drag_linear: Drag = None

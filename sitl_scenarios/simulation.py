@@ -61,9 +61,6 @@ class Simulation:
         self._arming: int = self._boot
         self._more = scenario.flights - 1
         spec = scenario.vehicle
-        self._per_watt = spec.battery_load / (
-            4 * self._airframe.power_at(self._airframe.hover_speed)
-        )
         # Of the first arming, whatever the number of flights.
         self._damage = [
             (self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)
@@ -126,10 +123,6 @@ class Simulation:
         state = self._state
         air = self._weather.at(flown + self._boot, self._state.position)
         battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
-        if self._per_watt:
-            battery -= self._per_watt * fsum(
-                self._airframe.power_at(speed) for speed in state.rotors
-            )
         shaken = self._unbalance.at(state.rotors, self._body.condition.thrust)
         estimate = self._sensing.estimate(state._replace(rates=self._gyro.rates), shaken)
         reference = self._plan.at(flown * self.cycle)

@@ -87,11 +87,6 @@ class Airframe:
         a, b = self.thrust
         return (a * speed + b) * speed
 
-    def power_at(self, speed: float) -> float:
-        """That one rotor takes from its motor, W, at a speed in rad/s."""
-        a, b = self.torque
-        return (a * speed + b) * speed * speed
-
     def speed_for(self, thrust: float) -> float:
         """Of a rotor whose thrust in still air is ``thrust`` N ≥ 0, rad/s."""
         a, b = self.thrust

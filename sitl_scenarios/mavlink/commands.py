@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from enum import IntEnum
-from itertools import islice
 from math import inf, isfinite
 from typing import Any
 
@@ -19,7 +18,7 @@ from sitl_scenarios.simulation import Simulation
 
 BROADCAST_ID = 0  # Target system or component of messages to all
 UNDERSTOOD = frozenset(
-    {"COMMAND_LONG", "COMMAND_INT", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"}
+    {"COMMAND_LONG", "COMMAND_INT", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ"}
     | {"REQUEST_DATA_STREAM", "MISSION_REQUEST_LIST"}
 )
 """Messages that are answered; each names its target."""
@@ -78,21 +77,8 @@ class CommandHandler:
             case "PARAM_REQUEST_LIST":
                 self._transmitter.tell_parameters()
             case "PARAM_REQUEST_READ":
-                known = self._transmitter.parameters
-                index = int(received.param_index)
-                by_name = known.get(received.param_id)
-                if (
-                    found := by_name
-                    if index < 0
-                    else next(islice(known.values(), index, None), None)
-                ) is not None:
-                    self._transmitter.tell(found)
-            case "PARAM_SET":
-                if (old := self._transmitter.parameters.get(received.param_id)) is not None:
-                    value = float(received.param_value)
-                    bitwise = self._transmitter.autopilot.bitwise
-                    self._transmitter.parameters[old.name] = old.changed(value, bitwise) or old
-                    self._transmitter.tell(self._transmitter.parameters[old.name])
+                if (known := self._transmitter.parameters.get(received.param_id)) is not None:
+                    self._transmitter.tell(known)
             case "REQUEST_DATA_STREAM":
                 # The rate, Hz, of a group of messages, or of all groups.
                 groups = self._transmitter.autopilot.groups

