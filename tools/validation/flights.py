@@ -33,6 +33,8 @@ def drawn(table: Any, rng: np.random.Generator) -> Any:
     match table:
         case {"from": low, "to": high}:
             return float(rng.uniform(low, high))
+        case {"by_ratio": limits}:
+            return float(np.exp(rng.uniform(*np.log(limits))))
         case {"one_of": choices}:
             return drawn(choices[rng.integers(len(choices))], rng)
         case dict():
