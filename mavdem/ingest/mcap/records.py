@@ -48,7 +48,9 @@ RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 _LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % LAST_OPCODE, re.DOTALL)
 """The opcode of a record, none of which is as long as 4 GiB."""
-MAX_CHUNK_HEAD = 1 << 10  # Bytes before a chunk's records
+# First and last time of a chunk, its unpacked size, checksum, and length of the compression's name, before that
+CHUNK_HEAD = struct.Struct("<QQQII")
+CHUNK_LENGTH = struct.Struct("<Q")  # Of the packed records, before them
 CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default, or unpacked together
 MAX_CHUNK_BYTES = 1 << 28  # Unpacked bytes of one chunk
 MAX_BYTES = 1 << 24
@@ -93,15 +95,17 @@ class _Chunk(NamedTuple):
     @classmethod
     def at(cls, content: bytes, start: int, stop: int) -> _Chunk | None:
         """The chunk whose record begins at ``start``; None where its head is cut."""
-        stream = ReadDataStream(BytesIO(content[start : min(stop, start + MAX_CHUNK_HEAD)]))
-        try:
-            stream.read(16)  # its first and its last time
-            size, checksum = stream.read8(), stream.read4()
-            compression, length = stream.read_prefixed_string(), stream.read8()
-        except (McapError, struct.error, ValueError):
+        if start + CHUNK_HEAD.size > stop:
             return None
-        first = start + stream.count
-        return cls(first, first + length, compression, size, checksum)
+        _, _, size, checksum, length = CHUNK_HEAD.unpack_from(content, start)
+        named = start + CHUNK_HEAD.size + length
+        first = named + CHUNK_LENGTH.size
+        if first > stop:
+            return None
+        compression = content[start + CHUNK_HEAD.size : named].decode(errors="replace")
+        return cls(
+            first, first + CHUNK_LENGTH.unpack_from(content, named)[0], compression, size, checksum
+        )
 
 
 @dataclass

@@ -37,7 +37,6 @@ from mavdem.ingest.telemetry import (
     Columns,
     Log,
     Telemetry,
-    joined,
     log_of_vehicles,
     renamed,
     repair,
@@ -176,6 +175,7 @@ def _quaternion(fields: Fields) -> NDArray[np.float64]:
 
 PX4_STAMP = "timestamp"  # µs: when a message was published
 SECOND = 1_000_000_000  # Nanoseconds
+BOOT_APART = 1e9  # Seconds from one boot's clock to the next's while topics are translated: no log is as long
 
 
 def read_ros2(recording: McapRecording, source: str) -> Log:
@@ -277,35 +277,19 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
 def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
     stamps = {name: _nanoseconds(table.columns[PX4_STAMP], 1000) for name, table in tables.items()}
     topics, repairs = _on_one_clock(tables, stamps)
-    instances = {name: {0: topic} for name, topic in topics.items()}
+    instances = {}
+    for name, columns in topics.items():
+        apart = {**columns, "time": columns["time"] + BOOT_APART * columns["boot"]}
+        instances[name] = {0: selected(apart, np.argsort(apart["time"], kind="stable"))}
     kind = px4_topics.mav_type(instances, {})
     name_of_kind = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
-    boots = []
-    for boot in (
-        np.unique(np.concatenate([columns["boot"] for columns in topics.values()]))
-        if topics
-        else ()
-    ):
-        rows = {name: np.flatnonzero(columns["boot"] == boot) for name, columns in topics.items()}
-        in_order = {
-            name: rows[name][np.argsort(topics[name]["time"][rows[name]], kind="stable")]
-            for name in topics
-        }
-        here = {
-            name: {0: selected(topics[name], order)}
-            for name, order in in_order.items()
-            if len(order)
-        }
-        made, names = px4_topics.messages(here, {}, name_of_kind, kind)
-        boots.append(
-            {name: {**columns, "boot": columns["boot"] + boot} for name, columns in made.items()}
-        )
-    messages = {
-        name: joined([made[name] for made in boots if name in made])
-        for name in sorted(set().union(*boots))
-    }
-    if not messages:
+    made, names = px4_topics.messages(instances, {}, name_of_kind, kind)
+    if not made:
         return None
+    messages: dict[str, Columns] = {}
+    for name, fields in made.items():
+        boot = (fields["time"] // BOOT_APART).astype(np.int64)
+        messages[name] = {**fields, "time": fields["time"] - BOOT_APART * boot, "boot": boot}
     ids = topics.get("vehicle_status", {})
     system = _most_frequent_id(ids, "system_id", 0)
     component = _most_frequent_id(ids, "component_id", 1)
