@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from mavdem.alignment.drive import (
     AXES,
@@ -226,11 +227,9 @@ class VehicleSignals:
         modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
         number = int(columns["autopilot"][0])
         lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
-        state = np.column_stack([flags & ARMED > 0, lands])
-        before = np.concatenate([state[:1], state[:-1]])
-        after = np.concatenate([state[1:], state[-1:]])
-        settled = ((state & before) | (state & after) | (before & after)).astype(np.float64)
-        return Signal(columns["time"], columns["boot"], settled)
+        state = np.column_stack([flags & ARMED > 0, lands]).astype(np.float64)
+        outvoted = median_filter(state, size=(3, 1), mode="nearest")
+        return Signal(columns["time"], columns["boot"], outvoted)
 
     @cached_property
     def heartbeats(self) -> Columns | None:
@@ -241,16 +240,9 @@ class VehicleSignals:
             return None
         # An unknown vehicle sends heartbeats of type GENERIC.
         kind = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
-        own = np.ones(len(columns["time"]), dtype=np.bool_)
-        for field, enum, name in (
-            ("type", "MAV_TYPE", kind),
-            ("autopilot", "MAV_AUTOPILOT", telemetry.autopilot),
-        ):
-            numbers = np.unique(columns[field])
-            own &= np.isin(
-                columns[field],
-                [number for number in numbers if enum_name(enum, int(number)) == name],
-            )
+        kinds = [enum_name("MAV_TYPE", one) for one in columns["type"].tolist()]
+        autopilots = [enum_name("MAV_AUTOPILOT", one) for one in columns["autopilot"].tolist()]
+        own = (np.array(kinds) == kind) & (np.array(autopilots) == telemetry.autopilot)
         if not own.any():
             return None
         order = np.lexsort((columns["time"][own], columns["boot"][own]))

@@ -21,8 +21,6 @@ class Source(Code):
     GIT_LFS_POINTER = auto()
     DIALECT_UNKNOWN = auto()
     DATAFLASH_WITHOUT_MESSAGES = auto()
-    DATAFLASH_OF_SDLOG2 = auto()
-    DATAFLASH_WITHOUT_STAMPS = auto()
     DATAFLASH_WITHOUT_FLIGHT = auto()
     ULOG_OF_LATER_FORMAT = auto()
     ULOG_WITHOUT_FLIGHT = auto()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import isfinite
@@ -63,30 +64,28 @@ _Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, 
 
 def read_text(content: bytes) -> DataflashRecording:
     """Returns the messages in the bytes of a text log."""
-    groups: dict[str, dict[FormatDefinition, _Lines]] = {}
+    lines: dict[FormatDefinition, _Lines] = {}
     holding: dict[str, FormatDefinition] = {}
     skipped = lost = 0
     for number, line in enumerate(content.split(b"\n")):
         name, _, values = line.partition(b",")
         text = name.decode("latin-1").strip()
+        found = holding.get(text)
         if text == binary.FORMAT.name and (definition := _definition(values)) is not None:
-            groups.setdefault(text, {}).setdefault(binary.FORMAT, []).append((number, values))
-            groups.setdefault(definition.name, {}).setdefault(definition, [])
             holding[definition.name] = definition
-        elif (
-            text in holding
-            and text != binary.FORMAT.name
-            and values.count(b",") >= len(holding[text].fields) - 1
-        ):
-            groups[text][holding[text]].append((number, values))
+            found = binary.FORMAT
+        if found is not None and values.count(b",") >= len(found.fields) - 1:
+            lines.setdefault(found, []).append((number, values))
         elif line.strip():
             skipped += len(line) + 1
             lost += 1
-    counts = {name: sum(map(len, group.values())) for name, group in groups.items()}
+    counts: Counter[str] = Counter()
+    for definition, own in lines.items():
+        counts[definition.name] += len(own)
     return DataflashRecording(
-        counts={name: count for name, count in counts.items() if count},
+        counts=counts,
         table=lambda name: binary.joined_tables(
-            [_decoded(*group) for group in groups.get(name, {}).items()]
+            [_decoded(*group) for group in lines.items() if group[0].name == name]
         ),
         bytes_skipped=skipped,
         repairs=repair(Repair.LINES_LEFT_OUT, count=lost),
@@ -310,11 +309,5 @@ def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
 
 def _no_flight(source: str, recording: DataflashRecording) -> Fact:
     counts = recording.counts
-    code = Source.DATAFLASH_WITHOUT_FLIGHT
-    if not counts:
-        code = Source.DATAFLASH_WITHOUT_MESSAGES
-    elif "ATT" in counts and "TIME" in counts:
-        code = Source.DATAFLASH_OF_SDLOG2
-    elif "ATT" in counts and CLOCKS.keys().isdisjoint(recording.table("ATT").columns):
-        code = Source.DATAFLASH_WITHOUT_STAMPS
+    code = Source.DATAFLASH_WITHOUT_FLIGHT if counts else Source.DATAFLASH_WITHOUT_MESSAGES
     return Fact(code, path=source, names=sorted(counts))
