@@ -133,10 +133,10 @@ def command_page():
 
 def _options(records, shared):
     """A line for each option, and one that names those that are ``shared``."""
-    lines = [f"- `{name}`: {text}" for name, text in records if text and (name, text) not in shared]
+    lines = [f"`{name}`: {text}" for name, text in records if text and (name, text) not in shared]
     names = [f"`{name.split()[0].rstrip(',')}`" for name, text in records if (name, text) in shared]
-    also = f"And {', '.join(names)}: [above](#options-of-several-commands)."
-    return "\n".join(lines + [""] * bool(lines) + [also] * bool(names)).strip()
+    also = f"{', '.join(names)}: [above](#options-of-several-commands)"
+    return BREAK.join(lines + [also] * bool(names))
 
 
 def file_page():
