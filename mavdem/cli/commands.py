@@ -113,9 +113,8 @@ class _Commands(click.Group):
 def mavdem() -> None:
     """Learns what a multirotor does in wind from its flight logs.
 
-    mavdem takes motor outputs and attitude from a MAVLink stream or a log. It learns a linear model of the roll (or
-    pitch) motion by Dynamic Expectation Maximization (DEM). It reports what the motors do, how the motion is damped and
-    how strong the wind was, each with its interval or the reason why it is not identifiable.
+    mavdem reports what happened in a flight, how sound the vehicle is, what its motors do, which margins its loops have
+    and how strong the wind was, each with its interval or the reason why it is not identifiable.
 
     \b
     1. What happened, and is the vehicle sound? Read the screen, then the page.

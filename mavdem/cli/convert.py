@@ -19,15 +19,11 @@ def convert_command(
 ) -> None:
     """Converts a log to another file format.
 
-    The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time.
-    .csv and .parquet receive the longest settled flight of one vehicle as a table (--axis, --vehicle, --inputs); if no
-    model can be learned from the log, what there is of attitude and inputs, with a caution; at rates far apart, each at
-    its own stamps and nan between. A log with a wind in m/s has columns of where the air moves to, north and east, and
-    of the half widths of its 90 % band; nan outside the flight that it is of. An .mcap file also holds every message as
-    JSON, for viewers; converted back to .tlog it is the original stream.
-
-    In .csv, time is rounded to microseconds, and other numbers have as many digits as float32 needs, in which
-    autopilots send and log them. .parquet keeps float64.
+    The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time;
+    an .mcap also every message as JSON. .csv and .parquet receive the longest settled flight of one vehicle as a table
+    (--axis, --vehicle, --inputs), with the wind in m/s where it is known (north and east that the air moves to, and half
+    widths of 90 %). If no model can be learned from the log, the table has what there is of attitude and inputs, with a
+    caution. Times in .csv are rounded to microseconds, other numbers to float32; .parquet keeps float64.
 
     \b
     Examples:

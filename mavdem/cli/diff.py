@@ -42,14 +42,8 @@ def diff_command(
     Of a FLEET all flights of the vehicle count, and show how much one flight differs from the next; of
     single flights that is assumed, and said.
 
-    \b
-    Compared are, with their 90 % intervals:
-      the share of each motor in the work of all
-      the effect of each motor beside the others', and of all
-      damping and lag of the motors
-
-    A quantity changed if that is beyond chance for all quantities together (Holm, 5 %). Wind, battery and payload are
-    conditions and no changes of the vehicle: they are reported, and widen the intervals.
+    Compared are each motor's share of the work and its effect, damping and lag. A quantity changed if that is beyond
+    chance for all together (Holm, 5 %). Wind, battery and payload are conditions: they widen the intervals.
 
     \b
     Examples:

@@ -78,14 +78,12 @@ def tune_command(
 ) -> None:
     """Reports the margins of the rate and attitude loops, and gains to set.
 
-    SOURCE is a log with the autopilot's parameters. The plant is identified from the flight, with its posterior, and
-    the controller is that of the gains and filters in the parameters. The gains that are advised have the --margins in
-    95 % of the plants that fit the flight, with up to a fifth more or less control effectiveness, and of such gains
-    those with which wind moves the vehicle least. Loops with enough margin keep their gains, unless --more is asked.
-    With --filters a notch filter is advised on the motors' line in the gyro's spectrum, and gains have the margins with
-    it. With --verbose it prints all margins, and what they rest on.
-    Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner (.param).
-    Exit code: 1 if no gains are advised, with the reason.
+    SOURCE is a log with the autopilot's parameters. Advised gains have the --margins in 95 % of the plants that fit the
+    flight, at 0.8 to 1.2 times the control effectiveness; of such gains, wind moves the vehicle least with these. Loops
+    with enough margin keep their gains, unless --more is asked. With --filters a notch filter is advised on the motors'
+    line in the gyro's spectrum, and gains have the margins with it. With --verbose it prints all margins, and what they
+    rest on. Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner
+    (.param). Exit code: 1 if no gains are advised, with the reason.
 
     \b
     Examples:
