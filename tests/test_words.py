@@ -6,10 +6,13 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 import mavdem.facts
 import mavdem.facts.sources
 import mavdem.unit_slips
 from mavdem.facts import Code
+from mavdem.report.blocks import brief
 from mavdem.report.words import table
 
 ROOT = Path(__file__).parents[1]
@@ -96,3 +99,16 @@ def test_each_code_has_its_sentence_and_each_sentence_its_code():
     values = Counter(map(str, codes()))
     assert not [value for value, count in values.items() if count > 1]
     assert set(values) == set(table())
+
+
+@pytest.mark.parametrize(
+    ("columns", "shown"),
+    [
+        (80, "Deviation small (largest: 0 ± 8 %); headroom 12 %."),
+        (40, "Deviation small (largest: 0 ± 8 %)"),
+        (20, "Deviation small"),
+        (12, "Deviation …"),
+    ],
+)
+def test_a_text_for_one_line_ends_with_a_whole_clause(columns: int, shown: str) -> None:
+    assert brief("Deviation small (largest: 0 ± 8 %); headroom 12 %.", columns) == shown

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from textwrap import shorten, wrap
+from textwrap import wrap
 from types import FrameType
 from typing import Any
 
@@ -25,7 +25,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table, brief
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
 LINES = 15
@@ -145,7 +145,7 @@ def _grid(table: Table, width: int, is_cut: bool) -> Grid:
     ]
     if is_cut:
         room = width - sum(max(map(len, column)) + 2 for column in columns[:-1])
-        columns[-1] = [shorten(cell, room, placeholder=" …") for cell in columns[-1]]
+        columns[-1] = [brief(cell, room) for cell in columns[-1]]
     fits = sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
     for heading, *cells in columns:
         widest = max(map(len, [*heading.split(), *cells]), default=0)

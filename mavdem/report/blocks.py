@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from textwrap import shorten
 from typing import NamedTuple
 
 from mavdem.facts import Fact, Level
@@ -76,3 +78,13 @@ def _markdown(block: Block) -> str:
         return f"**{block.lead}** {block.text}".rstrip() if block.lead else block.text
     rule = ["---", *["---" if block.words else "---:"] * (len(block.header) - 1)]
     return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])
+
+
+def brief(text: str, columns: int) -> str:
+    """Returns a ``text`` in so many ``columns``: the clauses that fit, or else its beginning with an ellipsis."""
+    if len(text) <= columns:
+        return text
+    ends = (match.start() for match in re.finditer(r"[;:]? \(|[;:.] ", text))
+    clauses = (text[:end] for end in ends if end <= columns)
+    whole = [clause for clause in clauses if clause.count("(") == clause.count(")")]
+    return whole[-1] if whole else shorten(text, columns, placeholder=" …")

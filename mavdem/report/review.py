@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from textwrap import shorten, wrap
+from textwrap import wrap
 
 from mavdem.assessment import Assessment
 from mavdem.facts import Fact, Level
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Sentence, brief
 from mavdem.report.words import headline, section
 
 COLUMNS = 80
@@ -20,7 +20,7 @@ LINES = 13
 def screen_of(assessment: Assessment) -> str:
     """Returns the screen of an ``assessment``: at most ``LINES`` of ``COLUMNS``."""
     lead = title_of(assessment)
-    first = _cut(f"{lead.lead} {lead.text}")
+    first = brief(f"{lead.lead} {lead.text}", COLUMNS)
     lights = [_light(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
     last = [*_wrapped(headline(assessment.headline)), *_wrapped(f"Next: {assessment.next_step}")]
@@ -47,18 +47,14 @@ def title_of(assessment: Assessment) -> Sentence:
 def _light(name: str, fact: Fact) -> str:
     mark = fact.level.upper() if fact.level is Level.BAD else fact.level
     beginning = f"{name:<11}{mark:<9}"
-    return f"{beginning}{_cut(headline(fact), COLUMNS - len(beginning))}"
+    return f"{beginning}{brief(headline(fact), COLUMNS - len(beginning))}"
 
 
 def _alarms(assessment: Assessment) -> Iterator[str]:
     """What happened that may have lost the vehicle, but for what the headline says."""
     for event in assessment.events:
         if event.level is Level.BAD and event.time != assessment.headline.time:
-            yield _cut(headline(event))
-
-
-def _cut(text: str, columns: int = COLUMNS) -> str:
-    return shorten(text, columns, placeholder=" …")
+            yield brief(headline(event), COLUMNS)
 
 
 def _wrapped(text: str) -> list[str]:

@@ -93,7 +93,7 @@ def graded(found: Findings) -> list[Block]:
         [str(purpose), Rated(grade, grade.level), advised(reason)]
         for purpose, grade, reason in found.purposes
     ]
-    return [Table(["purpose", "verdict", "because"], rows, words=True)] if rows else []
+    return [Table(["purpose", "grade", "because"], rows, words=True)] if rows else []
 
 
 def conclusion(judgement: Judgement) -> list[Block]:
