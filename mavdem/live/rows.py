@@ -94,7 +94,6 @@ class BootClock:
         self._shifts: dict[str, float] = {}
         self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
-        self.left_out = False  # whether the next gap is known and not to be reported
 
     def place(self, message: Message) -> list[PlacedMessage]:
         """What can be placed after this message: itself, and messages held back before."""
@@ -122,7 +121,6 @@ class BootClock:
             self._accepted += 1
             self._held = []
             self._run = []
-            self.left_out = False
             return [self._stamp(message, time)]
         if self._run and not _continues(message.stamp, self._run[-1]):
             self._run = []
@@ -138,11 +136,10 @@ class BootClock:
         if first < before:
             self.boot = self.boot + 1
             self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=before))
-        elif not isnan(before) and not self.left_out:
+        elif not isnan(before):
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=first - before, clock=before))
         self._held = []
         self._run = []
-        self.left_out = False
         self._turns = 0
         self.now = first
         self._far.clear()

@@ -51,8 +51,6 @@ class Sender:
         # s, of the last frame, and mean between two
         self._came = -inf
         self._interval = 1.0
-        # whether frames came that were not taken: those missing before the next do not count
-        self.left_out = False
 
     @property
     def lost(self) -> int:
@@ -101,14 +99,12 @@ class Sender:
         wrapped = (
             (number - self._last) % 256 != 1
             and 128 * self._interval < gap < inf
-            and not self.left_out
         )
         if wrapped:
             self.missing_seconds += gap
-        elif self.frames > 1 and not self.left_out:
+        elif self.frames > 1:
             self._missing += missing
         self._interval = self._interval + (min(gap, 1.0) - self._interval) / 64
-        self.left_out = False
 
     def _count_arrived(self, message_id: int) -> None:
         """Counts an undamaged message, which may show what the sender is."""

@@ -59,23 +59,21 @@ FIT_SECONDS = 3.0
 # Of analysis between two looks at the link, and of pieces searched at once
 STEP_SECONDS = 0.02
 TOGETHER_SECONDS = 0.01
-# What waits, from so many s behind on
+# What waits, from so many s behind on: fits first, then pictures, never rows
 SHED = {
     Task.PHYSICAL_FITS: 0.5,
-    Task.PLOTS: 1.0,
-    Task.REFITS: 2.0,
+    Task.REFITS: 1.0,
+    Task.PLOTS: 2.0,
     Task.STATUS: 3.0,
 }
-MAX_BEHIND_SECONDS = 5.0  # What waited longer is not analysed, up to what waits the first of SHED
 
 
 class _Piece(NamedTuple):
-    """Bytes, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s; ``unread``: others were not read."""
+    """Bytes, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s."""
 
     arrival: float
     stamp: float
     data: bytes
-    unread: bool
 
 
 @dataclass
@@ -113,8 +111,8 @@ class LiveSession:
         self._boot = 0
         self._greeted = -np.inf
         # of the latest rows, and the largest, s
-        self._latencies = np.full(MAX_LATENCIES, np.nan)
-        self._latest = 0.0
+        self._latencies = deque[float](maxlen=MAX_LATENCIES)
+        self._largest = 0.0
         self._learned = 0
         self._shown = 0
         self._next_judging = 0.0
@@ -128,9 +126,7 @@ class LiveSession:
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
         self._shed = set[Task]()
-        # s, datagrams
-        self.most_behind = 0.0
-        self._dropped = 0
+        self.most_behind = 0.0  # s
         self._reported = 0.0
         self._sampled = -np.inf
         self._samples = 0
@@ -193,8 +189,7 @@ class LiveSession:
         self._accounted = now, self._learned, min(owed - spent, STATUS_SECONDS)
         self._account[Spent.LEARNED] += spent
         self._account[next(kind for kind, holds in kinds.items() if holds)] += now - before - spent
-        left_out = self._account[Spent.LEFT_OUT] + time.monotonic() - now
-        return {**self._account, Spent.LEFT_OUT: left_out}
+        return {**self._account, Spent.LEFT_OUT: time.monotonic() - now}
 
     def _keep_up(self) -> None:
         """Does less, the farther the analysis is behind the link; says so when that begins and when it is over."""
@@ -207,11 +202,7 @@ class LiveSession:
         if self.learner is not None:
             self.learner.fits_physical = Task.PHYSICAL_FITS not in self._shed
             self.learner.refits = Task.REFITS not in self._shed or self.learner.learned is None
-        if behind > MAX_BEHIND_SECONDS:
-            while self._waiting and now - self._waiting[0].arrival > SHED[Task.PHYSICAL_FITS]:
-                self._waiting.popleft()
-            self._leave_out(now - behind)
-        if behind >= SHED[Task.PLOTS]:
+        if behind >= SHED[Task.REFITS]:
             if self._late is None:
                 self._log(
                     Fact(
@@ -219,8 +210,6 @@ class LiveSession:
                         Level.WATCH,
                         delay=behind,
                         names=[what for what in SHED if what in self._shed],
-                        longest_delay=MAX_BEHIND_SECONDS,
-                        recorded=self.recording is not None,
                     )
                 )
             self._late = now
@@ -231,27 +220,14 @@ class LiveSession:
                     Session.COMPUTER_KEEPS_UP,
                     Level.GOOD,
                     delay=self.most_behind,
-                    left_out=self._account[Spent.LEFT_OUT],
-                    datagrams=self._dropped,
+                    datagrams=self.link.dropped,
                 )
             )
-
-    def _leave_out(self, since: float) -> None:
-        """Nothing of the time from ``since`` until now is analysed: no silence, and no message that the link lost."""
-        now = self.now
-        self.account(min(max(since, self._accounted[0]), now))
-        self._account[Spent.LEFT_OUT] += now - self._accounted[0]
-        self._accounted = now, *self._accounted[1:]
-        self._heard = self._heard + now - since
-        self._sampled = self._sampled + now - since
-        self.stream.leave_out()
 
     def _analyse(self) -> None:
         """Analyses what arrived first and waits."""
         first = self._waiting[0]
-        if first.unread and first.arrival - self._heard >= STATUS_SECONDS:
-            self._leave_out(self._heard)
-        elif first.arrival - self._accounted[0] >= STATUS_SECONDS:
+        if first.arrival - self._accounted[0] >= STATUS_SECONDS:
             self.account()
         together = []
         while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
@@ -334,12 +310,13 @@ class LiveSession:
         elif self.learner is not None:
             learning = self.learner.obstacle
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
-        known = self._latencies[: self._learned + self._shown]
-        latency = (
-            (*np.percentile(known, [50, 99]).tolist(), self._latest)
-            if len(known)
-            else status.latency
-        )
+        latency = status.latency
+        if self._latencies:
+            latency = (*np.percentile(self._latencies, [50, 99]).tolist(), self._largest)
+        watched = status.watched
+        if silence:
+            watched = tuple(not_watched(fact, silence, self.stream.now) for fact in watched)
+        behind = time.monotonic() - self.now
         rows = replace(
             status,
             findings=self.judged[0],
@@ -347,14 +324,11 @@ class LiveSession:
             learned=self._learned,
             shown=self._shown,
             latency=latency,
+            obstacle=silence or status.obstacle or learning,
+            rates=rates,
+            watched=watched,
+            behind=behind if behind >= SHED[Task.REFITS] else 0.0,
         )
-        behind = time.monotonic() - self.now
-        rows = replace(rows, obstacle=silence or status.obstacle or learning, rates=rates)
-        if silence:
-            at = self.stream.now
-            watched = tuple(not_watched(fact, silence, at) for fact in status.watched)
-            rows = replace(rows, watched=watched)
-        rows = replace(rows, behind=behind if behind >= SHED[Task.PLOTS] else 0.0)
         return rows if self._estimate is None else rows.predicting(self._estimate)
 
     def _silence(self) -> Fact | None:
@@ -393,12 +367,10 @@ class LiveSession:
         now = time.monotonic()
         wall = time.time()
         first = self._emptied
-        unread = self.link.dropped != self._dropped
-        self._dropped = self.link.dropped
         self._emptied = began if len(received) < MAX_PIECES else first
         # The wall clock may be set meanwhile: nothing arrived before everything had been read.
         return [
-            _Piece(min(max(now - wall + stamp, first), now), stamp, data, unread)
+            _Piece(min(max(now - wall + stamp, first), now), stamp, data)
             for stamp, data in received
         ]
 
@@ -423,8 +395,8 @@ class LiveSession:
                 self._landed = False
                 self._models.append((row.time, learner.learned))
         latency = time.monotonic() - self._arrival
-        self._latencies[(self._learned + self._shown) % MAX_LATENCIES] = latency
-        self._latest = max(self._latest, latency)
+        self._latencies.append(latency)
+        self._largest = max(self._largest, latency)
         self._learned += estimate is not None
         if estimate is not None:
             if estimate.unusual and not (self._estimate and self._estimate.unusual):

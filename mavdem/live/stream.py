@@ -135,7 +135,6 @@ class LiveStream:
         self._reviewed = -inf
         self._connected_from = inf
         self._received = 0.0
-        self._left_out = False
         self._obstacle: Fact | None = Fact(Rows.RATES_BEING_MEASURED)
         self._enough = True
 
@@ -183,12 +182,6 @@ class LiveStream:
                 self._report(
                     Fact(Watch.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)
                 )
-
-    def leave_out(self) -> None:
-        """What was received until now is not fed: the next gap is neither a silence nor lost messages."""
-        self._left_out = self._clock.left_out = True
-        for sender in self._senders:
-            sender.left_out = True
 
     def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
@@ -323,8 +316,7 @@ class LiveStream:
             self._watch_motors(time, inputs)
         if self._grid.running:
             if stream.gap:
-                if not self._left_out:
-                    self._report(Fact(Rows.MESSAGE_GAP, subject=name, duration=stream.gap))
+                self._report(Fact(Rows.MESSAGE_GAP, subject=name, duration=stream.gap))
                 self._grid.end()
             elif (
                 stream.added % RATE_CHECK_SAMPLES == 0
@@ -361,7 +353,6 @@ class LiveStream:
         grid = self._grid
         before = self.setup
         plan = inputs.layout
-        self._left_out = False
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.message
         self.setup = now = Setup(

@@ -208,7 +208,7 @@ def test_rates_are_asked_for_and_given_back(now):
     asked = [(each.command, int(each.param1), each.param2) for each in commands]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
     # Nobody confirms it: it is sent again, and said.
-    assert asked[-3:] == 3 * [(511, 30, 250_000)]
+    assert asked.count((511, 30, 250_000)) == 3
     assert one.history.events[-1].fact.code is RateFact.RATES_NOT_RESTORED
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
@@ -309,21 +309,20 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
 
 
 @pytest.mark.slow
-def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch):
+def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_row(now, monkeypatch):
     monkeypatch.setattr("time.time", lambda: now[0])
     monkeypatch.setattr("mavdem.live.session.REPEAT_SECONDS", 5.0)
     arriving = [
         (stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0
     ]
-    recording = Mock()
     ahead = np.zeros((1, 2))
-    received = len(arriving)
-    one, screen, said = session_of([], recording=recording, rate=100.0)
+    one, screen, said = session_of([], rate=100.0)
+    held = Mock()
+    screen.hold = held
     made = lambda _, t, y, u, *_weak: Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)  # noqa: E731
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
     take = one._take
-    put_off = False
-    late = 0.0
+    shed = []
 
     def slow(row: AlignedRow) -> None:
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
@@ -336,35 +335,23 @@ def test_a_computer_that_is_too_slow_says_so_and_blames_no_link(now, monkeypatch
         del arriving[: len(here)]
         one.step(0.0)
         assert not behind or len(one.link.sent) == sent, "no rates are asked for meanwhile"
-        put_off |= one.learner is not None and not one.learner.fits_physical
-        if one.status.slow is not None:
-            late = max(late, one.status.slow.figures["delay"])
+        if one.learner is not None:
+            shed.append((not one.learner.fits_physical, held.call_args[0][0]))
         now[0] += 0.01
+    assert shed.index((True, False)) < shed.index((True, True)), "fits wait first, then pictures"
+    assert (False, True) not in shed
     begin, end = (fact for fact in said if "delay" in fact.figures)
-    assert late == pytest.approx(5.0, abs=0.05) and not one.status.slow
     assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
-    delays = [fact.figures["delay"] for fact in (begin, end)]
-    assert delays == pytest.approx([1.0, 5.0], abs=0.05) and begin.figures["recorded"]
+    assert begin.figures["delay"] == pytest.approx(1.0, abs=0.05)
+    assert end.figures["delay"] == one.most_behind > 5.0 and not one.status.slow
     gaps = Rows.MESSAGES_RESUMED, Rows.NOTHING_RECEIVED, Rows.MESSAGE_GAP, VehicleFact.CLOCK_JUMPED
     assert not [fact for fact in said if fact.code in gaps]
-    assert (
-        put_off
-        and len([row for row in screen.rows if row[1] >= 0])
-        == one.status.learned + one.status.shown
-        and not one.status.missing
-    )
-    assert recording.take.call_count == received and 5.0 < one.status.latency[2] < 5.2
-    one.link.script = [LinkLost("x", LinkError.FAILED)]
-    one.link.reopened = -100
-    for _ in range(100):
-        now[0] += 0.1
-        one.step(0.0)
+    rows = [row for row in screen.rows if row[1] >= 0]
+    assert len(rows) == one.status.learned + one.status.shown > 2500
     account = one.account()
-    learned = one.status.learned / 100
     assert sum(account.values()) == pytest.approx(now[0] - 100.0)
-    assert account["learned"] == pytest.approx(learned, abs=0.3)
-    assert 5.0 < account["left_out"] < 15.0 and account["link_lost"] == pytest.approx(10.0, abs=1.1)
-    assert account["no_vehicle"] < 3.0 and not account["silent"] and not account["on_ground"]
+    assert account["learned"] == pytest.approx(one.status.learned / 100, abs=0.3)
+    assert not account["left_out"] and not account["silent"]
 
 
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
