@@ -96,10 +96,7 @@ class Sender:
         """Counts ``missing`` messages before one that came ``now``, s; a long gap in seconds, since numbers wrap."""
         gap = max(now - self._came, 0.0)
         self._came = now
-        wrapped = (
-            (number - self._last) % 256 != 1
-            and 128 * self._interval < gap < inf
-        )
+        wrapped = (number - self._last) % 256 != 1 and 128 * self._interval < gap < inf
         if wrapped:
             self.missing_seconds += gap
         elif self.frames > 1:

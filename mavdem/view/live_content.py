@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -40,6 +41,7 @@ from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view
 FLIGHT_SECONDS = 20.0
+MAX_TORQUES = 8192  # of 20 s at 400 Hz: motors that weaken are found within 5 s
 LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
@@ -88,6 +90,8 @@ class LiveWriter:
         # by plot, the least and most that were measured
         self._seen: dict[str, tuple[float, float]] = {}
         self._aired = self._posed = -np.inf
+        # the latest times, s, and torques: an alarm of a motor is about the last seconds
+        self._torques = deque[tuple[float, float]](maxlen=MAX_TORQUES)
         self._styled: set[Lines] = set()
 
     def rows(self, rows: list[ViewRow]) -> None:
@@ -137,8 +141,13 @@ class LiveWriter:
         self._in_sight("rates", rates, rates)
         self._draw(Lines("rates", AXES, DISTINCT[: len(AXES)]), time, rates, breaks)
 
-    def mark(self, since: float) -> None:
-        """Marks an alarm at the time ``since`` in every plot; NaN is none."""
+    def mark(self, since: float, is_motor: bool) -> None:
+        """Marks an alarm at the time ``since`` in every plot; NaN is none. A motor's torque is no wind from then on."""
+        if is_motor:
+            time, torque = (
+                np.array([row for row in self._torques if row[0] >= since]).reshape(-1, 2).T
+            )
+            self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), time, torque[:, None])
         if np.isfinite(since):
             for plot, (low, high) in self._seen.items():
                 line = Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True)
@@ -203,6 +212,7 @@ class LiveWriter:
                 torques.append((now.wind_time + shift, now.wind_torque, now.wind_torque_band))
         if torques:
             time, torque, half = np.array(torques).T
+            self._torques += zip(time, scale * torque, strict=True)
             edges = np.stack([torque - half, torque + half], axis=-1)
             band = Lines(
                 "wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
 from mavdem.facts import Fact, Level
+from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.live import Event, SessionStatus
 from mavdem.live.stream import Pose
@@ -143,7 +144,9 @@ class SinkThread(threading.Thread):
         for line in lines:
             log(recording, line.seconds, line.sentence, line.fact.level)
             if self._writer is not None and line.is_alarm:
-                self._writer.mark(line.since)
+                because = line.fact.figures.get("because")
+                lost = isinstance(because, Fact) and because.code is InFlight.MOTOR_LOST_THRUST
+                self._writer.mark(line.since, lost)
         if self._last is not None and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             if new := self.dropped - self._reported_drops:

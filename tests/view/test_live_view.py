@@ -24,7 +24,8 @@ from refusals import prose
 from rerun_file import chunks, views
 
 from mavdem.dem import Estimate, LinearModel
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
@@ -234,14 +235,19 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
             view.put(t, 0.0, 0, y, u, known)
         alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
+        lost = Fact(InFlight.MOTOR_LOST_THRUST, subject="motor 1")
+        weak = Fact(Session.ALARM, Level.BAD, because=lost)
+        view.log(Occurrence(52.95, weak, 52.0))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
     assert len(marks) == 5
     for times, values in marks.values():
-        assert_allclose(times[np.isfinite(values[:, 0])], 51.25)
+        assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), [51.25, 52.0])
         assert np.nanmin(values) < np.nanmax(values)
+    times, _ = drawn(path)["wind/2_motor"]
+    assert times.min() == pytest.approx(52.0, abs=DT), "its torque is no wind"
     levels = dict(zip(texts(path), texts(path, "TextLog:level"), strict=True))
     assert levels.pop("Alarm: motor 1 lost some thrust.") == "ERROR"
-    assert set(levels.values()) <= {"INFO"}
+    assert set(levels.values()) <= {"INFO", "ERROR"}
 
 
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
