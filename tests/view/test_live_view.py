@@ -24,9 +24,9 @@ from refusals import prose
 from rerun_file import chunks, views
 
 from mavdem.dem import Estimate, LinearModel
-from mavdem.facts import Fact, Level
-from mavdem.facts.motors import InFlight
+from mavdem.facts import Level
 from mavdem.facts.session import Session
+from mavdem.health.in_flight import MotorAlarm
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.stream import Pose
@@ -235,9 +235,8 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
             view.put(t, 0.0, 0, y, u, known)
         alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
-        lost = Fact(InFlight.MOTOR_LOST_THRUST, subject="motor 1")
-        weak = Fact(Session.ALARM, Level.BAD, because=lost)
-        view.log(Occurrence(52.95, weak, 52.0))
+        lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
+        view.log(Occurrence(52.95, lost.announced, lost.since))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
     assert len(marks) == 5
     for times, values in marks.values():
