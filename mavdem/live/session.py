@@ -100,7 +100,7 @@ class LiveSession:
         now = time.monotonic()
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
-        self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
+        self._key: tuple[float, tuple[str, ...]] | None = None  # step and inputs of its rows
         # with s: when it came
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
@@ -435,16 +435,12 @@ class LiveSession:
             "effect_directions": directions,
             "prior": prior,
         }
-        key = setup.dt, layout.names
-        if key not in self._learners:
+        if self._key != (setup.dt, layout.names):
+            self._key = setup.dt, layout.names
             if self.prior is not None and not alike:
                 self._log(Fact(Session.PRIOR_NOT_USED, Level.WATCH))
-            self._learners[key] = OnlineLearner(
-                self.settings, *sizes, executor=self.executor, **options
-            )
+            self.learner = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
             self._gusts = LiveGusts(setup.dt)
-        if self.learner is not self._learners[key]:
-            self.learner = self._learners[key]
             self._estimate = None
         self._view.open(setup)
 

@@ -217,7 +217,6 @@ def test_rates_are_asked_for_and_given_back(now):
 def test_a_landing_never_replaces_the_last_model_before_it():
     one, _, said = session_of(batches(9.0))
     run(one)
-    (key,) = one._learners
     record = one.learner._memory.record()
     early, late, next_flight = (
         mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(3)
@@ -226,7 +225,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         until=50.0,
         **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW)},
     )
-    one.learner = one._learners[key] = learner
+    one.learner = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, 0.0, True)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
         one._take(row._replace(time=at))
