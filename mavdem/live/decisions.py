@@ -49,7 +49,7 @@ from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Array, Columns, Telemetry, joined, log_of_vehicles
-from mavdem.ingest.vocabulary import ARMED, IN_AIR, UNNAMED
+from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.messages import Values
 from mavdem.live.rows import Samples
 
@@ -209,7 +209,6 @@ class Phase:
         }
         self._start = self._reviewed = -inf
         self._settled_from: float | None = None
-        self._beat: tuple[float, bool] | None = None
         self._landing: float | None = None
 
     @property
@@ -246,26 +245,14 @@ class Phase:
         self._landing = None
         return since
 
-    def take_heartbeat(self, time: float, base_mode: int) -> None:
-        """A HEARTBEAT of the vehicle's own type and autopilot: only two equal ones in a row change the state."""
-        armed = bool(base_mode & ARMED)
-        since, before = self._beat or (time, armed)
-        self._beat = time, armed
-        if before != armed:
-            return
-        changed = armed != self._armed or not self._rows["armed"]
-        self._rows["armed"].extend([(since, armed)] * changed + [(time, armed)] * (since < time))
-        if changed:
-            self.review(time)
-
     def take(self, kind: str, time: float, value: float) -> None:
-        """A "landed_state", a vertical speed by its message, or the "collective" of the motors, 0 to 1."""
+        """A state of ``REPORTED``, a vertical speed by its message, or the "collective" of the motors, 0 to 1."""
         if not isfinite(value):
             return
         rows = self._rows[kind]
         if kind == "collective" and rows and 0 <= time - rows[-1][0] < 0.005:
             return  # of a fast stream, enough
-        changed = kind == "landed_state" and (not rows or rows[-1][1] != value)
+        changed = kind in REPORTED and (not rows or rows[-1][1] != value)
         rows.append((time, value))
         if changed:
             self.review(time)

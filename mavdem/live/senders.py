@@ -1,6 +1,6 @@
 """The senders on a link, which of them are vehicles, and which one is followed: once chosen, it stays.
 
-What a sender is, most of its first HEARTBEATs decide, as in a recorded stream. What is kept of each is bounded.
+What a sender is, its latest HEARTBEAT decides. What is kept of each is bounded.
 """
 
 from __future__ import annotations
@@ -8,20 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from math import inf
 
-import numpy as np
-
 from mavdem.alignment.signals import ATTITUDE_MESSAGES
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import VehicleFact
-from mavdem.ingest.mavlink.definitions import definitions
+from mavdem.ingest.mavlink.definitions import definitions, enum_name
 from mavdem.ingest.mavlink.framing import GOOD
-from mavdem.ingest.mavlink.vehicles import identity, missing_between
+from mavdem.ingest.mavlink.vehicles import missing_between
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED
 from mavdem.live.messages import Frame, Message
 
 MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
-VOTING_HEARTBEATS = 31  # HEARTBEATs that decide what a sender is; later ones change nothing
 # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 ENOUGH_MESSAGES = 3
 MAX_LISTED = 8  # Vehicles named in one sentence
@@ -35,15 +32,13 @@ class Sender:
         self.system = system
         self.component = component
         self.name = f"{system}:{component}"
-        # MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have
+        # MAV_TYPE and MAV_AUTOPILOT of its latest HEARTBEAT
         self.kind = self.autopilot = UNNAMED
         self.attitudes = self.frames = 0  # messages of attitude, and frames, unread ones included
         # number of messages by id, damaged and unknown ones excluded
         self.arrived: dict[int, int] = {}
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
-        # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
-        self.held = False
-        self._beats: list[tuple[int, int]] = []
+        self._beats = 0
         # by its number the latest frame, and frames so far then
         self._recent: dict[int, tuple[Frame, int]] = {}
         self._missing = self._last = 0
@@ -60,7 +55,7 @@ class Sender:
     @property
     def known(self) -> bool:
         """Whether enough HEARTBEATs have come, or none can be expected."""
-        return len(self._beats) >= ENOUGH_MESSAGES or (not self._beats and self.attitudes >= 500)
+        return self._beats >= ENOUGH_MESSAGES or (not self._beats and self.attitudes >= 500)
 
     @property
     def flies(self) -> bool:
@@ -70,7 +65,7 @@ class Sender:
     @property
     def can_be_followed(self) -> bool:
         """Whether it is known what it is; many autopilots send nothing but HEARTBEATs until asked."""
-        mute = self.kind in MULTIROTORS and len(self._beats) >= 5 and not self.attitudes
+        mute = self.kind in MULTIROTORS and self._beats >= 5 and not self.attitudes
         return mute or (self.known and self.flies)
 
     @property
@@ -112,17 +107,16 @@ class Sender:
         self.attitudes += definitions()[message_id].name in ATTITUDE_MESSAGES
 
     def take_message(self, message: Message) -> None:
-        """Keeps a PARAM_VALUE; counts the type and autopilot in a HEARTBEAT."""
+        """Keeps a PARAM_VALUE; takes type and autopilot of a HEARTBEAT."""
         first = message.values[0]
         if message.name == "PARAM_VALUE" and (
             first in self.parameters or len(self.parameters) < MAX_PARAMETERS
         ):
             self.parameters[first] = message
-        votes = ENOUGH_MESSAGES if self.held else VOTING_HEARTBEATS
-        if message.name == "HEARTBEAT" and len(self._beats) < votes:
-            self._beats.append((first, message.values[1]))
-            kinds, autopilots = np.array(self._beats).T
-            self.kind, self.autopilot = identity({"type": kinds, "autopilot": autopilots})
+        if message.name == "HEARTBEAT":
+            self._beats += 1
+            self.kind = enum_name("MAV_TYPE", first)
+            self.autopilot = enum_name("MAV_AUTOPILOT", message.values[1])
 
 
 class Senders:
@@ -178,7 +172,6 @@ class Senders:
 
     def _follow(self, sender: Sender) -> None:
         self.followed = sender
-        sender.held = True
         self.obstacle = None
         self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, Level.GOOD, subject=sender.identity))
 

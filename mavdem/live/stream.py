@@ -36,12 +36,11 @@ from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch, Watched
-from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.ingest.vocabulary import ARMED, UNNAMED
 from mavdem.live.decisions import InputChoice, Inputs, Motion, Phase, Setup
 from mavdem.live.history import SessionStatus
 from mavdem.live.messages import (
@@ -270,11 +269,7 @@ class LiveStream:
             if not (name == DEMAND_MESSAGE and port):  # group 0 of the demand is flight control
                 yield from self._add(name, port, time, values)
         elif name == "HEARTBEAT":
-            kind, autopilot, base_mode, *_ = message.values
-            identity = enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
-            # Not of another vehicle with the same ids.
-            if identity == (sender.kind, sender.autopilot):
-                self._phase.take_heartbeat(time, base_mode)
+            self._phase.take("armed", time, bool(message.values[2] & ARMED))
         elif name in FLAGS:
             self.air.flags = message.values[0]
         elif name == "EXTENDED_SYS_STATE" or name in CLIMB_FIELDS:

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hover import ARMED, Hover
+from hover import Hover
 from live_hover import Flight, Timed, replay
 from mavlink_streams import frame, message
 
@@ -78,38 +78,6 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     made = replay(among(FLIGHT.frames(0.0, 20.0), odd))
     np.testing.assert_array_equal(made.table(), usual_rows())
     assert VehicleFact.VEHICLE_REBOOTED not in made.codes
-
-
-def test_forged_heartbeats_change_neither_who_the_vehicle_is_nor_whether_it_is_armed():
-    forged = [
-        (time, message("HEARTBEAT", type=GCS, autopilot=8)) for time in np.arange(4.5, 20.0, 0.7)
-    ]
-    forged += [
-        (time, message("HEARTBEAT", type=2, autopilot=3)) for time in np.arange(8.5, 20.0, 3.0)
-    ]
-    forged += [
-        (time, message("HEARTBEAT", type=0, autopilot=3, base_mode=ARMED))
-        for time in np.arange(0.2, 20, 0.31)
-    ]
-    made = replay(among(FLIGHT.frames(0.0, 20.0), forged))
-    (me,) = made.stream._senders
-    assert (me.kind, me.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
-    # Only when the vehicle is first followed depends on how often it says what it is.
-    usual = usual_rows()
-    np.testing.assert_allclose(made.table(), usual[-len(made.rows) :], rtol=0, atol=1e-9)
-    assert made.rows[0].time < usual[0, 0] + 1.0
-
-
-def test_two_heartbeats_in_a_row_that_say_disarmed_are_believed():
-    frames = [
-        (time, data) for time, data in FLIGHT.frames(end=20.0) if not (data[7] == 0 and time > 15.5)
-    ]
-    disarmed = [
-        (time, message("HEARTBEAT", type=2, autopilot=3, sequence=9)) for time in (16.0, 17.0)
-    ]
-    made = replay(among(frames, disarmed))
-    assert made.rows[-1].time == pytest.approx(17.0, abs=0.02)
-    assert not made.stream.status().flying
 
 
 @pytest.mark.slow

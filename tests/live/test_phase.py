@@ -5,7 +5,7 @@ import pytest
 
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.facts.session import Session
-from mavdem.ingest.vocabulary import ARMED, IN_AIR, ON_GROUND
+from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.decisions import Phase
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
@@ -31,7 +31,7 @@ class Vehicle:
     ):
         for _ in range(round(100 * seconds)):
             if round(100 * self.time) % 100 == 0:
-                self.phase.take_heartbeat(self.time, ARMED)
+                self.phase.take("armed", self.time, True)
                 if landed is not None:
                     self.phase.take("landed_state", self.time, landed)
             if climb is not None and round(100 * self.time) % 10 == 0:
@@ -62,7 +62,7 @@ def test_the_first_heartbeat_dates_what_is_taken_back_and_of_two_landings_the_ea
         phase.take("collective", time, IN_FLIGHT)
     phase.review(19.0)
     assert phase.settled(19.0)
-    phase.take_heartbeat(20.0, 0)
+    phase.take("armed", 20.0, False)
     assert phase.landing() == 20.0 - TRANSIENT_SECONDS
     one = Vehicle()
     one.fly(20.0, landed=IN_AIR)
