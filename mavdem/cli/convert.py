@@ -9,6 +9,7 @@ import click
 from mavdem.cli.options import no_option, refuse_link, source_options
 from mavdem.cli.output import print_json, printable, progress, say
 from mavdem.export.conversion import convert as convert_file
+from mavdem.report.words import section
 
 
 @click.command("convert")
@@ -44,20 +45,8 @@ def convert_command(
     if as_json:
         print_json(written)
         return
-    what = (
-        f"{written['samples']} samples" if "samples" in written else f"{written['frames']} frames"
-    )
-    say(f"Wrote {what} to {printable(out)}.")
-    if written.get("left_out"):
-        say(f"Left out: {written['left_out']} messages that cannot be encoded as frames.")
-    if written.get("stamps_filled"):
-        say(f"Receive time copied from the frame before: {written['stamps_filled']} frames.")
-    if written.get("bytes_skipped"):
-        say(f"Left out: {written['bytes_skipped']} bytes that belong to no frame.")
-    if "samples" in written and written["dt"] is None:
-        say("Every signal is at its own stamps, and nan at those of others.")
-    if how := written.get("resampling"):
-        say(f"Steps of {written['dt']:g} s; attitude: {how['attitude']}; inputs: {how['motors']}.")
+    for said in section("converted", **written):
+        say(printable(said.text))
     for key, word in (("repairs", "Noted"), ("cautions", "Caution")):
         for sentence in written.get(key, ()):
             say(f"{word}: {sentence}")

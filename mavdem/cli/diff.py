@@ -15,7 +15,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.difference import changed_parameters, vehicle_difference
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow, flights_of
-from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
+from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.ingest import read_log
 from mavdem.report.blocks import Block, Sentence
@@ -38,7 +38,7 @@ def diff_command(
 ) -> None:
     """Reports what changed of a vehicle between A and B, and what stayed the same.
 
-    A and B are each a log, a FLEET of `mavdem track`, or what `mavdem learn` wrote (its folder or report.json).
+    A and B are each a log, or a FLEET of `mavdem track`.
     Of a FLEET all flights of the vehicle count, and show how much one flight differs from the next; of
     single flights that is assumed, and said.
 
@@ -48,7 +48,6 @@ def diff_command(
     \b
     Examples:
       mavdem diff monday.tlog friday.tlog
-      mavdem diff monday/report.json friday/report.json
       mavdem diff fleet_2025/ fleet_2026/ --vehicle px4-1a2b3c
 
     Exit codes: 0 compared, whatever changed; 1 nothing can be compared; 2 bad usage, or unreadable input.
@@ -77,7 +76,7 @@ def diff_command(
 def _parameters(source: str, row: FlightRow) -> Mapping[str, float]:
     """Those of the vehicle of a ``row`` in a log; none of other sources."""
     path = Path(source)
-    if not path.is_file() or is_learned(path):
+    if not path.is_file():
         return {}
     return next(
         one.parameters
@@ -96,8 +95,6 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
     """The flights that A or B names; raises ``NotLearnable`` where there are none of this vehicle."""
     refuse_link(source)
     path = Path(source)
-    if is_learned(path):
-        return rows_of_learned(path)
     if is_fleet(path):
         rows = read_rows(path)
         chosen = [row for row in rows if vehicle in (None, row.vehicle)]

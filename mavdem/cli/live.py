@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from concurrent.futures import Future, wait
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -28,20 +26,20 @@ from mavdem.cli.output import (
     say_aside,
     write_text,
 )
-from mavdem.dem import Learned, Settings
+from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import lacking, require
 from mavdem.facts import Fact, Level
-from mavdem.facts.session import Session
+from mavdem.facts.session import Session, Spent
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import horizons
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
-from mavdem.live.running import in_background, run
+from mavdem.live.running import run
 from mavdem.live.session import LiveSession
 from mavdem.report.flight_page import live_page
 from mavdem.report.live import spent_on, watching, whole_seconds
@@ -50,8 +48,6 @@ from mavdem.report.words import advised, go_on, headline, section
 # between two status lines, and two of one in its place
 STATUS_SECONDS = 5.0
 PLACE_SECONDS = 1.0
-# from a request to end until the page is given up; what follows takes less than a second
-ENDING_SECONDS = 9.0
 # m/s and degrees, of 90 %
 WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"
 
@@ -244,27 +240,52 @@ def live_command(
         with place or nullcontext():
             every = STATUS_SECONDS if place is None else PLACE_SECONDS
             run(session, asked, duration, every, partial(_say_status, place))
-        ending = Ending(session, dashboard, files)
-        ending.write_model(restored)
+        account = session.account()
+        status = session.status
+        _say_account(account)
+        # The model first, since what follows may fail or take its time; the vehicle's rates are restored meanwhile.
+        with ThreadPoolExecutor(1) as fitter:
+            fitting = fitter.submit(session.final_model)
+            restored.close()
+        learned = None
+        code = UNSUPPORTED
+        try:
+            learned = fitting.result()
+        except ValueError as error:
+            say_aside(f"There is no model: {go_on(error)}.")
+        else:
+            text = learned.to_json() + "\n"
+            code = DONE if _written(files.model, text, "model") else UNUSABLE
         executor.shutdown()
-        ending.judge()
+        learned = session.judge(learned)
+        findings, judgement = session.judged
+        status = replace(status, findings=findings, judgement=judgement)
+        dashboard.report(status)
+        say_aside(headline(status.judged.headline))
         ends.close()
-        ending.write_page()
+        file = dashboard.file
+        if file is not None and not file.whole and not file.broken:
+            say_aside(f"There was nothing to show, so {rrd} was not written.")
+        has_page = False
+        if files.html is not None:
+            known = session.link.name, axis, session.history, status, account, learned
+            has_page = _written(files.html, live_page(*known), "page")
         if as_json:
-            print_json(ending.document(recording))
-    lost = session.recording is not recording or ending.has_lost
-    code = UNUSABLE if lost else ending.code
-    if not ending.last.done():  # Python would end in the middle of what its thread computes
-        sys.stdout.flush()
-        os._exit(code)
-    click.get_current_context().exit(code)
+            written = {
+                "rrd": str(rrd) if file is not None and file.whole else None,
+                "record": recording and {"file": str(record), "frames": recording.frames},
+                "model": str(files.model) if code == DONE and files.model is not None else None,
+                "html": str(files.html) if has_page else None,
+            }
+            print_json(_document(session, status, account) | written)
+    lost_page = files.html is not None and not has_page
+    lost = session.recording is not recording or lost_page or (file is not None and file.broken)
+    click.get_current_context().exit(UNUSABLE if lost else code)
 
 
 class Files(NamedTuple):
-    """What a session writes, each where it was asked for or beside the others."""
+    """What a session writes at its end, where it was asked for or beside the others."""
 
-    rrd: Path | None
-    record: Path | None
     model: Path | None
     html: Path | None
 
@@ -277,118 +298,49 @@ class Files(NamedTuple):
         check_file(record, "--record", tuple(STREAMS))
         beside = rrd or record
         model = model or (beside and beside.with_suffix(".model.json"))
-        check_file(model, "--model", (".json",))
         beside = beside or model
         html = html or (beside and beside.with_suffix(".html"))
+        check_file(model, "--model", (".json",))
         check_file(html, "--html", (".html",))
-        return cls(rrd, record, model, html)
+        return cls(model, html)
 
 
-class Ending:
-    """Completes what a session leaves: the model first, since what follows may fail or take its time.
+def _say_account(account: Mapping[Spent, float]) -> None:
+    """Says what the seconds were."""
+    whole = whole_seconds(account)
+    spent = [f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds]
+    say_aside(f"Of {sum(whole.values())} s: {', '.join(spent) or 'nothing'}.")
+    say_aside("Ending takes some seconds: model, message rates and files are completed.")
 
-    Attributes:
-        account: seconds by what they were.
-        status: at the end, with the findings once the model is judged.
-        code: of the exit, while nothing else is lost.
-        last: what may still be computed.
-    """
 
-    last: Future[Any]
-
-    def __init__(self, session: LiveSession, dashboard: Dashboard, files: Files) -> None:
-        self.account = session.account()
-        self.status = session.status
-        self.code = UNSUPPORTED
-        self._until = monotonic() + ENDING_SECONDS
-        self._session = session
-        self._dashboard = dashboard
-        self._files = files
-        self._learned: Learned | None = None
-        self._page: Future[str] | None = None
-        self._has_page = False
-        whole = whole_seconds(self.account)
-        spent = [f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds]
-        say_aside(f"Of {sum(whole.values())} s: {', '.join(spent) or 'nothing'}.")
-        say_aside("Ending takes some seconds: model, message rates and files are completed.")
-
-    def write_model(self, restored: ExitStack) -> None:
-        """Writes the last model; the vehicle's rates are ``restored`` meanwhile."""
-        fitting = in_background(self._session.final_model)
-        restored.close()
-        try:
-            self._learned = fitting.result()
-        except ValueError as error:
-            say_aside(f"There is no model: {go_on(error)}.")
-            return
-        text = self._learned.to_json() + "\n"
-        self.code = DONE if _written(self._files.model, text, "model") else UNUSABLE
-
-    def judge(self) -> None:
-        """Judges the model, for as long as there is time, and begins the page of what was judged in time."""
-        session = self._session
-        self.last = in_background(partial(session.judge, self._learned))
-        wait([self.last], (self._until - monotonic()) / 2)
-        findings, judgement = session.judged
-        self.status = replace(self.status, findings=findings, judgement=judgement)
-        self._dashboard.report(self.status)
-        say_aside(headline(self.status.judged.headline))
-        if self._files.html is not None and self.last.done():
-            about = session.link.name, session.stream.axis, session.history
-            shown = self.status, self.account, self.last.result()
-            self._page = self.last = in_background(partial(live_page, *about, *shown))
-
-    def write_page(self) -> None:
-        """Writes the page, where it is made in time."""
-        wait([self.last], self._until - monotonic())
-        if self._page is not None and self._page.done():
-            self._has_page = _written(self._files.html, self._page.result(), "page")
-        elif self._files.html is not None:
-            say_aside("The page is lost: this computer is too slow.")
-        file = self._dashboard.file
-        if file is not None and not file.whole and not file.broken:
-            say_aside(f"There was nothing to show, so {self._files.rrd} was not written.")
-
-    @property
-    def has_lost(self) -> bool:
-        """Whether a file could not be written."""
-        file = self._dashboard.file
-        is_broken = file is not None and file.broken
-        return is_broken or (self._files.html is not None and not self._has_page)
-
-    def document(self, recording: RawRecording | None) -> dict[str, Any]:
-        """Returns what ``--json`` prints."""
-        session, status, files = self._session, self.status, self._files
-        file = self._dashboard.file
-        has_model = self.code == DONE and files.model is not None
-        return {
-            "link": session.link.name,
-            "vehicle": status.vehicle,
-            "seconds": round(sum(self.account.values()), 3),
-            "account": {kind: round(spent, 3) for kind, spent in self.account.items()},
-            "samples": {"learnt": status.learned, "shown": status.shown},
-            "rates": status.rates,
-            "lost": status.lost,
-            "missing": round(status.missing, 3),
-            "behind": {
-                "most": round(session.most_behind, 3),
-                "datagrams_dropped": session.link.dropped,
-            },
-            "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
-            "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
-            "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-            "obstacle": advised(status.obstacle) if status.obstacle else "",
-            "watched": status.watched,
-            "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
-            **(status.findings.as_dict() if status.findings else {}),
-            **status.judged._asdict(),
-            **alarm_figures(status.alarms),
-            "events": [event.sentence for event in session.history.events],
-            "rrd": str(files.rrd) if file is not None and file.whole else None,
-            "record": recording and {"file": str(files.record), "frames": recording.frames},
-            "model": str(files.model) if has_model else None,
-            "html": str(files.html) if self._has_page else None,
-        }
+def _document(
+    session: LiveSession, status: SessionStatus, account: Mapping[Spent, float]
+) -> dict[str, Any]:
+    """Returns what ``--json`` prints, but for the files."""
+    return {
+        "link": session.link.name,
+        "vehicle": status.vehicle,
+        "seconds": round(sum(account.values()), 3),
+        "account": {kind: round(spent, 3) for kind, spent in account.items()},
+        "samples": {"learnt": status.learned, "shown": status.shown},
+        "rates": status.rates,
+        "lost": status.lost,
+        "missing": round(status.missing, 3),
+        "behind": {
+            "most": round(session.most_behind, 3),
+            "datagrams_dropped": session.link.dropped,
+        },
+        "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
+        "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
+        "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
+        "obstacle": advised(status.obstacle) if status.obstacle else "",
+        "watched": status.watched,
+        "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
+        **(status.findings.as_dict() if status.findings else {}),
+        **status.judged._asdict(),
+        **alarm_figures(status.alarms),
+        "events": [event.sentence for event in session.history.events],
+    }
 
 
 def _written(path: Path | None, text: str, what: str) -> bool:

@@ -47,7 +47,6 @@ class Prior(Code):
     NO_DRAG_OF_VEHICLE = auto()
     DRAG_UNREADABLE = auto()
     DRAG_OF_THIS_FLIGHT = auto()
-    LEARNED_UNREADABLE = auto()
 
 
 class Outcome(StrEnum):

@@ -1,9 +1,8 @@
-"""Rows of a log, or of what was learned from one: all that it says of each vehicle and axis, as the fleet keeps it."""
+"""Rows of a log: all that it says of each vehicle and axis, as the fleet keeps it."""
 
 from __future__ import annotations
 
 import errno
-import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +20,7 @@ from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
-from mavdem.facts.fleet import Prior, Reading
+from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import DEMAND, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows, fault
 from mavdem.health.balance import balance_of_signals
@@ -157,38 +156,8 @@ def _means(analysis: LogAnalysis) -> dict[str, Any]:
     }
 
 
-def is_learned(path: Path) -> bool:
-    """Returns whether it is a file of a learned flight, or the folder with them."""
-    return path.suffix == ".json" or (path / REPORT).is_file()
-
-
 def text_of(path: Path) -> str:
     """Returns what a file holds; raises ``OSError``, also of a pipe, whose writer may never come."""
     if path.is_fifo():
         raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
     return path.read_text()
-
-
-def rows_of_learned(path: Path) -> list[FlightRow]:
-    """Returns a row an axis of what ``mavdem learn`` or ``mavdem review`` wrote: its folder, or its report.
-
-    Raises Unreadable: it cannot be read, or ``mavdem learn`` did not write it.
-    """
-    file = path / REPORT if path.is_dir() else path
-    try:
-        report = json.loads(text_of(file))
-        if report.get("document") == "review":
-            report = report["model"] or {}
-        if "physical" not in report:
-            raise ValueError("no figures of a vehicle")
-        source = {"file": str((report.get("flight") or {}).get("source") or path), "key": str(path)}
-        # With --axis all there are figures of each axis; those of the model are one of them.
-        axes = {
-            axis: values for axis in TILT_AXES if (values := (report.get("axes") or {}).get(axis))
-        }
-        rows = [FlightRow.of(report | values, axis=axis, **source) for axis, values in axes.items()]
-        return rows or [FlightRow.of(report, **source)]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        because = error.strerror if isinstance(error, OSError) else None
-        wrong = Fact(Prior.LEARNED_UNREADABLE, path=str(file), because=because)
-        raise Unreadable(wrong) from None

@@ -1,17 +1,12 @@
-"""The loop that a live session runs in, and what it computes in the background at its end."""
+"""The loop that a live session runs in."""
 
 from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from concurrent.futures import Future
-from threading import Thread
 from time import monotonic
-from typing import TypeVar
 
 from mavdem.live.session import LiveSession
-
-Result = TypeVar("Result")
 
 
 def run(
@@ -38,17 +33,3 @@ def run(
                 line = report(session, line)
     finally:
         gc.unfreeze()
-
-
-def in_background(work: Callable[[], Result]) -> Future[Result]:
-    """Starts ``work`` in a thread; the process ends without waiting for it."""
-    future: Future[Result] = Future()
-
-    def call() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:  # whoever waits for the result gets it
-            future.set_exception(error)
-
-    Thread(target=call, daemon=True).start()
-    return future

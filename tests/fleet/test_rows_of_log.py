@@ -19,7 +19,7 @@ from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.rows_of_log import rows_of_learned, rows_of_log
+from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.health.in_flight import MotorAlarm
 
 DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()})
@@ -111,7 +111,6 @@ def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
 @pytest.mark.parametrize(
     ("read", "text", "code"),
     [
-        (rows_of_learned, "{}", Prior.LEARNED_UNREADABLE),
         (lambda path: earlier_drag(path, "7"), "{}", Prior.DRAG_UNREADABLE),
         (lambda path: earlier_drag(path, "7", 4.0), DRAG, Prior.DRAG_OF_THIS_FLIGHT),
         (lambda path: earlier_flight(path, "roll"), "{}", Prior.MODEL_UNREADABLE),
