@@ -55,6 +55,7 @@ def learned_html(learned: Learned) -> str:
 
 def plots(learned: Learned) -> Plots:
     """Returns the pictures of a model."""
+    require("plot", "Learned.plot")
     from mavdem.report.figures import Plots
 
     return Plots(learned)

@@ -12,6 +12,7 @@ EXTRAS = {
     "dask": ("distributed",),
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
+    "plot": ("matplotlib",),
     "ros2": ("rosbags",),
     "serve": ("python_multipart", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),

@@ -17,6 +17,7 @@ from mavdem.cli.output import (
     writing,
 )
 from mavdem.dem.parallel import pool, spare_cores
+from mavdem.extras import require
 from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table
 
@@ -59,6 +60,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         return say(
             "\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed)
         )
+    require("plot", "`mavdem reproduce`")
     from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
     from mavdem.paper.runner import Extent, Runner
 

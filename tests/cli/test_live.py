@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import time
-from threading import Event
 from unittest.mock import Mock
 
 import psutil
