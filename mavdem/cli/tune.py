@@ -29,6 +29,7 @@ from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Sentence
@@ -137,7 +138,11 @@ def tune_command(
         "parameters": gains,
         "notch": notch,
     }
-    document |= assessment.judgement._asdict()
+    judgement = assessment.judgement
+    if gains:
+        step = Fact(NextStep.LOAD_GAINS, judgement.headline.level, is_written=out is not None)
+        judgement = judgement._replace(next_step=step)
+    document |= judgement._asdict()
     document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
     if out is not None:
         texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
@@ -148,7 +153,7 @@ def tune_command(
     if as_json:
         print_json(document)
     else:
-        above, *lights, following = conclusion(assessment.judgement)
+        above, *lights, following = conclusion(judgement)
         blocks = [*(tune_blocks if verbose else advice_blocks)(found)]
         blocks += [Sentence(notch.advised, "Notch filter:")] if notch else []
         page = [] if out is None else [Sentence(str(out / names[0]), "Page:")]

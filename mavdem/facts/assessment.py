@@ -108,6 +108,7 @@ class NextStep(Code):
     KEEP_PARAMETERS = auto()
     KEEP_MODEL = auto()
     CHECK_VEHICLE = auto()
+    LOAD_GAINS = auto()
 
 
 class NoModel(Code):

@@ -23,6 +23,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     found = strict_json(capsys.readouterr().out)
     roll = found["axes"]["roll"]
     gains = found["parameters"]
+    assert found["next_step_fact"]["code"] == "load_gains"
     assert 80 < roll["loop"]["measured"]["agreement"] <= 100 and roll["sure"] >= 0.95 and gains
     assert {
         name: one["set"] for name, one in roll["gains"].items() if one["set"] != one["now"]
