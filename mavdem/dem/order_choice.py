@@ -30,7 +30,6 @@ class FlightOrders(NamedTuple):
 
     free_energy: Array  # (N,) nats; NaN where no fit converged
     width: float  # of the kernel that filters the flight, s: faster motion is not seen
-    smoothness: Array  # (N,) estimated kernel width s of the noise, seconds
     samples: float  # effective sample size
     remarks: tuple[Fact, ...]  # why orders are missing
 
@@ -134,7 +133,6 @@ class OrderChoice:
             "reason": str(self.reason),
             "remarks": [str(remark) for remark in self.remarks],
             "width": [flight.width for flight in self.flights],
-            "smoothness": [flight.smoothness.tolist() for flight in self.flights],
             "samples": [flight.samples for flight in self.flights],
         }
 
@@ -192,11 +190,10 @@ def orders_of(
     with one_thread():
         box = BlackBox.of(record, max_order, known_inputs)
         # No more parameters, less n² for the coordinates, than effective values.
-        allowed = min(max_order, max(1, int(box.counted(box.dt).number * box.m / (box.r + box.m))))
+        allowed = min(max_order, max(1, int(box.counted.number * box.m / (box.r + box.m))))
         fits = fits_by_order(box, allowed)
-    values, widths = np.full((2, max_order), np.nan)
+    values = np.full(max_order, np.nan)
     values[:allowed] = [np.nan if fit is None else fit.iterate.free_energy for fit in fits]
-    widths[:allowed] = [np.nan if fit is None else fit.smoothness for fit in fits]
     if not np.isfinite(values).any():
         raise NotLearnable(Fact(ModelRefusal.NO_ORDER_FITTED))
     remarks = [
@@ -206,5 +203,4 @@ def orders_of(
     ]
     if allowed < max_order:
         remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, Level.WATCH, order=allowed + 1))
-    best = widths[np.nanargmax(values)]
-    return FlightOrders(values, box.width, widths, box.counted(best).number, tuple(remarks))
+    return FlightOrders(values, box.width, box.counted.number, tuple(remarks))

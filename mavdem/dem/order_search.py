@@ -11,15 +11,13 @@ their rates; θ follows by regression, in the coordinates of the priors: states 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil, e, pi, sqrt
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 from scipy.ndimage import gaussian_filter1d
-from scipy.optimize import minimize_scalar
 
 from mavdem.dem.engine.ascent import CoordinateAscent, Iterate
 from mavdem.dem.engine.generative import (
@@ -111,18 +109,24 @@ class BlackBox:
             SufficientStatistics.of(read * in_units), r, m, p, record.dt, width, unit, precision
         )
 
-    def counted(self, smoothness: float) -> SufficientStatistics:
-        """The data with the effective sample size of noise of that smoothness, s, before filtering."""
-        share = 1 / _repeated(float(np.hypot(smoothness, self.width)), self.dt)
+    @property
+    def smoothness(self) -> float:
+        """Kernel width of the noise after the filter, s: it is taken to be a sampling step before it."""
+        return float(np.hypot(self.dt, self.width))
+
+    @property
+    def counted(self) -> SufficientStatistics:
+        """The data with their effective sample size."""
+        share = 1 / _repeated(self.smoothness, self.dt)
         return SufficientStatistics(share * self.data.number, share * self.data.gram)
 
-    def model(self, order: int, smoothness: float) -> GenerativeModel:
-        """The generative model of so many states, with noise of that smoothness, s, before filtering."""
+    def model(self, order: int) -> GenerativeModel:
+        """The generative model of so many states."""
         n = order
         r = self.r
         m = self.m
         mean = pack(np.zeros((n, n)), np.zeros((n, r)), np.zeros((m, n)))
-        read = float(np.hypot(smoothness, self.width)) / self.unit_of_time
+        read = self.smoothness / self.unit_of_time
         lambda_mean = np.array([LAMBDA_Z] + [LAMBDA_W] * n)
         lambda_precision = LAMBDA_PRECISION * np.eye(1 + n)
         return GenerativeModel(
@@ -191,115 +195,37 @@ def _time_of_change(values: Array, rates: Array) -> float:
     return float(np.sqrt(values.var(axis=0).mean() / rates.var(axis=0).mean()))
 
 
-Result = TypeVar("Result")
-
 ROUNDS = 200  # at most
-ROUNDS_OF_SMOOTHNESS = 12  # after a change of the noise's smoothness
-MAX_WIDTHS = 4.0  # of the kernel: a smoother disturbance counts as motion
-
-SMOOTHNESS_TOLERANCE = 0.03  # relative, of the search for the noise's smoothness
 
 
 class OrderFit(NamedTuple):
-    """The best fit of one order: its model, the kernel width s (seconds) of its noise, the iterate of highest F̄ᵒ."""
+    """The fit of one order: its model, and the iterate of highest F̄ᵒ."""
 
     model: GenerativeModel
-    smoothness: float
     iterate: Iterate
 
 
 def fits_by_order(box: BlackBox, most: int) -> tuple[OrderFit | None, ...]:
-    """The best fit of each order from 1 to ``most``, with the smoothness s of the noise that maximises its F̄ᵒ.
-
-    None where every fit broke down.
-    """
-    uncounted = _Fits(box, box.counted(box.dt))
+    """The fit of each order from 1 to ``most``; None where it broke down."""
     fits: list[OrderFit | None] = []
     larger = None
     for order in range(most, 0, -1):
-        larger = uncounted.best_of(order, larger)
+        try:
+            with raise_on_overflow():
+                larger = _fitted(box, order, larger)
+        except np.linalg.LinAlgError:
+            larger = None
         fits.insert(0, larger)
-    highest = max(
-        (fit for fit in fits if fit), key=lambda fit: fit.iterate.free_energy, default=None
-    )
-    if highest is None:
-        return tuple(fits)
-    # The effective sample size follows from the smoothness, which is known only now.
-    recounted = _Fits(box, box.counted(highest.smoothness))
-    return tuple(None if fit is None else recounted.continued(fit) for fit in fits)
+    return tuple(fits)
 
 
-@dataclass(frozen=True, eq=False)
-class _Fits:
-    """Fits of one flight with one effective sample size."""
-
-    box: BlackBox
-    samples: SufficientStatistics
-
-    def best_of(self, order: int, larger: OrderFit | None) -> OrderFit | None:
-        """The fit of an order, from one with a state more, or else from the data; None where it breaks down."""
-        smoothness = self.box.dt if larger is None else larger.smoothness
-        ascent = CoordinateAscent(self.box.model(order, smoothness), self.samples)
-
-        def fitted() -> Iterate:
-            theta = chain(self.box, order) if larger is None else reduced(self.box, larger)
-            prior = ascent.model.prior
-            start = ascent.start((theta, prior.lambda_mean), np.zeros_like(prior.lambda_precision))
-            return _on(ascent, start, ROUNDS)
-
-        found = _or_none(fitted)
-        return (
-            None
-            if found is None
-            else self._with_best_smoothness(OrderFit(ascent.model, smoothness, found))
-        )
-
-    def continued(self, fit: OrderFit) -> OrderFit | None:
-        """A fit continued with another effective sample size."""
-        ascent = CoordinateAscent(fit.model, self.samples)
-        iterate = _or_none(lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), ROUNDS))
-        return (
-            None if iterate is None else self._with_best_smoothness(fit._replace(iterate=iterate))
-        )
-
-    def _with_best_smoothness(self, fit: OrderFit) -> OrderFit:
-        """With the smoothness that maximises F̄."""
-        fits = {fit.smoothness: fit}
-
-        def negative_free_energy(log_width: float) -> float:
-            # F̄ depends on the width of the noise after the kernel.
-            smoothness = self.box.width * float(np.sqrt(np.expm1(2 * log_width)))
-            ascent = CoordinateAscent(self.box.model(fit.model.n, smoothness), self.samples)
-            iterate = _or_none(
-                lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), ROUNDS_OF_SMOOTHNESS)
-            )
-            if iterate is None:
-                return -min(tried.iterate.free_energy for tried in fits.values())
-            fits[smoothness] = OrderFit(ascent.model, smoothness, iterate)
-            return -iterate.free_energy
-
-        bounds = (0.0, float(np.log(MAX_WIDTHS)))
-        minimize_scalar(
-            negative_free_energy,
-            bounds=bounds,
-            method="bounded",
-            options={"xatol": SMOOTHNESS_TOLERANCE},
-        )
-        return max(fits.values(), key=lambda fit: fit.iterate.free_energy)
-
-
-def _or_none(work: Callable[[], Result]) -> Result | None:
-    """Its result; None where the fit breaks down."""
-    try:
-        with raise_on_overflow():
-            return work()
-    except np.linalg.LinAlgError:
-        return None
-
-
-def _on(ascent: CoordinateAscent, iterate: Iterate, rounds: int) -> Iterate:
-    """This many rounds further, or fewer once F̄ has converged."""
-    return ascent.continued(iterate, rounds)[0][-1]
+def _fitted(box: BlackBox, order: int, larger: OrderFit | None) -> OrderFit:
+    """The fit of an order, from one with a state more, or else from the data, with the noise at its prior."""
+    ascent = CoordinateAscent(box.model(order), box.counted)
+    theta = chain(box, order) if larger is None else reduced(box, larger)
+    prior = ascent.model.prior
+    start = ascent.start((theta, prior.lambda_mean), np.zeros_like(prior.lambda_precision))
+    return OrderFit(ascent.model, ascent.continued(start, ROUNDS)[0][-1])
 
 
 # of a variance: keeps a combination of channels without variance from being divided by

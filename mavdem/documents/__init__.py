@@ -33,7 +33,7 @@ DOCUMENTS = {
     "wind": Published(Wind, 3, "`--json` of wind"),
     "tune": Published(Tune, 4, "`--json` of tune"),
     "compare": Published(CompareReport, 3, "comparison.json, and `--json` of compare"),
-    "order": Published(Order, 2, "`--json` of order"),
+    "order": Published(Order, 3, "`--json` of order"),
     "diff": Published(Diff, 3, "`--json` of diff"),
     "track": Published(Track, 2, "`--json` of track"),
     "live": Published(Live, 4, "`--json` of live"),

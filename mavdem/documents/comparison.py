@@ -254,8 +254,6 @@ class Order(Document):
     """why orders are missing"""
     width: list[Seconds]
     """width of the kernel that filters each flight"""
-    smoothness: list[list[Seconds]]
-    """estimated kernel width of the noise, by flight and order"""
     samples: list[float]
     """effective sample size of each flight"""
     flights: list[str]

@@ -1,4 +1,4 @@
-"""Section IV: the manifold of F̄ᵒ over A and B as it is maximised, ascents from a circle of priors, cross-sections.
+"""Section IV: the manifold of F̄ᵒ over A and B as it is maximised, and ascents from a circle of priors.
 
 The system is ẋ = A x + B v + w, y = x + z. Its input and noises are sums of harmonics, so states and outputs are exact,
 whatever the sampling step. At each iteration the states x̃ and λ are held as that iteration left them.
@@ -30,7 +30,7 @@ from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.paper.runner import Check, Result, Runner
 from mavdem.report.figures.style import Picture, picture
 from mavdem.report.numbers import rounded
-from mavdem.report.palette import INK_ON_LIGHT, TRUTH, distinct
+from mavdem.report.palette import INK_ON_LIGHT, TRUTH
 
 # the true ones, 1/s
 A = -2.0
@@ -179,17 +179,6 @@ RADIUS = 5.0
 ROUNDS = 40
 CENTRE = np.array([-3.0, 3.0])  # not the truth, or the mean of the priors would be the solution
 
-SECTION_ITERATIONS = 12
-LAMBDA_KNOWN = replace(
-    ScalarSettings(), lambda_mean=(6.0, 3.0), lambda_precision=PAPER.lambda_precision
-)
-SECTIONS = {
-    "λʷ learned": (ScalarSettings(), ScalarWorld()),
-    "λ known": (LAMBDA_KNOWN, ScalarWorld()),
-    "the paper’s settings": (PAPER, PAPER_WORLD),
-}
-"""The peak rises and narrows; rises without narrowing, since only x̃ changes; is reached after one iteration."""
-
 
 def run(runner: Runner) -> Result:
     """Maximises F̄ᵒ of the scalar system and draws it; the runner is not needed."""
@@ -237,12 +226,6 @@ def run(runner: Runner) -> Result:
                 "Fifty priors on a circle",
                 "Their ascents, each iteration on its own manifold.",
                 partial(circle, model, samples, paths["our"]),
-            ),
-            Picture(
-                "Cross-sections",
-                "F̄ᵒ along A and along B, thousand nats, through the estimate of each iteration, from η = (−8, 8); "
-                "dots: the estimates.",
-                cross_sections,
             ),
         ),
     )
@@ -303,39 +286,4 @@ def circle(
             theta = np.array([belief.theta[:2] for belief in beliefs])
             axes.plot(*theta.T, ".-", color="white", linewidth=0.5, markersize=2)
         axes.set_ylabel("B")
-        return figure
-
-
-def cross_sections() -> Figure:
-    """Draws F̄ᵒ along A and along B for each case of ``SECTIONS`` at several iterations, with a dot at each estimate."""
-    grids = np.linspace(-10, 1, 221), np.linspace(-1, 10, 221)
-    with picture(1.8 * len(SECTIONS)) as figure:
-        rows = figure.subplots(len(SECTIONS), 2)
-        for (name, (settings, world)), row in zip(SECTIONS.items(), rows, strict=True):
-            model = settings.model()
-            samples = settings.samples(world, seed=0)
-            rounds = plain_rounds(model, samples, SECTION_ITERATIONS)
-            beliefs = {
-                iteration: rounds[iteration] for iteration in (0, 1, 2, 3, 5, SECTION_ITERATIONS)
-            }
-            heights = [peak(model, samples, belief) / 1e3 for belief in beliefs.values()]
-            low = min(heights)
-            high = max(heights)
-            for parameter, (axes, grid) in enumerate(zip(row, grids, strict=True)):
-                for number, (iteration, belief) in enumerate(beliefs.items()):
-                    a, b = belief.theta[:2]
-                    along = [(value, b) if parameter == 0 else (a, value) for value in grid]
-                    curve = [value_at(model, samples, belief, *at) / 1e3 for at in along]
-                    axes.plot(grid, curve, color=distinct(number), label=f"{iteration}")
-                    axes.plot(
-                        belief.theta[parameter],
-                        heights[number],
-                        "o",
-                        markersize=3,
-                        color=distinct(number),
-                    )
-                axes.axvline((A, B)[parameter], color=TRUTH, linestyle="--", linewidth=1)
-                axes.set_ylim(2 * low - high, high + 0.15 * (high - low))
-                axes.set_title(f"{name}, along {'AB'[parameter]}")
-        rows[0, 0].legend(title="iteration", fontsize=7)
         return figure

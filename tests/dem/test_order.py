@@ -16,10 +16,7 @@ from mavdem.paper.order import lateral_flight
 
 def choice(*flights):
     return OrderChoice(
-        tuple(
-            FlightOrders(np.array(heights), 0.1, np.full(len(heights), 0.01), 100.0, ())
-            for heights in flights
-        )
+        tuple(FlightOrders(np.array(heights), 0.1, 100.0, ()) for heights in flights)
     )
 
 
