@@ -62,7 +62,6 @@ def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     told = orders_of(flight, 3, known_inputs=False).free_energy
     found = orders_of(other, 3, known_inputs=False).free_energy
     np.testing.assert_allclose(found, told, rtol=1e-5)
-    assert int(np.argmax(told)) + 1 == 2
 
 
 @pytest.mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 99}])
