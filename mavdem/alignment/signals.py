@@ -75,6 +75,7 @@ SLOW_MOTION_RATE = 8.0
 nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
 TARGET_MESSAGE = "ATTITUDE_TARGET"
 TUNING_MESSAGE = "PID_TUNING"
+DEGREES = 10.0  # times the rate of the attitude, from which on a rate is in degrees
 IGNORED = {"roll": 1, "pitch": 2, "yaw": 4, "attitude": 128}
 """Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
 # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
@@ -417,16 +418,19 @@ class Signals(VehicleSignals):
 
     @cached_property
     def rates(self) -> tuple[Signal, Signal] | None:
-        """The body rate and what was asked of it, in one unit, from where they come fastest; None without setpoints.
+        """The body rate and what was asked of it, rad/s, from where they come fastest; None without setpoints.
 
-        That is PID_TUNING, of which firmware sends deg/s or rad/s, or else attitude and rate setpoint, rad/s.
+        That is PID_TUNING, of which firmware sends deg/s or rad/s, or else attitude and rate setpoint.
         """
         columns = self.telemetry.messages.get(TUNING_MESSAGE)
         if columns is not None:
             pair = np.column_stack([floats(columns, "achieved"), floats(columns, "desired")])
             own = series(columns, pair, columns["axis"] == 1 + AXES.index(self.axis))
             if self.attitude is None or len(own.time) > len(self.attitude.time):
-                rate, asked = own.values.T
+                values = own.values
+                if self.attitude and values[:, 0].std() > DEGREES * self.attitude.rate.std():
+                    values = np.radians(values)
+                rate, asked = values.T
                 return replace(own, values=rate), replace(own, values=asked)
         asked_rates = [one.signal for one in self.setpoints if one.unit == "rad/s"]
         if self.attitude is None or not asked_rates:

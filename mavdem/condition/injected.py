@@ -22,7 +22,6 @@ from mavdem.condition.resonance import LOWEST, spectra
 from mavdem.errors import NotLearnable
 
 SEEN = 0.6  # coherence of the rate with what was injected, from which on a frequency counts
-DEGREES = 10.0  # times the rate of the attitude, from which on one is in degrees
 
 
 def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None:
@@ -31,7 +30,7 @@ def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None
     None without a signal, the gains, or a crossover among the frequencies.
     """
     demand = signals.demand
-    if demand is None or signals.rates is None or signals.attitude is None or not signals.injected:
+    if demand is None or signals.rates is None or not signals.injected:
         return None
     try:
         controller = controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
@@ -39,11 +38,8 @@ def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None
         return None
     injected = max((one.signal for one in signals.injected), key=lambda one: len(one.time))
     acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])
-    turned = signals.rates[0]
-    if np.std(turned.values) > DEGREES * np.std(signals.attitude.rate):
-        turned = replace(turned, values=np.radians(turned.values))
     by_demand = spectra(injected, acted, parts)
-    by_rate = spectra(injected, turned, parts)
+    by_rate = spectra(injected, signals.rates[0], parts)
     if by_demand is None or by_rate is None or len(by_rate.across) != len(by_demand.across):
         return None
     known = (by_rate.coherence >= SEEN) & (by_rate.frequency >= LOWEST)

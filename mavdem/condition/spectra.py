@@ -140,19 +140,11 @@ def _rates(signals: Signals) -> Signal | None:
     about = [signals.about(axis) for axis in AXES]
     pairs = [one.rates for one in about]
     kept = [pair[0] for pair in pairs if pair is not None]
-    attitudes = [one.attitude for one in about]
     if len(kept) < len(AXES):
-        kept = [one.rates for one in attitudes if one is not None]
+        kept = [one.attitude.rates for one in about if one.attitude is not None]
     if len(kept) < len(AXES) or len({len(one.time) for one in kept}) > 1:
         return None
-    values = np.column_stack([one.values for one in kept])
-    tilt = attitudes[0]
-    if tilt is not None and kept[0].time is not tilt.time:
-        # of a log whose rates are in degrees
-        known = np.abs(np.interp(tilt.time, kept[0].time, values[:, 0]))
-        if np.median(known) > 10 * np.median(np.abs(tilt.rate)):
-            values = np.radians(values)
-    return Signal(kept[0].time, kept[0].boot, values)
+    return Signal(kept[0].time, kept[0].boot, np.column_stack([one.values for one in kept]))
 
 
 def _spectrum(

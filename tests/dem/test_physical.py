@@ -357,7 +357,7 @@ REPORTED = dict.fromkeys(PARAMETERS, Status.REPORTED), dict.fromkeys(PARAMETERS)
 TURBULENCE = (WindComponent(FIRST_ORDER, 1.0, 0.5),)
 # The delay is half a step, and half of one for which a command is held.
 VEHICLE = MOTORS, DAMPING, LAG, DT, np.zeros((7, 7)), *REPORTED, 0.0
-TRUE = Physical(*VEHICLE, 1.0, 0.05, TURBULENCE, 0.005, {}, 1)
+TRUE = Physical(*VEHICLE, 0.05, TURBULENCE, 0.005, {}, 1)
 
 
 def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():

@@ -211,7 +211,6 @@ def _physical(found: Identified, directions: Array) -> Physical:
         status=dict.fromkeys(PARAMETERS, Status.REPORTED),
         reasons=dict.fromkeys(PARAMETERS),
         bias=0.0,
-        wind=float(np.hypot(components[0].size, components[1].size)),
         wind_share=1 - found.axis.steered_share(found.theta),
         components=components,
         noise=values["noise"],

@@ -213,7 +213,6 @@ def _physical(
         status=status,
         reasons=reasons,
         bias=bias,
-        wind=float(np.sqrt(np.sum(sizes**2))),
         wind_share=figures.wind_share,
         components=tuple(
             map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())

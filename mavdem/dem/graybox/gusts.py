@@ -5,6 +5,7 @@ They last as long as the estimate resolves. A step that stays, as of a motor tha
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -88,23 +89,20 @@ def gusts(
     detected = []
     beside = round(LEVEL_SECONDS / 2 / record.dt)
     for first, whole, part, width in zip(record.starts.tolist(), parts, away, bands, strict=True):
-        outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.
-        edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
-        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        signs = np.sign(part) * (np.abs(part) > END * THRESHOLD * sd)
+        edges = [0, *(1 + np.flatnonzero(np.diff(signs))).tolist(), len(part)]
+        for start, stop in pairwise(edges):
             peak = start + int(np.argmax(np.abs(part[start:stop])))
-            sample = first + start
             length = (stop - start) * record.dt
-            before = whole[max(start - beside, 0) : start]
-            after = whole[stop : stop + beside]
+            sides = [whole[max(start - beside, 0) : start], whole[stop : stop + beside]]
             stays = (
-                before.size
-                and after.size
-                and abs(np.median(after) - np.median(before)) > THRESHOLD * sd
+                all(map(len, sides)) and abs(np.ptp(list(map(np.median, sides)))) > THRESHOLD * sd
             )
             high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
             if high and length >= shortest and not stays:
-                detected.append(DetectedGust(sample, sample * record.dt, length, float(part[peak])))
+                at = first + start
+                detected.append(DetectedGust(at, at * record.dt, length, float(part[peak])))
     return Gusts(tuple(detected), THRESHOLD * sd, false)
 
 

@@ -50,8 +50,7 @@ class Physical(NamedTuple):
         status: by "effect", "damping" and "lag".
         reasons: likewise, why it is so; ``None`` where nothing is to be said.
         bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased.
-        wind: standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant.
-        wind_share: of its variance in the sum with that of the motors' torque, in the band of the motion.
+        wind_share: of the wind's variance in the sum with that of the motors' torque, in the band of the motion.
         components: of the wind.
         noise: standard deviation of the measured rate's white noise, rad/s.
         refinements: parameters that predict unseen windows better, by name (docs/physical.md).
@@ -67,7 +66,6 @@ class Physical(NamedTuple):
     status: dict[str, Status]
     reasons: dict[str, Fact | None]
     bias: float
-    wind: float
     wind_share: float
     components: tuple[WindComponent, ...]
     noise: float
@@ -76,11 +74,13 @@ class Physical(NamedTuple):
     filtered: bool = True
 
     def __repr__(self) -> str:
-        (mean, sure) = self.mean_effect()
-        half = self.interval()
-        shown = f"mean effect {mean:.3g} ± {sure:.2g} rad/s² per unit of input, damping {self.damping:.3g} ± "
-        shown += f"{half.damping:.2g} 1/s, lag {1e3 * self.lag:.3g} ± {1e3 * half.lag:.2g} ms"
-        return f"<Physical: {shown}{''.join(f'; {name} {status}' for name, status in self.status.items())}>"
+        mean, half = self.mean_effect()
+        return f"<Physical: mean effect {mean:.3g} ± {half:.2g} rad/s² per unit of input>"
+
+    @property
+    def wind(self) -> float:
+        """Standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant."""
+        return float(np.linalg.norm([one.size for one in self.components]))
 
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.

@@ -91,13 +91,6 @@ class WindTorque:
     reason: Fact | None
     dt: float
 
-    def __repr__(self) -> str:
-        number = len(self.gusts)
-        return (
-            f"<WindTorque: mean {self.mean:.3g} ± {self.mean_band:.2g}, sd {self.sd:.3g} rad/s², "
-            f"{number} gust{'' if number == 1 else 's'}{'' if self.resolved else ', not resolved'}>"
-        )
-
 
 class _Torques(NamedTuple):
     """Of all segments: the wind's torque (T,), its smoother's variance, and the motors' torque about its mean."""

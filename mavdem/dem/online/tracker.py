@@ -110,17 +110,6 @@ class Estimate(NamedTuple):
         places = np.flatnonzero(self.ahead_ratio.mean(axis=-1) < USEFUL_RATIO)
         return int(places[-1]) if len(places) else None
 
-    def __repr__(self) -> str:
-        if self.model is None:
-            return f"<Estimate: {self.time:.6g} s>"
-        expected, band = (
-            np.array2string(values, precision=3) for values in (self.expected, self.expected_band)
-        )
-        return (
-            f"<Estimate: {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, "
-            f"model {self.until:.6g} s>"
-        )
-
 
 class Tracking(NamedTuple):
     """What following a stream with a learned model takes beside it; made where it is learned."""
