@@ -54,8 +54,6 @@ class Resonance:
     """A peak of the rate of one axis."""
 
     axis: str
-    by_setpoint: bool
-    """Whether of the response to the setpoint, or of the rate's own spectrum."""
     peak: float
     """The largest |T|; or how many times a straight line under it, about the largest sensitivity."""
     frequency: float
@@ -239,7 +237,6 @@ def _response(signals: Signals, spectra: Spectra | None) -> Resonance | None:
     half = quantile() * error * complementary
     return Resonance(
         axis=signals.axis,
-        by_setpoint=True,
         peak=float(np.abs(response[at])),
         frequency=float(hertz[at]),
         coherence=float(coherence[at]),
@@ -276,7 +273,6 @@ def _peak(axis: str, found: Spectra | None) -> Resonance | None:
         return None
     return Resonance(
         axis=axis,
-        by_setpoint=False,
         peak=float(over[best]),
         frequency=float(hertz[best]),
         coherence=coherence,

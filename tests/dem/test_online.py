@@ -14,9 +14,9 @@ from simulated import simulated
 import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.dem.learning import FEWEST_SAMPLES, learn_with_fit
+from mavdem.dem.learning import learn_with_fit
 from mavdem.dem.online.ahead import OnlineJoint
-from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS, TOO_FEW
+from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS
 from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import (
     BAND_SECONDS,
@@ -89,22 +89,6 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     last = learner.learned.free_energy_of_samples[-1]
     assert learner._tracker.until == pytest.approx(flight.time[799])
     assert energy + learner._tracker.tracking.energy.priors == pytest.approx(last, abs=0.1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dt", [0.0025, 0.1])
-def test_at_any_rate_the_first_model_comes_after_so_many_samples(dt):
-    online = OnlineLearner(dt=dt)
-    said = []
-    while (
-        online.update(dt * len(said), WINDY.outputs[len(said)], WINDY.inputs[len(said)]).model
-        is None
-    ):
-        said.append(online.obstacle)
-    begins = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
-    assert set(said[: begins - 1]) == {TOO_FEW}
-    assert len(said) == begins
-    assert online.obstacle is said[-1] is None
 
 
 @pytest.mark.slow
@@ -193,14 +177,6 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
     assert online.obstacle.figures == pytest.approx({"interval": step, "step": 0.01})
     flown(online, WINDY[460:480])
     assert online.obstacle is None
-
-
-@pytest.mark.slow
-def test_it_forgets_and_does_not_grow():
-    online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
-    flown(online, WINDY[:500])
-    assert len(online._memory.record()) == 200
-    assert len(online.learned.record) == 200
 
 
 @pytest.mark.parametrize(
