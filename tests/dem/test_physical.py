@@ -133,9 +133,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
     errors, variance = model.innovations(
         theta[None],
-        FlightWindows(
-            inputs[None], measured[None], DT, np.zeros(1), 1.0, np.zeros((1, samples, 1))
-        ),
+        FlightWindows(inputs[None], measured[None], DT, 1.0, np.zeros((1, samples, 1))),
     )
     number = errors.shape[2]
     assert errors[0].var() / variance[0] == pytest.approx(1.0, abs=4 * np.sqrt(2 / number))
@@ -181,7 +179,7 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
     theta[model.motors + 3] = delay
     inputs = rng.standard_normal((1, 300, 1))
     rate = rng.standard_normal((1, 300))
-    windows = FlightWindows(inputs, rate, DT, np.zeros(1), 1.0, np.zeros_like(inputs))
+    windows = FlightWindows(inputs, rate, DT, 1.0, np.zeros_like(inputs))
     more = np.zeros_like(inputs)
     more[0, at] = 1.0
     changed = windows._replace(inputs=inputs + more, answers=more)
@@ -208,7 +206,7 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
     flight = flown(2, steering=1.0, samples=900)
     inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
     rate = flight.outputs[:, 1].reshape(3, -1)
-    windows = FlightWindows(inputs, rate, DT, np.zeros(3), 1.0, answers(inputs, rate))
+    windows = FlightWindows(inputs, rate, DT, 1.0, answers(inputs, rate))
     plain, start = directed(windows, np.sign(MOTORS))
     objective = LogJoint(plain, windows)
     about = objective.quadratic(start, np.empty(0))

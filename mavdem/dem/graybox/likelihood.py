@@ -106,7 +106,6 @@ class FlightWindows(NamedTuple):
     inputs: Array  # (W, N, r) deviations from the trim, in units of their common standard deviation
     rate: Array  # (W, N) rad/s
     dt: float  # step, s
-    starts: Array  # (W,) s of the record before each
     unit: float  # of the inputs, in the unit of the record's
     # (W, N, r) of the inputs, what answers what is new in the rate at the same sample
     answers: Array
@@ -114,7 +113,7 @@ class FlightWindows(NamedTuple):
     def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
         """Returns some of them."""
         return self._replace(
-            **{name: getattr(self, name)[some] for name in ("inputs", "rate", "starts", "answers")}
+            **{name: getattr(self, name)[some] for name in ("inputs", "rate", "answers")}
         )
 
 

@@ -216,9 +216,7 @@ def windows_of(record: Record) -> FlightWindows:
     dt = float(samples[0, 1] - samples[0, 0]) * record.dt
     inputs = inputs / unit
     turning = record.outputs[samples, rate]
-    return FlightWindows(
-        inputs, turning, dt, np.asarray(record.dt * samples[:, 0]), unit, answers(inputs, turning)
-    )
+    return FlightWindows(inputs, turning, dt, unit, answers(inputs, turning))
 
 
 def answers(inputs: Array, rate: Array) -> Array:

@@ -63,7 +63,6 @@ class WindTorque:
             since smoothing shrinks it.
         scale_error: standard deviation of the error of ``sd``, relative: by effect, damping, lag and delay, and by what
             the model leaves out. Large where the motors' effect is not identifiable: motors that do more balance more.
-        motors: (T,) the motors' torque about its mean.
         step: the sample at which its level changes at once and stays, and by how much, rad/s²: a load that moved, a
             motor, or the front of a wind; ``None`` without one. ``sd`` is that on either side.
         gusts: in order of time; none where the wind is not resolved.
@@ -72,7 +71,6 @@ class WindTorque:
         spectrum: of the estimate and of the model.
         resolved: whether its course is larger than its errors, but for those of its size.
         reason: why it is not to be taken for the wind's; ``None`` where it is.
-        dt: sampling step, s.
     """
 
     torque: Array
@@ -81,7 +79,6 @@ class WindTorque:
     mean_band: float
     sd: float
     scale_error: float
-    motors: Array
     step: tuple[int, float] | None
     gusts: tuple[DetectedGust, ...]
     gust_threshold: float
@@ -89,15 +86,13 @@ class WindTorque:
     spectrum: WindSpectrum
     resolved: bool
     reason: Fact | None
-    dt: float
 
 
 class _Torques(NamedTuple):
-    """Of all segments: the wind's torque (T,), its smoother's variance, and the motors' torque about its mean."""
+    """Of all segments: the wind's torque (T,), and its smoother's variance."""
 
     mean: Array
     variance: Array
-    motors: Array
 
 
 def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> WindTorque:
@@ -150,7 +145,6 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         mean_band=float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size)),
         sd=float(np.sqrt(size + torques.variance.mean())),
         scale_error=float(scale_error),
-        motors=torques.motors,
         step=step,
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
@@ -158,7 +152,6 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
         spectrum=_spectrum(torques.mean, record, physical),
         resolved=resolved,
         reason=None if resolved else unresolved,
-        dt=record.dt,
     )
 
 
@@ -210,9 +203,7 @@ def _torques(
         # What is steady acts like a steady command; about it the wind's mean is 0.
         constant = steady(rate, commanded, damping, record.dt)
         smoothed = axis.smoothed(physical.noise, commanded + constant, delay / record.dt, rate)
-        parts.append(
-            (smoothed.mean + constant + level, smoothed.variance, smoothed.states[:, 1] - constant)
-        )
+        parts.append((smoothed.mean + constant + level, smoothed.variance))
     return _Torques(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
