@@ -28,10 +28,10 @@ class GyroFilters(NamedTuple):
 
 
 def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.complex128]:
-    """Returns (F,) the rate that is controlled and logged by the true one, at ``frequency`` (F,), Hz."""
+    """Returns (…) the rate that is controlled and logged by the true one, at ``frequency`` (…), Hz."""
     rate = controller.gyro_rate
     warped = np.tan(np.pi * frequency / rate)
-    response = np.ones(len(frequency), complex)
+    response = np.ones(np.shape(frequency), complex)
     if controller.gyro_filter:
         share = warped / np.tan(np.pi * min(controller.gyro_filter / rate, HIGHEST))
         response /= 1 + 2**0.5 * 1j * share - share**2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
-from mavdem.condition.loop.margins import Complex, loops_of, transfer
+from mavdem.condition.loop.margins import loops_of, transfer
 from mavdem.condition.loop.response import is_corrected
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
@@ -151,13 +151,10 @@ def _inside(stream: Messages, start: float) -> slice:
 
 
 def _known(controller: Controller) -> KnownController:
-    def whole(response: Callable[[Array], Complex]) -> Callable[[Array], Complex]:
-        return lambda at: response(np.ravel(at)).reshape(np.shape(at))
-
     return KnownController(
-        whole(lambda at: transfer(controller, at)[0]),
-        whole(lambda at: transfer(controller, at)[1]),
-        whole(lambda at: gyro_response(controller, at)),
+        lambda at: transfer(controller, at)[0],
+        lambda at: transfer(controller, at)[1],
+        lambda at: gyro_response(controller, at),
         controller.angle,
         controller.cycle,
     )

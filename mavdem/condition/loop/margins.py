@@ -164,7 +164,7 @@ def loops_of(
 
 
 def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
-    """Returns (F,) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (F,)."""
+    """Returns (…) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (…)."""
     cycle = controller.cycle
     late = np.exp(-2j * np.pi * frequency * cycle)
 
