@@ -33,19 +33,14 @@ def flown(where):
     chirp = np.sin(2 * np.pi * (time + 29 * time**2 / 120))
     chirp *= 0.05 if where is Injection.DEMAND else 0.5
     torque, noise = np.random.default_rng(5).normal(size=(2, len(time)))
-    true = np.zeros(len(time) + 1)
-    rate = np.zeros(len(time))
-    demand = np.zeros(len(time))
-    pushed = 0.0
-    for k in range(len(time)):
-        rate[k] = true[k] + 0.005 * noise[k]
-        asked = chirp[[k, k - 1]] if where is Injection.RATE_SETPOINT else np.zeros(2)
-        errors = asked - rate[[k, k - 1]]
-        demand[k] = 0.1 * errors[0] + 0.001 * (errors[0] - errors[1]) / CYCLE
-        demand[k] += chirp[k] * (where is Injection.DEMAND)
-        pushed += 0.01 * (100 * torque[k] - pushed)
-        turn = EFFECT * demand[k - LATE] - DAMPING * true[k] + pushed
-        true[k + 1] = true[k] + CYCLE * turn
+    frequency = np.fft.rfftfreq(len(time), CYCLE).clip(1e-6)
+    plant, back = responses(frequency)
+    late = np.exp(-2j * np.pi * frequency * CYCLE)
+    wind = plant / EFFECT / late**LATE / (1 - 0.99 * late) * np.fft.rfft(torque)
+    noise = 0.005 * np.fft.rfft(noise)
+    injected = (back if where is Injection.RATE_SETPOINT else 1.0) * np.fft.rfft(chirp)
+    asked = (injected - back * (wind + noise)) / (1 + back * plant)
+    demand, rate = (np.fft.irfft(one) for one in (asked, plant * asked + wind + noise))
     controls = np.pad(demand[:, None], ((0, 0), (0, 7)))
     still = dict.fromkeys(("roll", "pitch", "yaw", "pitchspeed", "yawspeed"), 0 * time)
     scaled = chirp if where is Injection.DEMAND else np.degrees(chirp)
@@ -59,18 +54,20 @@ def flown(where):
     return Signals(Telemetry(1, 1, "QUADROTOR", "ARDUPILOTMEGA", messages, GAINS))
 
 
-def truth(frequency):
+def responses(frequency):
+    """Of the rate by the demand, and of the controller."""
     late = np.exp(-2j * np.pi * frequency * CYCLE)
     plant = EFFECT * CYCLE * late ** (LATE + 1) / (1 - (1 - DAMPING * CYCLE) * late)
-    back = transfer(controller_of(GAINS, "roll", (1.0,)), frequency)[1]
-    return OpenLoop(frequency, (back * plant)[None], back[None], back[None])
+    return plant, transfer(controller_of(GAINS, "roll", (1.0,)), frequency)[1]
 
 
 @pytest.mark.parametrize("where", [Injection.DEMAND, Injection.RATE_SETPOINT])
 def test_the_loop_is_the_known_one_whatever_the_wind(where):
     signals = flown(where)
     found = injected_loop(signals, recorded_parts(signals))
-    expected = truth(np.linspace(1, 30, 600))
+    frequency = np.linspace(1, 30, 600)
+    plant, back = responses(frequency)
+    expected = OpenLoop(frequency, (back * plant)[None], back[None], back[None])
     assert found.crossover == approx(expected.crossover, rel=0.05)
     assert found.phase_margin == approx(expected.phase_margin, abs=3)
     assert found.ms == approx(expected.ms, rel=0.1)
