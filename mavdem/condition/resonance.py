@@ -136,17 +136,18 @@ def spectra(
         return None
     sampled, pieces = known
     size = round(seconds * sampled)
-    windows = list[tuple[Complex, Complex]]()
-    for piece in pieces:
-        if piece.shape[1] >= size:
-            r, p = (spectra_of(one, size) for one in piece)
-            windows += zip(r, p, strict=True)
-    if len(windows) < FEWEST_WINDOWS:
+    kept = [piece for piece in pieces if piece.shape[1] >= size]
+    r, p = (
+        np.concatenate(
+            [np.zeros((0, size // 2 + 1)), *(spectra_of(one[row], size) for one in kept)]
+        )
+        for row in range(2)
+    )
+    if len(r) < FEWEST_WINDOWS:
         return None
-    r, p = (np.array(one) for one in zip(*windows, strict=True))
     return Spectra(
         frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
-        windows=len(windows),
+        windows=len(r),
         driver=np.square(np.abs(r)).sum(axis=0),
         rate=np.square(np.abs(p)).sum(axis=0),
         across=(r.conj() * p).sum(axis=0),
