@@ -54,7 +54,7 @@ def floats(columns: Columns, field: str) -> Array:
 def series(columns: Columns, values: Array, rows: NDArray[np.bool_] | None = None) -> Signal:
     """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
     time, boot = columns["time"], columns["boot"]
-    table = values.reshape(len(time), -1)
+    table = np.atleast_2d(values.T).T
     chosen = np.ones(len(time), dtype=np.bool_) if rows is None else rows
     order = np.flatnonzero(chosen & np.isfinite(table).all(axis=1) & np.isfinite(time))
     finite = len(order)

@@ -10,9 +10,7 @@ from pytest import approx
 from recorded_flights import recorded
 from scipy.signal import lfilter
 
-import mavdem
 from mavdem import Flight, hover_figures
-from mavdem.alignment import read
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
@@ -20,7 +18,7 @@ from mavdem.condition.condition import LEVEL, condition_of, hover_of, mean_inter
 from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
 from mavdem.documents import vehicle as documents
 from mavdem.errors import NotLearnable
-from mavdem.facts.learnability import Caution, MotorObstacle, Reason
+from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Component, Telemetry
@@ -353,43 +351,6 @@ def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     assert (found.name, found.next_tier, found.reason.code) == (None, "c", Reason.NEVER_ARMED)
     submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
     assert submarine.name is None and submarine.reason.code is Reason.NO_MULTIROTOR
-
-
-def flight(telemetry, monkeypatch, lowest):
-    monkeypatch.setattr(read, "read_log", lambda _: Log("", (telemetry,), (), (), 0, 0, (0.0, 0.0)))
-    return mavdem.read_flight("log", tier=lowest)
-
-
-def test_a_flight_is_read_at_the_tier_that_is_accepted_and_says_what_it_lacks(monkeypatch):
-    slow = HOVER.telemetry(10.0, 10.0)
-    with pytest.raises(NotLearnable, match="10.0 Hz"):
-        flight(slow, monkeypatch, "a")
-    for lowest in ("b", "c"):
-        found = flight(slow, monkeypatch, lowest)
-        assert found.dt == approx(0.1)
-        assert found.cautions[-1].code is Caution.ONLY_SLOWER_TIER
-    with pytest.raises(NotLearnable, match="4.0 Hz"):
-        flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "b")
-    assert flight(HOVER.telemetry(4.0, 4.0), monkeypatch, "c").dt == approx(0.25)
-    with pytest.raises(ValueError, match="tier must be one of a, b, c"):
-        mavdem.read_flight("log", tier="d")
-
-
-def test_rates_that_contradict_the_angles_make_no_slow_motion(monkeypatch):
-    """A 12 Hz oscillation at 10 Hz looks like one of 2 Hz, at a sixth of its rate."""
-    time = HOVER.stamps(10.0)
-    fast = 2 * np.pi * 12.2
-    slow = HOVER.telemetry(10.0, 10.0)
-    oscillating = {
-        "roll": 0.02 * np.sin(fast * time),
-        "rollspeed": 0.02 * fast * np.cos(fast * time),
-    }
-    aliased = changed(slow, "ATTITUDE", **oscillating)
-    assert tier(aliased).name == "b"
-    with pytest.raises(NotLearnable) as refusal:
-        flight(aliased, monkeypatch, "b")
-    assert refusal.value.fact.code.value == "rate_contradicts_angle"
-    assert flight(aliased, monkeypatch, "c").dt == approx(0.1)
 
 
 def told(telemetry):
