@@ -312,7 +312,7 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
 
 @pytest.mark.parametrize(
     ("number", "verdict"),
-    [(28, "right"), (40, "right"), (49, "none named")],
+    [(28, "right"), (41, "right"), (49, "none named")],
 )
 def test_simulated_failures_are_named_right_or_not_at_all(number, verdict):
     assert simulated(number)[-1]["verdict"] == verdict
