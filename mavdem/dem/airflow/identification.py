@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.dem.airflow.model import (
-    AXES,
     FREEDOM,
     WIND_SD,
     Drag,
@@ -57,6 +56,7 @@ LARGEST = 0.5
 CONVERGED = 0.1
 COURSES = 64
 ITERATIONS = 12
+WEIGHTINGS = 5  # of a known wind's errors, by those that the drag leaves
 
 
 def checked(
@@ -229,6 +229,8 @@ def estimate_drag(
     Raises:
         ValueError, NotLearnable: as there.
     """
+    from scipy.optimize import least_squares  # it takes half a second to import
+
     if np.shape(wind) not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {np.shape(wind)}")
     air: Array = np.zeros((len(time), 2)) + np.asarray(wind, np.float64)
@@ -240,18 +242,23 @@ def estimate_drag(
     moved = gridded(stamps, angles, speeds, step, wind=air[usable])
     prior = Drag.of_parameters()
     moved = moved.at(moved.known)
-    mean = prior.mean
-    precision = np.linalg.inv(prior.covariance)
     relative = np.einsum("tij,tj->ti", moved.axes, moved.velocity)
     size = np.hypot(*relative.T)[:, None]
-    ones = np.eye(2)[:, None] * -np.ones((len(relative), 1))
-    for _ in range(30):  # Gauss-Newton
-        linear, quadratic = coefficients(mean)
-        errors = moved.force + (linear + quadratic * size) * relative - mean[4:]
-        weight = independent_share(errors) / max(float(errors.var()), 1e-6)
-        parts = linear * relative, quadratic * size * relative
-        flat = np.stack([*parts, *(part * AXES for part in parts), *ones], 2).reshape(-1, 6)
-        covariance = np.linalg.inv(weight * flat.T @ flat + precision)
-        pull = weight * flat.T @ errors.ravel() + precision @ (mean - prior.mean)
-        mean = mean - np.clip(covariance @ pull, -LARGEST, LARGEST)
+    whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
+
+    def errors(logs: Array) -> Array:
+        linear, quadratic = coefficients(logs)
+        return np.asarray(moved.force + (linear + quadratic * size) * relative - logs[4:])
+
+    def residuals(logs: Array, weight: float) -> Array:
+        return np.append(weight**0.5 * errors(logs), whitening @ (logs - prior.mean))
+
+    mean = prior.mean
+    for _ in range(WEIGHTINGS):
+        left = errors(mean)
+        weight = independent_share(left) / max(float(left.var()), 1e-6)
+        found = least_squares(residuals, mean, args=(weight,))
+        mean = found.x
+    slopes = np.asarray(found.jac)
+    covariance = np.linalg.inv(slopes.T @ slopes)
     return Drag(mean, covariance, DragSource.CALIBRATION).of_next_flight()
