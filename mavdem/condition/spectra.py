@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mavdem.alignment.align import Segment
+from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import AXES, Signal
 from mavdem.alignment.signals import Signals
 from mavdem.condition.resonance import spectra_of, windows_of
@@ -164,9 +164,7 @@ def _spectrum(
     times = []
     powers = []
     for part in parts:
-        rows = (
-            (sampled.boot == part.boot) & (sampled.time >= part.start) & (sampled.time <= part.end)
-        )
+        rows = within(sampled, part, slack=0)
         time = sampled.time[rows]
         values = np.nan_to_num(sampled.values[rows])
         for run in np.split(
