@@ -290,7 +290,7 @@ class Doublets(Section):
     """A demand to one side, then to the other, again and again."""
 
     kind: Literal["doublets"]
-    axis: Literal["roll", "pitch", "yaw", "all"] = "roll"
+    axis: Axis | Literal["all"] = "roll"
     """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, one after another."""
     amplitude: Angle = 8.0
     """Of roll or pitch, degrees; of the yaw rate, degrees/s"""
@@ -320,7 +320,7 @@ class Multisine(Section):
     """Sines together, of even power, with Schroeder's phases; on all axes no two share a frequency."""
 
     kind: Literal["multisine"]
-    axis: Literal["roll", "pitch", "yaw", "all"] = "roll"
+    axis: Axis | Literal["all"] = "roll"
     """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, with every third sine each."""
     sd: Angle = 2.0
     """Standard deviation of an axis's sines together: of roll and pitch, degrees; of the yaw rate, degrees/s."""
@@ -346,7 +346,7 @@ class Sticks(Section):
     """A pilot's sticks: irregular demands, slow as a hand is; RC_CHANNELS shows them."""
 
     kind: Literal["sticks"]
-    axis: Literal["roll", "pitch", "yaw", "all"] = "roll"
+    axis: Axis | Literal["all"] = "roll"
     """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, independently."""
     sd: Angle = 4.0
     """Standard deviation of each axis's demand: of roll and pitch, degrees; of the yaw rate, degrees/s."""

@@ -97,7 +97,7 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """The next ``cycles`` rows, fewer at the end; raises ValueError: it tumbles, more than anything that flies."""
+        """The next ``cycles`` rows, fewer at the end, unless it is ``finished``; raises ValueError: it tumbles."""
         rows = list[tuple[Any, ...]]()
         for _ in range(cycles):
             if self.finished:

@@ -27,15 +27,13 @@ from sitl_scenarios.dynamics import (
     AirState,
     Damage,
     damages,
-    drag,
     dynamics,
 )
 from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
-from sitl_scenarios.sensors import vibration
-from sitl_scenarios.vehicles import CHARGED, airframe
+from sitl_scenarios.vehicles import airframe
 
 STATES = (
     *("north", "east", "down", "north speed", "east speed", "down speed"),
@@ -132,14 +130,10 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     }
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
-    arrays |= (
-        _effects(scenario, motion)
-        | _damage(scenario, motion)
-        | {"vibration": vibration(scenario, motion)}
-    )
+    arrays |= _effects(scenario, motion)
+    begins = [BOOT_SECONDS + begin for begin, _ in damages(scenario)]
+    arrays["weak"] = motion.time >= max(begins, default=np.inf)
     arrays["delay"] = np.array(scenario.sensors.delay + cycle_of(scenario) / 2)
-    arrays["drag_linear"], arrays["drag_quadratic"] = map(np.array, drag(scenario.vehicle))
-    arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
         instant = axis(scenario.vehicle, name)
@@ -218,18 +212,6 @@ def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
     closed = response / (1 + response)
     found = OpenLoop(frequency, response, closed, closed).figures
     return np.array([found[name][0] for name in ("crossover", "phase_margin", "gain_margin", "ms")])
-
-
-def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
-    """``weak``, what is left of every motor, and the centre of mass."""
-    begins = damages(scenario)
-    left = [UNDAMAGED, *(condition for _, condition in begins)]
-    times = [BOOT_SECONDS + begin for begin, _ in begins]
-    number = np.searchsorted(times, motion.time, side="right")
-    names = ("speed_left", "thrust_left", "torque_left", "centre")
-    columns = zip(*left, strict=True)
-    parts = {name: np.array(one)[number] for name, one in zip(names, columns, strict=True)}
-    return parts | {"weak": number >= max(len(begins), 1)}
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:

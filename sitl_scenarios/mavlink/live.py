@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 import select
 import socket
 from collections import deque
@@ -10,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any
 
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import COMPONENT, LossyLink, Transmitter
@@ -40,8 +38,7 @@ class LiveOutcome:
 class Ground:
     """The way to a ground station: a socket of the vehicle's own, and the address HOST:PORT it speaks to.
 
-    The socket is on the loopback interface unless the host is elsewhere. Any sender may reach it there; answers go to
-    the same HOST:PORT. Raises ValueError: no such host, or no way to it.
+    Nothing else reaches it there. Raises ValueError: no such host, or no way to it.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -49,14 +46,8 @@ class Ground:
             family, kind, protocol, _, address = socket.getaddrinfo(
                 host, port, type=socket.SOCK_DGRAM
             )[0]
-            self._address: Any = address
-            with socket.socket(family, kind, protocol) as probe:
-                probe.connect(address)  # sends nothing, but finds out whether there is a way
             self._own = socket.socket(family, kind, protocol)
-            near = str(address[0])
-            self._own.bind(
-                (near if ipaddress.ip_address(near.split("%")[0]).is_loopback else "", 0)
-            )
+            self._own.connect(address)
         except (OSError, UnicodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is no name of a host"
             raise ValueError(
@@ -71,7 +62,7 @@ class Ground:
     def send(self, frame: bytes) -> bool:
         """Whether a datagram could be sent; one that could not is lost, as on any network."""
         try:
-            self._own.sendto(frame, self._address)
+            self._own.send(frame)
         except OSError:
             return False
         return True

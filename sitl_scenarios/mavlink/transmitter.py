@@ -146,8 +146,7 @@ class Transmitter:
             happen(float(motion.time[row]))
             done = row
             del self._events[0]
-        rest = self._sent(rows_of_motion(motion, slice(done, None)) if done else motion)
-        return joined([*batches, rest]) if batches else rest
+        return joined([*batches, self._sent(rows_of_motion(motion, slice(done, None)))])
 
     def ask(self, name: str, **values: object) -> None:
         """Sends a message once, with the next block; fields that are not given are zero."""
@@ -327,11 +326,7 @@ class LossyLink:
         time = batch.time[there] + faults.delay + faults.jitter * late[there]
         time = np.maximum.accumulate(np.maximum(time, self._latest))
         self._latest = float(time[-1]) if len(time) else self._latest
-        arriving = (
-            batch.taken(there, time)
-            if len(there) < len(batch) or faults.delay or faults.jitter
-            else batch
-        )
+        arriving = batch.taken(there, time)
         waits = overtaken[there] < faults.reordered
         if self._held is not None and len(arriving):
             arriving = joined([self._held, arriving])
