@@ -255,12 +255,12 @@ def motor_geometry(
 
 def place_name(position: Position) -> str:
     """Returns where a motor is, in words: ``front right``."""
-    bearing = radians(45 * round(degrees(atan2(position[1], position[0])) / 45))
-    along = {1: "front", 0: "", -1: "rear"}[round(cos(bearing))]
-    across = {1: "right", 0: "", -1: "left"}[round(sin(bearing))]
-    return f"{along} {across}".strip()
+    forward, right = position
+    return PLACES[round(degrees(atan2(right, forward)) / 45) % len(PLACES)]
 
 
+PLACES = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
+"""By the bearing from the nose, in eighths of a turn."""
 _QUAD_X = (45.0, -135.0, -45.0, 135.0)
 _QUAD_X_SPINS = "++--"
 _TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text("utf-8"))

@@ -130,12 +130,13 @@ def _wrong_stamp(stamps: NDArray[np.float64], topic: NDArray[np.uint16]) -> NDAr
 
 
 class WholeMessages:
-    """The whole messages of a ULog file, from its ``MAGIC`` on, of data those of the ``wanted`` topics, None for all.
+    """The whole messages of a ULog file, from its ``MAGIC`` on, of data those of the ``wanted`` topics.
 
     Attributes:
         content: a ULog file of these, with their formats, subscriptions, parameters and version.
         topic, wrong_stamp: (N,) of each data message in ``content``; a wrong stamp is far from those around it.
         dropouts: (n,) ms in which the logger wrote nothing, each.
+        topics: the names of all that have messages, empty for unknown ones.
         messages: how many whole messages the file has, also those that are not wanted.
         bytes_skipped, damaged: bytes that belong to no message, and the number of places with such between messages.
         cut: messages that are cut off by the end of the file, or by appended data.
@@ -146,7 +147,7 @@ class WholeMessages:
     def __init__(
         self,
         content: bytes,
-        wanted: Container[bytes] | None,
+        wanted: Container[bytes],
         source: str,
     ) -> None:
         self.messages = self.bytes_skipped = self.damaged = self.cut = 0
@@ -155,8 +156,9 @@ class WholeMessages:
         self._content, self._wanted = content, wanted
         self._fields: dict[bytes, list[tuple[bytes, bytes, bytes]]] = {}
         self._layouts: Mapping[bytes, UlogFormat] = {}
+        self.topics: set[bytes] = set()
         # By number: the least and the greatest size of a message, and the place of its stamp; -1 where not wanted.
-        self._topics: dict[int, tuple[int, int, int]] = {}
+        self._topics: dict[int, tuple[int, int, int, bytes]] = {}
         ends = [*_appended(content, source), len(content)]
         for start, end in zip([FIRST_MESSAGE, *ends], ends, strict=False):
             self._walk(start, end)
@@ -233,7 +235,8 @@ class WholeMessages:
         kind = chr(message[2])
         if kind == "D":
             number = _ID.unpack_from(message, 3)[0]
-            least, _, stamp = self._topics.get(number, (0, 0, -1))
+            least, _, stamp, name = self._topics.get(number, (0, 0, -1, b""))
+            self.topics.add(name)
             if stamp >= 0:
                 # Without the padding at the end, which PX4 omits and pyulog does not expect.
                 self._data += _HEADER.pack(least, _DATA) + message[3 : 3 + least]
@@ -270,10 +273,10 @@ class WholeMessages:
             return
         found = self._layouts[name]
         stamp = -1
-        if (self._wanted is None or name in self._wanted) and found.stamp >= 0:
+        if name in self._wanted and found.stamp >= 0:
             stamp = 5 + found.stamp
             self._data += message
-        self._topics[number] = (2 + found.unpadded, 2 + found.size, stamp)
+        self._topics[number] = (2 + found.unpadded, 2 + found.size, stamp, name)
 
 
 def _laid_out(formats: Mapping[bytes, list[tuple[bytes, bytes, bytes]]]) -> dict[bytes, UlogFormat]:
@@ -323,12 +326,11 @@ def read_ulog(path: str | os.PathLike[str]) -> Log:
     vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     made, names = messages(topics, parameters, vehicle, kind)
     if not made:
-        held = ULog(io.BytesIO(WholeMessages(content, None, source).content)).data_list
         raise Unreadable(
             Fact(
                 Source.ULOG_WITHOUT_FLIGHT,
                 path=source,
-                names=sorted({topic.name for topic in held if len(topic.data["timestamp"])}),
+                names=sorted(name.decode() for name in found.topics if name),
                 damaged=bool(found.damaged),
                 cut=bool(found.cut),
             )

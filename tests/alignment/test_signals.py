@@ -113,17 +113,6 @@ def test_ardupilot_motors_by_servo_function_and_frame():
     assert_array_equal(motors.outputs, expected)
 
 
-def test_px4_motors_by_function_and_rotor_places():
-    parameters = {f"PWM_MAIN_FUNC{n}": 105 - n for n in (1, 2, 3, 4)}
-    parameters |= px4_rotors((0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2))
-    motors = drive.motors_or_obstacle(
-        HOVER.telemetry(autopilot="PX4", parameters=parameters)
-    ).layout
-    assert motors.channels == (4, 3, 2, 1)
-    assert_allclose(motors.effect("roll"), [-0.25, 0.25, 0.25, -0.25])
-    assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
-
-
 def test_yaw_is_by_the_direction_of_the_propellers():
     """A propeller that turns counterclockwise turns the vehicle clockwise: the nose to the right."""
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)}

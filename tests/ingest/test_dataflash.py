@@ -226,17 +226,6 @@ def test_no_attitude_is_invented_between_slow_rates_nor_in_their_gaps(tmp_path):
     assert np.allclose(np.degrees(columns["roll"]), 10 * (columns["time"] - 20))
 
 
-def test_a_reboot_within_a_file(tmp_path):
-    first = [500 + 0.1 * row for row in range(50)]
-    second = [3 + 0.1 * row for row in range(50)]
-    content = made.log(*made.flight(first), made.formats(), *made.flight(second))
-    vehicle = vehicle_of(content, tmp_path)
-    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "ACTUATOR_CONTROL_TARGET"):
-        assert vehicle.messages[name]["boot"].tolist() == [0] * 50 + [1] * 50
-        assert np.allclose(vehicle.messages[name]["time"], first + second, atol=1e-9)
-    assert Repair.LOG_OF_SEVERAL_BOOTS in [fact.code for fact in vehicle.repairs]
-
-
 def test_an_appended_log_of_other_definitions(tmp_path):
     other = made.fmt("ATT", kind=130) + made.fmt("RATE", kind=129)
     rows = b"".join(
@@ -322,21 +311,6 @@ def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
     found = counts(vehicle)
     assert found.keys() == repairs.keys()
     assert lost or found == repairs
-
-
-@pytest.mark.parametrize("lost", [1, 5, 20, 60])
-def test_lost_bytes_cost_the_messages_they_were_in(tmp_path, lost):
-    rows = made.flight(TIMES)
-    content = bytearray(made.formats() + b"".join(rows))
-    at = len(made.formats()) + len(b"".join(rows[:80])) + 7
-    del content[at : at + lost]
-    vehicle = vehicle_of(bytes(content), tmp_path)
-    gone = {80} if lost < 20 + len(rows[0]) else {80, 81}
-    kept = [t for i, t in enumerate(TIMES) if i not in gone]
-    times = vehicle.messages["ATTITUDE"]["time"]
-    assert np.isin(np.round(kept, 6), np.round(times, 6)).all() and len(times) <= len(TIMES)
-    assert set(np.round(np.degrees(vehicle.messages["ATTITUDE"]["roll"]), 6)) == {2, 4, 6, 8, 10}
-    assert vehicle.repairs
 
 
 @pytest.mark.parametrize(
@@ -455,21 +429,3 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     vehicle = vehicle_of(made.log(*made.flight([20.0, 20.1]), *lost), tmp_path)
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()
-
-
-@pytest.mark.parametrize("stamp", ["inf", "nan", "1e400", "1e17", "-5", "0"])
-def test_a_stamp_in_words_that_cannot_be_costs_its_line(stamp, tmp_path):
-    lines = [
-        "FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw",
-        "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y",
-    ]
-    # A number of very many digits is no definition.
-    lines.append(f"FMT, {5000 * '9'}, 0, EV, QB, TimeUS,Id")
-    for row, time_us in enumerate(range(20_000_000, 21_000_000, 10_000)):
-        lines += [f"ATT, {stamp if row == 50 else time_us}, 1, 2, 3", f"RATE, {time_us}, 1, 2, 3"]
-    vehicle = vehicle_of("\n".join(lines).encode(), tmp_path, "flight.log")
-    assert len(vehicle.messages["ATTITUDE"]["time"]) == 99
-    repairs = counts(vehicle)
-    assert repairs.pop(Repair.LINES_LEFT_OUT) == 1 and repairs.pop(Repair.BYTES_SKIPPED) > 5000
-    assert list(repairs.values()) == [1] * (stamp != "0")
-    assert set(repairs) <= {Repair.LOGGED_MESSAGES_LEFT_OUT, Repair.STAMPS_IGNORED}

@@ -115,14 +115,6 @@ def test_a_gimbals_channels_are_no_motors():
     assert on_servos is not None and on_servos.channels == (1, 3, 4, 5)
 
 
-def test_the_driver_of_each_motor_is_known():
-    parameters = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
-    found = motor_geometry("QUADROTOR", "PX4", parameters, moving=range(17, 21), bank=16)
-    assert found is not None and found.drivers == tuple(("PWM_AUX", n) for n in range(1, 5))
-    old = motor_geometry("QUADROTOR", "PX4", {}, moving=range(9, 13), bank=8)
-    assert old is not None and old.drivers == tuple(("PWM_AUX", n) for n in range(1, 5))
-
-
 def test_a_motor_whose_output_never_changes_is_a_motor():
     quad = {
         (2, 3, 4): (1, 2, 3, 4),

@@ -121,13 +121,6 @@ def test_parameters_are_what_the_autopilot_sent_or_a_ground_station_noted(
     assert vehicle_of(frames, tmp_path).parameters == expected
 
 
-def test_who_only_beats_is_heard_but_no_vehicle(tmp_path):
-    beats = [heartbeat(system, component) for system in range(2, 22) for component in range(1, 101)]
-    log = log_of(tlog([heartbeat(), *flight(TIMES), *beats]), tmp_path)
-    assert [vehicle.system for vehicle in log.vehicles] == [1]
-    assert len(log.components) == 1 + len(beats)
-
-
 def test_failures_are_distinguished(tmp_path):
     frames = [heartbeat(), *flight(TIMES)]
     damaged = bytearray(frames[11])
