@@ -17,7 +17,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameter_values
-from mavdem.ingest.telemetry import Array, Telemetry, selected
+from mavdem.ingest.telemetry import Array, Flags, Telemetry, selected
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 MEDIAN_STEPS = 41
@@ -102,7 +102,7 @@ def _sampled(
 
 def within(
     stream: Attitude | Motors | Signal, *segments: Segment, slack: float = STAMP_SECONDS
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Returns which samples (N,) belong to the segments, those up to ``slack``, s, beyond an end included."""
     inside = np.zeros(len(stream.time), dtype=np.bool_)
     for part in segments:
@@ -126,7 +126,7 @@ def _fast(time: Array) -> Intervals:
     return unbroken(time, usually_slow(steps) | (steps > MAX_GAP_SECONDS)) if len(time) > 1 else []
 
 
-def usually_slow(steps: Array) -> NDArray[np.bool_]:
+def usually_slow(steps: Array) -> Flags:
     """Returns which steps (N,) between the stamps of one boot are usually too long for ``MINIMUM_RATE``."""
     return np.asarray(
         median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE
@@ -327,7 +327,7 @@ def is_low_passed(time: Array, dt: float) -> bool:
     return mean_rate(time) * dt >= LOW_PASS_RATIO
 
 
-def _sure(grid: Array, dt: float, time: Array) -> NDArray[np.bool_]:
+def _sure(grid: Array, dt: float, time: Array) -> Flags:
     """Which grid points (T,) are free of edge effects of the stream's low-pass filter, if there is one."""
     margin = FILTER_EDGE_STEPS * dt if is_low_passed(time, dt) else 0.0
     return np.asarray(

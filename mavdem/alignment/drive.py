@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle, Remedy
@@ -21,7 +20,7 @@ from mavdem.ingest.motors import (
 )
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
 from mavdem.ingest.motors import place_name as place_name
-from mavdem.ingest.telemetry import Array, Columns, Telemetry
+from mavdem.ingest.telemetry import Array, Columns, Flags, Integers, Telemetry
 
 FREQUENT_ENOUGH = 0.9
 """A preferred message gives way to another only when it comes less often than this share of the other's count."""
@@ -39,7 +38,7 @@ class Signal:
     """
 
     time: Array
-    boot: NDArray[np.int64]
+    boot: Integers
     values: Array
     sent: int = 0
     left_out: int = 0
@@ -51,7 +50,7 @@ def floats(columns: Columns, field: str) -> Array:
         return np.asarray(columns[field], dtype=np.float64)
 
 
-def series(columns: Columns, values: Array, rows: NDArray[np.bool_] | None = None) -> Signal:
+def series(columns: Columns, values: Array, rows: Flags | None = None) -> Signal:
     """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
     time, boot = columns["time"], columns["boot"]
     table = np.atleast_2d(values.T).T
@@ -119,7 +118,7 @@ class Motors:
 
     message: str  # they come from
     time: Array  # with boot: (N,) s on the clock of a boot
-    boot: NDArray[np.int64]
+    boot: Integers
     outputs: Array  # (N, k) in the unit of the stream
     layout: MotorGeometry  # which channels and where their motors are
     scale: OutputScale  # unit, range and resolution
@@ -150,16 +149,14 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Fact:
     name = telemetry.called(message)
     banks = _banks(message, telemetry.messages[message])
     width = banks[0].signal.values.shape[1]
-    moving = [
-        bank.first + i for bank in banks for i in range(width) if _moves(bank.signal.values[:, i])
-    ]
+    bank_of = {bank.first + i: bank for bank in banks for i in range(width)}
+    moving = [channel for channel, bank in bank_of.items() if _moves(bank.sent(channel))]
     # A motor that is disabled in flight keeps its place.
     parameters = {**telemetry.parameters, **telemetry.earlier}
     plan = motor_geometry(telemetry.vehicle, telemetry.autopilot, parameters, moving, width)
     if plan is None or not moving:
         return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
-    there = {channel for bank in banks for channel in bank.among(plan.channels)}
-    missing = sorted(set(plan.channels) - there)
+    missing = sorted(set(plan.channels) - bank_of.keys())
     if missing or not set(plan.channels) & set(moving):
         return Fact(
             MotorObstacle.CHANNELS_MISSING if missing else MotorObstacle.CHANNELS_CONSTANT,
@@ -171,16 +168,15 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Fact:
             remedy=RECORD_A_FLIGHT,
         )
     # One row a message of the bank that holds most motors; the other bank's rows come a moment before or after.
-    main = max(banks, key=lambda bank: len(bank.among(plan.channels)))
+    chosen = [bank_of[channel] for channel in plan.channels]
+    main = max(chosen, key=chosen.count)
     signal = main.signal
-    outputs = np.full((len(signal.time), len(plan.channels)), np.nan)
-    sent = []
-    for bank in banks:
-        for channel in bank.among(plan.channels):
-            values = bank.signal.values[:, channel - bank.first]
-            sent.append(values)
-            at = plan.channels.index(channel)
-            outputs[:, at] = values if bank is main else _interpolated(signal, bank.signal, values)
+    sent = [bank.sent(channel) for bank, channel in zip(chosen, plan.channels, strict=True)]
+    columns = [
+        values if bank is main else _interpolated(signal, bank.signal, values)
+        for bank, values in zip(chosen, sent, strict=True)
+    ]
+    outputs = np.column_stack(columns)
     whole = series({"time": signal.time, "boot": signal.boot}, outputs)
     if not len(whole.time):
         return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=name)
@@ -236,12 +232,8 @@ class _Bank(NamedTuple):
     first: int
     signal: Signal
 
-    def among(self, channels: tuple[int, ...]) -> list[int]:
-        return [
-            channel
-            for channel in channels
-            if 0 <= channel - self.first < self.signal.values.shape[1]
-        ]
+    def sent(self, channel: int) -> Array:
+        return np.asarray(self.signal.values[:, channel - self.first])
 
 
 def outputs_by_port(message: str, columns: Columns) -> tuple[Array, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +25,7 @@ from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS
+from mavdem.ingest.telemetry import Facts, Parameters
 
 NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
 REFUSED_SNR = 1.0
@@ -54,7 +55,7 @@ class Learnability:
     learnable: bool
     reason: Fact
     """The figures that decided, and what to change."""
-    cautions: tuple[Fact, ...] = ()
+    cautions: Facts = ()
     """What makes a model less reliable."""
     segment: Segment | None = None
     """The one to learn from or, when refused, the longest; None when there is none."""
@@ -313,7 +314,7 @@ def slower_rate(figures: QualityFigures) -> float:
     return min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
 
 
-def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE) -> Fact | None:
+def too_slow(rates: Parameters, axis: str, least: float = MINIMUM_RATE) -> Fact | None:
     """Returns all messages slower than ``least``, of ``rates`` in Hz by name; None if none is."""
     slow = {name: rate for name, rate in rates.items() if rate < least}
     return (

@@ -5,15 +5,13 @@ A set of intervals is a list of (start, end) pairs in seconds of one boot, sorte
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import inf, isinf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.signals import Signals, held, setpoints
-from mavdem.ingest.telemetry import Array
+from mavdem.ingest.telemetry import Array, Flags, Parameters
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 
 Interval = tuple[float, float]
@@ -57,7 +55,7 @@ AVERAGING_SECONDS = 2.0
 """Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
 
 
-def where(time: Array, true: NDArray[np.bool_]) -> Intervals:
+def where(time: Array, true: Flags) -> Intervals:
     """Returns from the first to the last stamp of each run of ``true`` (N,) at ``time`` (N,).
 
     A run that holds at the first or last stamp is taken to hold before or after it too, so only the changes that were
@@ -71,13 +69,13 @@ def where(time: Array, true: NDArray[np.bool_]) -> Intervals:
     ]
 
 
-def longest(time: Array, true: NDArray[np.bool_]) -> float:
+def longest(time: Array, true: Flags) -> float:
     """Returns for how long, s, without a break ``true`` (N,) holds at ``time`` (N,)."""
     ends = np.clip(where(time, true), time[0], time[-1])
     return float(max((end - start for start, end in ends), default=0.0))
 
 
-def unbroken(time: Array, broken: NDArray[np.bool_]) -> Intervals:
+def unbroken(time: Array, broken: Flags) -> Intervals:
     """Returns the runs of ``time`` (N,) between the steps (N - 1,) that are ``broken``."""
     if not len(time):
         return []
@@ -120,14 +118,14 @@ def total(intervals: Intervals) -> float:
     return sum(end - start for start, end in intervals)
 
 
-def during(time: Array, intervals: Intervals) -> NDArray[np.bool_]:
+def during(time: Array, intervals: Intervals) -> Flags:
     """Returns which stamps (N,) are in the intervals."""
     return np.asarray(
         np.any([(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0)
     )
 
 
-def airborne_collective(parameters: Mapping[str, float]) -> float:
+def airborne_collective(parameters: Parameters) -> float:
     """Returns the least share of the motors' range, 0 to 1, that holds a multirotor up."""
     return parameters.get("MOT_SPIN_MIN", IDLE_COLLECTIVE) + ABOVE_IDLE
 

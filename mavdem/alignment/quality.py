@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, within
@@ -13,7 +12,7 @@ from mavdem.alignment.phases import both, total
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
-from mavdem.ingest.telemetry import Array
+from mavdem.ingest.telemetry import Array, Flags
 
 # Seconds: one period of 5 Hz, so that sensor noise averages out and roll dynamics do not
 CONSISTENCY_SPAN = 0.2
@@ -146,7 +145,7 @@ def _step(values: Array) -> float:
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
 
 
-def at_limits(shares: Array, scale: OutputScale) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def at_limits(shares: Array, scale: OutputScale) -> tuple[Flags, Flags]:
     """Returns where motors are at the upper stop of their ``scale``, and where they idle, shaped like ``shares``."""
     return shares >= scale.stop - STOP_MARGIN, shares <= phases.IDLE_COLLECTIVE
 

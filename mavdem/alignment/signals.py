@@ -22,7 +22,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from mavdem.alignment.drive import (
@@ -46,7 +45,15 @@ from mavdem.alignment.drive import (
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.telemetry import Array, Columns, Telemetry, rate_without_gaps, selected
+from mavdem.ingest.telemetry import (
+    Array,
+    Columns,
+    Flags,
+    Integers,
+    Telemetry,
+    rate_without_gaps,
+    selected,
+)
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, Injection, euler_angles
 
 # Messages with the attitude, the preferred first
@@ -148,7 +155,7 @@ class Attitude:
 
     message: str
     time: Array
-    boot: NDArray[np.int64]
+    boot: Integers
     angle: Array  # (N,) Euler angle, rad; that of yaw without its jumps by a turn
     rate: Array  # (N,) body rate, rad/s: p for roll, q for pitch, r for yaw
     # (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s
@@ -438,7 +445,7 @@ class Signals(VehicleSignals):
         return self.attitude.rates, asked_rates[0]
 
 
-def fixes(columns: Columns) -> tuple[Array, NDArray[np.bool_]]:
+def fixes(columns: Columns) -> tuple[Array, Flags]:
     """Returns latitude and longitude (N, 2), degrees, of messages with a position, and which of them (N,) are fixes."""
     places = 1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")])
     known = places.any(axis=1) & (np.abs(places) <= [90.0, 180.0]).all(axis=1)

@@ -10,12 +10,11 @@ from math import nan
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal
 from mavdem.alignment.phases import Intervals, both, of_boot, settled, where
 from mavdem.alignment.signals import Signals, attitude, held, setpoints
-from mavdem.ingest.telemetry import Array
+from mavdem.ingest.telemetry import Array, Flags
 
 TURN_SECONDS = 1.0
 MAX_TURN = np.radians(10.0)
@@ -37,22 +36,22 @@ class Followed(NamedTuple):
     time: Array
     angles: Array
     asked: Array
-    by_rate: NDArray[np.bool_]
+    by_rate: Flags
 
     @property
-    def strays(self) -> NDArray[np.bool_]:
+    def strays(self) -> Flags:
         """(N,) where roll or pitch is known to be far from its setpoint."""
         return strays(self.angles[:, :2], self.asked)
 
     @property
-    def steady(self) -> NDArray[np.bool_]:
+    def steady(self) -> Flags:
         """(N,) where it does not stray, and the nose keeps its heading."""
         heading = self.angles[:, 2]
         turned = np.abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
         return np.asarray(~self.strays & ~(turned > MAX_TURN))
 
 
-def strays(angles: Array, asked: Array) -> NDArray[np.bool_]:
+def strays(angles: Array, asked: Array) -> Flags:
     """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
     return np.asarray((np.abs(angles - asked) > MAX_STRAY).any(axis=-1))
 

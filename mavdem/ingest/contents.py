@@ -12,6 +12,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 
+PathName = str | os.PathLike[str]
 LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
 # Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
 BEGINNING_BYTES = 1 << 16
@@ -24,7 +25,7 @@ MAX_RATIO = 100
 TAIL = 1 << 20
 
 
-def file_bytes(path: str | os.PathLike[str]) -> bytes:
+def file_bytes(path: PathName) -> bytes:
     """Returns the whole file, or the contents of an xz archive.
 
     Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
@@ -33,7 +34,7 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
     return _content(path)
 
 
-def file_beginning(path: str | os.PathLike[str], count: int = 4096) -> bytes:
+def file_beginning(path: PathName, count: int = 4096) -> bytes:
     """The first ``count`` bytes, ``BEGINNING_BYTES`` at most; raises as ``file_bytes``, as far as these show it."""
     return _content(path, limit=BEGINNING_BYTES)[:count]
 
@@ -43,7 +44,7 @@ def is_dataflash_text(content: bytes) -> bool:
     return b"\nFMT," in b"\n" + content[:4096]
 
 
-def _content(path: str | os.PathLike[str], limit: int | None = None) -> bytes:
+def _content(path: PathName, limit: int | None = None) -> bytes:
     """The contents of a file or an archive; the first ``limit`` bytes of either, if given."""
     path = Path(path)
     try:

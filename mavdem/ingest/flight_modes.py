@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.telemetry import Integers
 
 _PX4 = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))["px4"]
 _CUSTOM = {state: main << 16 | sub << 24 for main, sub, state, _ in _PX4}
@@ -16,7 +17,7 @@ _ENUMS = {"SUBMARINE": "SUB_MODE", "GROUND_ROVER": "ROVER_MODE", "FIXED_WING": "
 _NAMES: dict[int, str] = {_CUSTOM[state]: name for *_, state, name in _PX4}
 
 
-def px4_custom_mode(states: NDArray[np.integer]) -> NDArray[np.int64]:
+def px4_custom_mode(states: NDArray[np.integer]) -> Integers:
     """Returns HEARTBEAT.custom_mode (N,) of vehicle_status.nav_state (N,); 0 where PX4 has no such mode."""
     return np.array([_CUSTOM.get(int(state), 0) for state in states], dtype=np.int64)
 

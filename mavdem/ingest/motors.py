@@ -6,7 +6,7 @@ Channels and positions come from the autopilot's parameters, or are assumed, whi
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum, auto
 from importlib.resources import files
@@ -14,10 +14,10 @@ from math import atan2, cos, degrees, radians, sin
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
+from mavdem.ingest.telemetry import Array, Parameters
 from mavdem.ingest.vocabulary import NAMES
 
 
@@ -138,7 +138,7 @@ class MotorGeometry:
             for motor, at in zip(self.motors, self.positions, strict=True)
         )
 
-    def effect(self, axis: str) -> NDArray[np.float64] | None:
+    def effect(self, axis: str) -> Array | None:
         """(k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
 
         Thrust acts upwards, so a motor on the left rolls to the right (positive roll) and a motor in front raises the
@@ -165,7 +165,7 @@ def demand_geometry(axis: str) -> MotorGeometry:
 
 
 def motor_geometry(
-    vehicle: str, autopilot: str, parameters: Mapping[str, float], moving: Sequence[int], bank: int
+    vehicle: str, autopilot: str, parameters: Parameters, moving: Sequence[int], bank: int
 ) -> MotorGeometry | None:
     """Returns the motors of a vehicle; None when no channel can be one.
 
@@ -285,7 +285,7 @@ def _placed(
 
 
 def _px4_channels(
-    parameters: Mapping[str, float], moving: Sequence[int], bank: int
+    parameters: Parameters, moving: Sequence[int], bank: int
 ) -> tuple[dict[int, int], dict[int, tuple[str, int]]]:
     """The channel of each motor ({driver}_FUNCn 101 to 112 are 1 to 12), and the driver behind each channel.
 
@@ -329,7 +329,7 @@ class OutputScale:
     step: float
     stop: float = 1.0
 
-    def fraction(self, outputs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def fraction(self, outputs: Array) -> Array:
         """Outputs as a share of the range, 0 at ``low`` or off, 1 at ``high``; below 0 disarmed on some autopilots."""
         return np.where(
             (outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low)
@@ -342,8 +342,8 @@ MAX_UAVCAN = 8191.0
 
 
 def output_scale(
-    outputs: NDArray[np.float64],
-    parameters: Mapping[str, float],
+    outputs: Array,
+    parameters: Parameters,
     drivers: Sequence[tuple[str, int]] = (),
 ) -> OutputScale:
     """Returns the scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
@@ -403,9 +403,7 @@ def output_scale(
     return OutputScale(name, "", 0.0, high, step)
 
 
-def _px4_range(
-    drivers: Sequence[tuple[str, int]], parameters: Mapping[str, float]
-) -> tuple[float, float]:
+def _px4_range(drivers: Sequence[tuple[str, int]], parameters: Parameters) -> tuple[float, float]:
     """Outputs at no and at full throttle, the mean over the motors; 0 and 0 where one has none.
 
     A channel has a range of its own or, where that is -1 and before PX4 1.12, that of its driver.
@@ -423,7 +421,7 @@ def _px4_range(
     return (float(np.mean(found[0])), float(np.mean(found[1]))) if whole else (0.0, 0.0)
 
 
-def _ardupilot_stop(parameters: Mapping[str, float]) -> float:
+def _ardupilot_stop(parameters: Parameters) -> float:
     """The share of the range at which ArduPilot's mixer stops, by the parameter of its version; 1 without one.
 
     MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, of what is above THR_MIN; MOT_TCRV_MAXPCT before. Source:

@@ -15,11 +15,11 @@ from math import isfinite
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair, Source
-from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.contents import PathName, file_bytes
 from mavdem.ingest.telemetry import Log, repair
 
 
-def read_parameters(path: str | os.PathLike[str]) -> dict[str, float]:
+def read_parameters(path: PathName) -> dict[str, float]:
     """Returns the parameters of a file by name; raises ``Unreadable``: it cannot be opened, or has none."""
     found = dict[str, float]()
     for line in file_bytes(path).decode("utf-8", "replace").splitlines():
@@ -35,7 +35,7 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[str, float]:
     return found
 
 
-def with_parameters(log: Log, path: str | os.PathLike[str]) -> Log:
+def with_parameters(log: Log, path: PathName) -> Log:
     """Returns a ``log`` whose vehicles have the parameters of the file where they have none of that name."""
     given = read_parameters(path)
     vehicles = []

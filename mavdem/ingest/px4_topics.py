@@ -17,13 +17,16 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
-from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import (
     Array,
     Columns,
+    Facts,
+    Fields,
+    Flags,
+    Tables,
     joined,
     rate_without_gaps,
     renamed,
@@ -146,7 +149,7 @@ def messages(
     return made, {name: topic for name, (topic, _) in named.items()}
 
 
-def _made(make: Callable[..., dict[str, NDArray[Any]]], *given: Any) -> dict[str, NDArray[Any]]:
+def _made(make: Callable[..., Fields], *given: Any) -> Fields:
     """A message by one of the functions below; nothing where a topic, or a field of it, was not logged."""
     try:
         # damage makes values that are not finite; their readers leave them out
@@ -158,7 +161,7 @@ def _made(make: Callable[..., dict[str, NDArray[Any]]], *given: Any) -> dict[str
     return columns | {"boot": np.zeros(len(time), dtype=np.int64)} if len(time) else {}
 
 
-def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[Fact, ...]:
+def notes(topics: Topics, made: Tables) -> Facts:
     """A repair where attitude was interpolated between samples, as the body rates were logged clearly more often."""
     logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
     stamps = made.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
@@ -168,7 +171,7 @@ def notes(topics: Topics, made: Mapping[str, Columns]) -> tuple[Fact, ...]:
     return repair(Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude, rate=rates)
 
 
-def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]]:
+def _attitude_quaternion(topics: Topics) -> Fields:
     """ATTITUDE_QUATERNION.hpp: vehicle_attitude and, from PX4 1.10 on, vehicle_angular_velocity for the rates.
 
     PX4 sends the rates that were last published. Here attitude, the smoother of the two, is interpolated at the stamps
@@ -208,7 +211,7 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]]:
     return {"time": time, **dict(zip(names, [*q.T, *xyz.T], strict=True))}
 
 
-def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]]:
+def _servo_output_raw(topics: Topics) -> Fields:
     """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off.
 
     An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports.
@@ -237,9 +240,7 @@ def _outputs(topic: Px4Topic) -> Array:
     return np.where((used[:, None] > 0) & (np.arange(_OUTPUTS) >= used[:, None]), 0.0, outputs)
 
 
-def _hil_actuator_controls(
-    topics: Topics, vehicle: str, parameters: Parameters
-) -> dict[str, NDArray[Any]]:
+def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
     """HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range: actuator_motors, from PX4 1.13 on.
 
     The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
@@ -258,7 +259,7 @@ def _hil_actuator_controls(
     return {"time": topic["time"], "controls": controls}
 
 
-def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]]:
+def _actuator_control_target(topics: Topics) -> Fields:
     """ACTUATOR_CONTROL_TARGET: the demands on roll, pitch, yaw (−1…1) and thrust (0…1), group 0.
 
     From vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or the actuator_controls_0 of PX4
@@ -278,7 +279,7 @@ def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]]:
     return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
 
 
-def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
+def _attitude_target(topics: Topics) -> Fields:
     """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
     parts: list[Columns] = []
     attitude = _first(topics, "vehicle_attitude_setpoint")
@@ -294,18 +295,18 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]]:
     return _in_time(parts)
 
 
-def _in_time(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
+def _in_time(parts: Sequence[Columns]) -> Fields:
     together = joined(parts or [{"time": np.zeros(0)}])
     return selected(together, np.argsort(together["time"], kind="stable"))
 
 
-def _renamed(topics: Topics, message: str) -> dict[str, NDArray[Any]]:
+def _renamed(topics: Topics, message: str) -> Fields:
     rule = _RENAMED[message]
     topic = next(filter(None, (_first(topics, name) for name in rule["topics"])), {})
     return {"time": topic["time"], **renamed(topic, rule)}
 
 
-def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
+def _sys_status(topics: Topics) -> Fields:
     """SYS_STATUS.hpp, with the decimals the message cuts off.
 
     Beside its fields, ``charge_state`` of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
@@ -315,7 +316,7 @@ def _sys_status(topics: Topics) -> dict[str, NDArray[Any]]:
     return found if warning is None else found | {"charge_state": warning + 1}
 
 
-def _vibration(topics: Topics) -> dict[str, NDArray[Any]]:
+def _vibration(topics: Topics) -> Fields:
     """VIBRATION.hpp: vehicle_imu_status; z is the level of the first IMU's acceleration, m/s².
 
     ``levels`` are those of each IMU, and the counts of clips are of an IMU each, of all its axes.
@@ -334,14 +335,14 @@ def _vibration(topics: Topics) -> dict[str, NDArray[Any]]:
     return {"time": time, "vibration_z": levels[0], **clips, "levels": np.column_stack(levels)}
 
 
-def _system_time(topics: Topics) -> dict[str, NDArray[Any]]:
+def _system_time(topics: Topics) -> Fields:
     """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
     gps = _first(topics, "vehicle_gps_position")
     known = selected(gps, gps["time_utc_usec"] > 0)
     return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
 
 
-def _injected(topics: Topics) -> dict[str, NDArray[Any]]:
+def _injected(topics: Topics) -> Fields:
     """The rates that PX4's autotune adds to the setpoint, three a time, as ArduPilot's SIDD has such: degrees/s."""
     topic = _first(topics, "autotune_attitude_control_status")
     rates = np.degrees(_array(topic, "rate_sp", 3))
@@ -349,13 +350,13 @@ def _injected(topics: Topics) -> dict[str, NDArray[Any]]:
     return {"time": np.repeat(topic["time"], 3), "axis": axis, "target": rates.ravel()}
 
 
-def _as_logged(topics: Topics, name: str) -> dict[str, NDArray[Any]]:
+def _as_logged(topics: Topics, name: str) -> Fields:
     topic = _first(topics, name)
     fields = {field: topic[field] for field in NEEDED[name] if field in topic}
     return {"time": topic["time"], **fields}
 
 
-def _samples(topics: Topics, name: str, field: str) -> dict[str, NDArray[Any]]:
+def _samples(topics: Topics, name: str, field: str) -> Fields:
     """``x``, ``y``, ``z``, rad/s or m/s², of samples before the filters: up to 32 in a message of a FIFO."""
     if not (fifo := _first(topics, name)):
         combined = _first(topics, "sensor_combined")
@@ -371,20 +372,20 @@ def _samples(topics: Topics, name: str, field: str) -> dict[str, NDArray[Any]]:
     return {"time": (late[:, None] - before)[inside], **scaled}
 
 
-def _motor_speeds(topics: Topics) -> dict[str, NDArray[Any]]:
+def _motor_speeds(topics: Topics) -> Fields:
     """ESC as DataFlash has it, a row for each motor: RPM."""
     topic = _first(topics, "esc_status")
     speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(4)])
     return {"time": np.repeat(topic["time"], 4), "RPM": np.abs(speeds).ravel()}
 
 
-def _current_mode(topics: Topics) -> dict[str, NDArray[Any]]:
+def _current_mode(topics: Topics) -> Fields:
     """CURRENT_MODE.hpp: the custom mode of vehicle_status.nav_state."""
     status = _first(topics, "vehicle_status")
     return {"time": status["time"], "custom_mode": px4_custom_mode(status["nav_state"])}
 
 
-def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]]:
+def _heartbeat(topics: Topics, kind: int) -> Fields:
     """HEARTBEAT.hpp: vehicle_status. The state "armed" has been 2 in every version."""
     status = _first(topics, "vehicle_status")
     armed = status["arming_state"] == 2
@@ -394,7 +395,7 @@ def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]]:
     return {"time": status["time"], **fields, "system_status": system_status}
 
 
-def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]]:
+def _extended_sys_state(topics: Topics) -> Fields:
     """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came.
 
     Also one at the first message of each second: old PX4 logged the state at its changes only.
@@ -430,7 +431,7 @@ def _held(topic: Px4Topic, field: str, time: Array) -> Array:
     return np.where(last >= 0, topic[field][np.maximum(last, 0)].astype(np.float64), 0.0)
 
 
-def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
+def _local_position_ned(topics: Topics) -> Fields:
     """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s.
 
     Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are, and ``resets``,
@@ -445,7 +446,7 @@ def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]]:
     return selected(columns, _valid(topic, "v_z_valid"))
 
 
-def _valid(topic: Px4Topic, field: str) -> NDArray[np.bool_]:
+def _valid(topic: Px4Topic, field: str) -> Flags:
     return np.asarray(topic.get(field, np.ones(len(topic["time"])))).astype(np.bool_)
 
 

@@ -14,6 +14,11 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.sources import Flaw, Repair
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Facts = tuple[Fact, ...]
+Parameters = Mapping[str, float]  # Values by name
+Fields = dict[str, NDArray[Any]]  # Columns of a message that is being made
 Columns = Mapping[str, NDArray[Any]]
 """One message type's fields by name; every array has one row per message, in stream order.
 
@@ -24,6 +29,7 @@ Beside the fields of the message definition, in the units of the definition, two
 - ``boot`` (N,) int64: 0 for the first boot in the source, one more after each reboot. ``time`` restarts with each
   boot, so times of different boots must never be compared.
 """
+Tables = Mapping[str, Columns]  # The columns of messages by the name of each
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +59,17 @@ class Telemetry:
     component: int
     vehicle: str
     autopilot: str
-    messages: Mapping[str, Columns]
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    messages: Tables
+    parameters: Parameters = field(default_factory=dict)
     source: str = ""
-    repairs: tuple[Fact, ...] = ()
+    repairs: Facts = ()
     translated_from: str = ""
     firmware: str = ""
     dropouts: int = 0
     names: Mapping[str, str] = field(default_factory=dict)
     board: str = ""
     hardware: str = ""
-    earlier: Mapping[str, float] = field(default_factory=dict)
+    earlier: Parameters = field(default_factory=dict)
 
     def called(self, message: str) -> str:
         """The name of ``message`` in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""
@@ -83,12 +89,12 @@ def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
     return dict(zip(found.tolist(), np.split(order, first)[1:], strict=True))
 
 
-def selected(columns: Columns, rows: slice | NDArray[Any]) -> dict[str, NDArray[Any]]:
+def selected(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
     """Returns those rows of every column."""
     return {name: values[rows] for name, values in columns.items()}
 
 
-def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
+def joined(parts: Sequence[Columns]) -> Fields:
     """Returns parts, one at least, one after the other, with the columns that all have; one alone is not copied."""
     if len(parts) == 1:
         return dict(parts[0])
@@ -98,7 +104,7 @@ def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
 
 def renamed(
     logged: Columns, rule: Mapping[str, Mapping[str, Sequence[tuple[float, str]]]]
-) -> dict[str, NDArray[Any]]:
+) -> Fields:
     """Returns the columns of a message by a ``rule`` of another's: by field, factors and names; raises ``KeyError``.
 
     Fields of ``also`` may be lacking, of ``fields`` each must have one of its names.
@@ -173,7 +179,7 @@ class Log:
     receive_time: tuple[float, float]
 
 
-def repair(code: Repair, **figures: Any) -> tuple[Fact, ...]:
+def repair(code: Repair, **figures: Any) -> Facts:
     """Returns the repair as a fact; none where its ``count`` is 0."""
     return (Fact(code, Level.WATCH, **figures),) if figures.get("count", 1) else ()
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair, Source
-from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.contents import PathName, file_bytes
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import (
     GOOD,
@@ -27,12 +27,12 @@ from mavdem.ingest.mavlink.framing import (
     rows_of,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
-from mavdem.ingest.telemetry import Log, repair
+from mavdem.ingest.telemetry import Facts, Integers, Log, repair
 
 STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
 
 
-def read_tlog(path: str | os.PathLike[str]) -> Log:
+def read_tlog(path: PathName) -> Log:
     """Reads a telemetry log; a damaged one as far as possible.
 
     Raises Unreadable: the file cannot be opened, or contains no MAVLink.
@@ -40,7 +40,7 @@ def read_tlog(path: str | os.PathLike[str]) -> Log:
     return assemble(tlog_stream(path))
 
 
-def tlog_stream(path: str | os.PathLike[str]) -> FrameStream:
+def tlog_stream(path: PathName) -> FrameStream:
     """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(file_bytes(path))
@@ -74,7 +74,7 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
     return count
 
 
-def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
+def _stamps(data: Bytes, start: Integers) -> NDArray[np.uint64]:
     """Big-endian µs before each frame; undefined for a frame that begins before a stamp fits."""
     if len(data) < STAMP_BYTES:
         return np.zeros(len(start), dtype=np.uint64)
@@ -85,7 +85,7 @@ def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
     )
 
 
-def _without_carriage_returns(content: bytes) -> tuple[Bytes, tuple[Fact, ...]]:
+def _without_carriage_returns(content: bytes) -> tuple[Bytes, Facts]:
     """Undoes the conversion of line ends by a text-mode transfer: each line feed then follows a carriage return."""
     feeds = content.count(b"\n")
     if feeds < 8 or content.count(b"\r\n") < feeds:  # chance gives 1 in 2^64

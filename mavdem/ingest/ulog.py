@@ -17,7 +17,7 @@ import struct
 from array import array
 from collections.abc import Container, Mapping
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,14 @@ from scipy.ndimage import median_filter
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.contents import PathName, file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, notes
 from mavdem.ingest.telemetry import (
+    Array,
+    Facts,
+    Fields,
+    Flags,
     Log,
     Telemetry,
     joined,
@@ -118,7 +122,7 @@ def _appended(content: bytes, source: str) -> list[int]:
     return sorted({offset for offset in offsets if FIRST_MESSAGE < offset < len(content)})
 
 
-def _wrong_stamp(stamps: NDArray[np.float64], topic: NDArray[np.uint16]) -> NDArray[np.bool_]:
+def _wrong_stamp(stamps: Array, topic: NDArray[np.uint16]) -> Flags:
     if not len(stamps):
         return np.zeros(0, dtype=np.bool_)
     median = median_filter(stamps, size=min(MEDIAN_WINDOW, len(stamps)), mode="mirror")
@@ -299,7 +303,7 @@ def _laid_out(formats: Mapping[bytes, list[tuple[bytes, bytes, bytes]]]) -> dict
     return known
 
 
-def read_ulog(path: str | os.PathLike[str]) -> Log:
+def read_ulog(path: PathName) -> Log:
     """Reads a ULog file; a damaged one as far as possible. It has one vehicle, PX4's.
 
     In the ``Log``, ``frames`` counts the whole messages of the file. There are no receive times. Raises Unreadable: the
@@ -375,7 +379,7 @@ def read_ulog(path: str | os.PathLike[str]) -> Log:
     return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
 
 
-def _parameters_set(log: ULog) -> dict[str, NDArray[Any]]:
+def _parameters_set(log: ULog) -> Fields:
     """PARAM_VALUE, all as float32: when the logger began, and when one was set."""
     began = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
     rows = [*began, *log.changed_parameters]
@@ -417,7 +421,7 @@ def _firmware(information: Mapping[str, object]) -> str:
     return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
 
 
-def _damage(found: WholeMessages) -> tuple[Fact, ...]:
+def _damage(found: WholeMessages) -> Facts:
     wrong = np.count_nonzero(found.wrong_stamp)
     lasted = found.dropouts / 1e3  # PX4's logger records the duration, not what is missing
     dropouts = {"duration": lasted.sum(), "longest_gap": lasted.max(initial=0)}

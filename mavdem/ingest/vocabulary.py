@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation
 
-from mavdem.ingest.telemetry import Array
+from mavdem.ingest.telemetry import Array, Fields
 
 # of HEARTBEAT.base_mode
 ARMED: int = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -85,9 +85,7 @@ def version_text(number: int) -> str:
     return f"{major}.{minor}.{patch}-{kind}".rstrip("-")
 
 
-def heartbeat_fields(
-    vehicle_type: int, autopilot: int, armed: NDArray[Any]
-) -> dict[str, NDArray[Any]]:
+def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> Fields:
     """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and where it is ``armed`` (N,)."""
     base = np.where(armed > 0, ARMED, 0).astype(np.uint8)
     return {
@@ -145,7 +143,7 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     return np.asarray(turned.as_quat(scalar_first=True))
 
 
-def attitude_target(q: Array | None = None, rates: Array | None = None) -> dict[str, NDArray[Any]]:
+def attitude_target(q: Array | None = None, rates: Array | None = None) -> Fields:
     """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4) or body rates (N, 3), rad/s, the other masked."""
     count, mask = (
         (len(q), 1 | 2 | 4) if q is not None else (0 if rates is None else len(rates), 128)

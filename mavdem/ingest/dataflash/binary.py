@@ -21,9 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import joined, repair, selected
+from mavdem.ingest.telemetry import Facts, Integers, joined, repair, selected
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"
@@ -94,7 +93,7 @@ class MessageTable(NamedTuple):
     A column, (N,) or (N, 32), is in the field's unit; texts are bytes, ``S`` or objects.
     """
 
-    place: NDArray[np.int64]
+    place: Integers
     columns: Mapping[str, NDArray[Any]]
 
 
@@ -107,7 +106,7 @@ class DataflashRecording(NamedTuple):
     counts: Mapping[str, int]
     table: Callable[[str], MessageTable]
     bytes_skipped: int
-    repairs: tuple[Fact, ...]
+    repairs: Facts
 
 
 EMPTY = MessageTable(np.zeros(0, dtype=np.int64), {})
@@ -169,7 +168,7 @@ def read_binary(content: bytes) -> DataflashRecording:
     data[: len(content)] = np.frombuffer(content, dtype=np.uint8)
     starts = np.array(scan.starts, dtype=np.int64)
     ids = data[starts + 2]
-    groups: dict[str, list[tuple[FormatDefinition, NDArray[np.int64]]]] = {}
+    groups: dict[str, list[tuple[FormatDefinition, Integers]]] = {}
     for kind in np.unique(ids).tolist():
         places = starts[ids == kind]
         dated = scan.definitions[kind]
@@ -194,7 +193,7 @@ class _Scan:
         self.content = content
         self.starts = array("q")
         self.read = 0
-        self.repairs: tuple[Fact, ...] = ()
+        self.repairs: Facts = ()
         self.definitions: dict[int, _Dated] = {FORMAT_ID: [(0, FORMAT)]}
         self.lengths = [0] * 256
         self.lengths[FORMAT_ID] = FORMAT.length
@@ -297,7 +296,7 @@ class _Scan:
 
 
 def _decoded(
-    data: NDArray[np.uint8], definition: FormatDefinition, places: NDArray[np.int64]
+    data: NDArray[np.uint8], definition: FormatDefinition, places: Integers
 ) -> MessageTable:
     wire = definition.wire
     if wire is None or definition.length != definition.wire_length or not wire.itemsize:

@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.contents import file_bytes, is_dataflash_text
+from mavdem.ingest.contents import PathName, file_bytes, is_dataflash_text
 from mavdem.ingest.dataflash import binary
 from mavdem.ingest.dataflash.binary import (
     DataflashRecording,
@@ -44,7 +44,9 @@ from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import (
     Columns,
+    Facts,
     Log,
+    Parameters,
     Telemetry,
     log_of_vehicles,
     repair,
@@ -168,7 +170,7 @@ FRAME_NAMES = {
 _FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
 
 
-def read_dataflash(path: str | os.PathLike[str]) -> Log:
+def read_dataflash(path: PathName) -> Log:
     """Reads a DataFlash log; a damaged one as far as possible.
 
     The log has one vehicle. Its component counts the messages under DataFlash's names ("ATT"), the telemetry has them
@@ -235,7 +237,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
 
 def _on_boot_clock(
     tables: Mapping[str, MessageTable],
-) -> tuple[dict[str, Columns], tuple[Fact, ...]]:
+) -> tuple[dict[str, Columns], Facts]:
     """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and the repairs."""
     clocks = {
         name: field
@@ -285,7 +287,7 @@ def _parameters(logged: Columns, way: int) -> dict[str, float]:
     return {name: value for name, value in pairs if isfinite(value)}
 
 
-def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
+def _mav_type(texts: Sequence[str], parameters: Parameters) -> int:
     """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; ``UNKNOWN`` (GENERIC) where neither has it."""
     firmwares = [found[1].lower() for text in texts if (found := _FIRMWARE.match(text))]
     only_copters = {"FRAME_CLASS", "ATC_RAT_RLL_P"}  # no other ArduPilot vehicle has both

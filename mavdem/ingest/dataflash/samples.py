@@ -7,12 +7,10 @@ filters. Of an autopilot that logs both, instances behind the filters count on f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, count, having, instance
-from mavdem.ingest.telemetry import Array, Columns, rows_by
+from mavdem.ingest.telemetry import Array, Columns, Parameters, Tables, rows_by
 
 FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
 RAW = {"GYRO": "GYR", "ACCEL": "ACC"}
@@ -27,9 +25,7 @@ OPTIONS = {"ISBH": ("INS_LOG_BAT_OPT", 2, 4), "raw": ("INS_RAW_LOG_OPT", 4, 8)}
 """The parameter, and its bits: samples behind the filters alone, and of both."""
 
 
-def raw_samples(
-    tables: Mapping[str, Columns], parameters: Mapping[str, float]
-) -> dict[str, tuple[str, Columns]]:
+def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, Columns]]:
     """Returns GYRO_BEFORE, GYRO_AFTER, ACCEL_BEFORE and ACCEL_AFTER, of the first sensor, with what the log calls them.
 
     They have ``x``, ``y``, ``z``, rad/s or m/s², behind the filters or before.
@@ -57,9 +53,7 @@ def raw_samples(
     return found
 
 
-def _plain(
-    tables: Mapping[str, Columns], message: str, fields: tuple[str, ...], number: int
-) -> Columns | None:
+def _plain(tables: Tables, message: str, fields: tuple[str, ...], number: int) -> Columns | None:
     """Those of one instance, at the stamps of the samples where these are logged."""
     logged = instance(having(tables, message, fields), "I", number)
     if logged is None or not count(logged):
@@ -76,7 +70,7 @@ def _on_clock(logged: Columns, sampled: Array) -> Array:
     return np.asarray(logged["time"] - late / 1e6)
 
 
-def _batches(tables: Mapping[str, Columns], sensor: str, number: int) -> Columns | None:
+def _batches(tables: Tables, sensor: str, number: int) -> Columns | None:
     """The samples of all whole batches of an instance."""
     header = having(tables, "ISBH", ("N", "type", "instance", "mul", "smp_cnt", "smp_rate"))
     data = tables.get("ISBD", {})

@@ -27,10 +27,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import MessageTable
-from mavdem.ingest.telemetry import Array, Columns, joined, renamed, repair, rows_by, selected
+from mavdem.ingest.telemetry import (
+    Array,
+    Columns,
+    Facts,
+    Integers,
+    Tables,
+    joined,
+    renamed,
+    repair,
+    rows_by,
+    selected,
+)
 from mavdem.ingest.vocabulary import (
     ARDUPILOT,
     ARMED,
@@ -43,7 +53,7 @@ from mavdem.ingest.vocabulary import (
 )
 
 
-def having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -> Columns | None:
+def having(tables: Tables, name: str, fields: tuple[str, ...]) -> Columns | None:
     """Returns the messages of that name; None where there are none, or one of the fields is not there as numbers."""
     columns = tables.get(name, {})
     if not all(field in columns and columns[field].dtype.kind in "iuf" for field in fields):
@@ -87,7 +97,7 @@ LEAP_SECONDS = ((0.0, 16), (1435708800.0, 17), (1483228800.0, 18))
 """How far GPS time is ahead of UTC from a UNIX second on: https://hpiers.obspm.fr/iers/bul/bulc/bulletinc.dat."""
 
 
-def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
+def battery(tables: Tables) -> tuple[Columns | None, str]:
     """Returns SYS_STATUS of the first battery, with the decimals the message cuts off, and the name of its message."""
     for name in BATTERIES:
         logged = having(tables, name, ("Volt",))
@@ -107,7 +117,7 @@ def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
     return None, BATTERIES[0]
 
 
-def vibration(tables: Mapping[str, Columns]) -> Columns | None:
+def vibration(tables: Tables) -> Columns | None:
     """Returns VIBRATION: standard deviations of the first IMU's acceleration, m/s², and of all as ``levels`` (N, 3 k).
 
     IMUs that were logged a sample longer than others are cut.
@@ -154,7 +164,7 @@ def under_later_names(name: str, logged: MessageTable) -> MessageTable:
     )
 
 
-def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
+def calendar_time(tables: Tables) -> Columns | None:
     """Returns SYSTEM_TIME, UTC by the receiver, where it has a fix."""
     logged = having(tables, "GPS", ("Status", "GMS", "GWk"))
     if logged is None:
@@ -169,7 +179,7 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {"time_unix_usec": unix})
 
 
-def _fixes(tables: Mapping[str, Columns]) -> Columns | None:
+def _fixes(tables: Tables) -> Columns | None:
     """GPS_RAW_INT of the first receiver; in 1e-7 degrees, as of the message, 0 where it has no fix."""
     logged = instance(having(tables, "GPS", ("Status", "NSats", "HDop", "Lat", "Lng")), "I", 0)
     if logged is None:
@@ -190,7 +200,7 @@ def _fixes(tables: Mapping[str, Columns]) -> Columns | None:
     )
 
 
-def _position(tables: Mapping[str, Columns]) -> tuple[str, Columns | None]:
+def _position(tables: Tables) -> tuple[str, Columns | None]:
     """LOCAL_POSITION_NED; with the first filter's, EKF1, the vertical speed of CTUN: its own is off by 0.3 m/s."""
     name, found = _renamed(tables, "LOCAL_POSITION_NED")
     _, rising = _renamed(tables, "VFR_HUD")
@@ -200,7 +210,7 @@ def _position(tables: Mapping[str, Columns]) -> tuple[str, Columns | None]:
     return name, {**found, "vz": -climb}
 
 
-def _filter_status(tables: Mapping[str, Columns]) -> tuple[str, Columns | None]:
+def _filter_status(tables: Tables) -> tuple[str, Columns | None]:
     """EKF_STATUS_REPORT; its flags are the first bits of the filter's own (AP_Nav_Common.h), and the glitch of GPS."""
     name, found = _renamed(tables, "EKF_STATUS_REPORT")
     if found is None or "flags" not in found:  # before ArduCopter 3.3 there was no status
@@ -222,7 +232,7 @@ def texts_of(columns: Columns, field: str) -> list[str]:
     ]
 
 
-def _texts(tables: Mapping[str, Columns]) -> Columns | None:
+def _texts(tables: Tables) -> Columns | None:
     """STATUSTEXT of MSG, which has no severity."""
     logged = tables.get("MSG", {})
     if "Message" not in logged:
@@ -288,8 +298,8 @@ ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM wi
 
 
 def translated(
-    tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None
-) -> tuple[dict[str, Columns], dict[str, str], tuple[Fact, ...]]:
+    tables: Tables, kind: int, version: tuple[int, int] | None = None
+) -> tuple[dict[str, Columns], dict[str, str], Facts]:
     """Returns MAVLink's messages with data in DataFlash's ``tables``, what the log calls each, and notes on oddities.
 
     ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
@@ -342,7 +352,7 @@ def translated(
     return there, {name: own for name, (own, _) in named_columns.items() if own}, (*notes, *scaled)
 
 
-def _attitude(tables: Mapping[str, Columns], per_degree: float) -> tuple[Columns | None, str]:
+def _attitude(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
     """At the stamps of the slower of angles and rates; with the name of that message."""
     named = _faster_angles(tables, ANGLES)
     angles = having(tables, named, ANGLES)
@@ -374,13 +384,11 @@ def _attitude(tables: Mapping[str, Columns], per_degree: float) -> tuple[Columns
     return stamped(base, turned), named
 
 
-def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> str:
+def _faster_angles(tables: Tables, fields: tuple[str, ...]) -> str:
     return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
 
 
-def _in_centidegrees(
-    tables: Mapping[str, Columns], version: tuple[int, int] | None
-) -> tuple[Fact, ...]:
+def _in_centidegrees(tables: Tables, version: tuple[int, int] | None) -> Facts:
     """Why RATE is in centidegrees/s: by the gyro where that turns, else by version; or empty."""
     rates = having(tables, "RATE", RATES)
     gyros = instance(having(tables, "IMU", GYROS), "I", 0)
@@ -400,7 +408,7 @@ def _in_centidegrees(
     return ()
 
 
-def _servos(tables: Mapping[str, Columns]) -> Columns | None:
+def _servos(tables: Tables) -> Columns | None:
     logged = tables.get("RCOU", {})
     most = np.iinfo(np.uint16).max
     fields = {
@@ -422,7 +430,7 @@ def _servos(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {"port": none.astype(np.uint8), **outputs})
 
 
-def _targets(tables: Mapping[str, Columns], per_degree: float) -> tuple[Columns | None, str]:
+def _targets(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
     """With the names of its messages."""
     parts = []
     names = []
@@ -442,7 +450,7 @@ def _targets(tables: Mapping[str, Columns], per_degree: float) -> tuple[Columns 
     return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
 
 
-def _tuning(tables: Mapping[str, Columns], attitude: Columns | None) -> Columns | None:
+def _tuning(tables: Tables, attitude: Columns | None) -> Columns | None:
     """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in the unit of the log."""
     logged = having(tables, "RATE", (*DESIRED_RATES, *RATES))
     if logged is None or count(attitude) >= SLOWER_SHARE * count(logged):
@@ -455,7 +463,7 @@ def _tuning(tables: Mapping[str, Columns], attitude: Columns | None) -> Columns 
     return joined(parts)
 
 
-def _parameters_set(tables: Mapping[str, Columns]) -> Columns | None:
+def _parameters_set(tables: Tables) -> Columns | None:
     """PARAM_VALUE, when the logger began and when one was set."""
     logged = having(tables, "PARM", ("Value",))
     if logged is None or "Name" not in logged:
@@ -464,7 +472,7 @@ def _parameters_set(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {"param_id": logged["Name"], "param_value": value})
 
 
-def _injected(tables: Mapping[str, Columns]) -> Columns | None:
+def _injected(tables: Tables) -> Columns | None:
     """SIDD, the signal of the system identification mode, with the axis of its run, SID_AXIS, which SIDS has."""
     runs = having(tables, "SIDS", ("Ax",))
     logged = having(tables, "SIDD", ("Targ",))
@@ -476,14 +484,14 @@ def _injected(tables: Mapping[str, Columns]) -> Columns | None:
     return stamped(logged, {"axis": axis, "target": logged["Targ"]})
 
 
-def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[Fact, ...]]:
+def _demands(tables: Tables) -> tuple[Columns | None, Facts]:
     """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a repair where they were scaled."""
     if (logged := having(tables, "RATE", DEMANDS)) is None:
         return None, ()
     controls = np.pad(values(logged, DEMANDS), ((0, 0), (0, 8 - len(DEMANDS))))
     thrust = having(tables, "RATE", ("AOut",))
     controls[:, 3] = np.nan if thrust is None else thrust["AOut"]
-    notes: tuple[Fact, ...] = ()
+    notes: Facts = ()
     demanded = np.abs(controls[:, :3])
     demanded = demanded[demanded > 0]
     if len(demanded) and np.percentile(demanded, 75) > MAX_DEMAND:
@@ -494,7 +502,7 @@ def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[Fact,
     return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 
 
-def _renamed(tables: Mapping[str, Columns], message: str) -> tuple[str, Columns | None]:
+def _renamed(tables: Tables, message: str) -> tuple[str, Columns | None]:
     """A message of ``translation.toml`` with the name of its own; of the filter's states, of the primary core."""
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
@@ -539,9 +547,7 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
     return moved
 
 
-def _changes(
-    tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]
-) -> Array:
+def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:
     """Boot, time, state before and state after each event (N, 4)."""
     logged = tables.get(name, {})
     if field not in logged:
@@ -555,8 +561,8 @@ def _changes(
 
 
 def _each_second(
-    tables: Mapping[str, Columns], changes: Array, undefined: bool = False
-) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:
+    tables: Tables, changes: Array, undefined: bool = False
+) -> tuple[Array, Integers, NDArray[np.uint8]]:
     """Time, boot and state at each change and at the first message of each second of a boot that has changes.
 
     At messages, because between two of them the clock may jump a year. With ``undefined``, the state is 0 between

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import repair
+from mavdem.ingest.telemetry import Facts, Flags, repair
 
 Times = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -29,7 +28,7 @@ MIN_RESET_STAMPS = 5
 """Stamps in a row that are all lower than those before after a reset of the clock; fewer are late arrivals."""
 
 
-def far_off(values: Times, window: int, limit: float | Times) -> NDArray[np.bool_]:
+def far_off(values: Times, window: int, limit: float | Times) -> Flags:
     """Returns which values are over ``limit`` from the median of a ``window`` (odd) around them; ends are reflected."""
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
@@ -38,14 +37,14 @@ def far_off(values: Times, window: int, limit: float | Times) -> NDArray[np.bool
     return np.asarray(np.abs(values - medians) > limit)
 
 
-def outliers(seconds: Times) -> NDArray[np.bool_]:
+def outliers(seconds: Times) -> Flags:
     """Stamps far from the median of the five around them: one or two messages, not a lasting change of the clock."""
     if len(seconds) < 3:
         return np.zeros(len(seconds), dtype=np.bool_)
     return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(np.abs(np.diff(seconds)))))
 
 
-def before_lower(time: Times, boot: Boots) -> NDArray[np.bool_]:
+def before_lower(time: Times, boot: Boots) -> Flags:
     """Stamps soon followed by a much lower one in the same boot: the upper ones of a clock that jumps up and down."""
     lower = np.zeros(len(time), dtype=np.bool_)
     for ahead in range(1, min(MIN_RESET_STAMPS, len(time))):
@@ -55,7 +54,7 @@ def before_lower(time: Times, boot: Boots) -> NDArray[np.bool_]:
     return lower
 
 
-def without(rows: NDArray[np.bool_], *columns: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+def without(rows: Flags, *columns: NDArray[Any]) -> tuple[NDArray[Any], ...]:
     """Returns the columns without these rows; not copied where there are none."""
     return tuple(column[~rows] for column in columns) if rows.any() else columns
 
@@ -102,7 +101,7 @@ class PlacedStamps(NamedTuple):
 
 def boot_clock(
     sent: Sequence[Sent], received: Callable[[Places], Times] | None = None
-) -> tuple[dict[str, PlacedStamps], tuple[Fact, ...]]:
+) -> tuple[dict[str, PlacedStamps], Facts]:
     """Places each of a component's messages on its boot clock: those of each type by name, and the repairs.
 
     Messages before the first stamp have the first stamp; without any stamp all times are NaN. Stamps are read one type
@@ -198,9 +197,7 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
             boot[missing[later]] = boots[row[later]]
 
 
-def _placed_alone(
-    kind: Sent, places: Places, raw: Times, received: Times
-) -> tuple[_Kept, tuple[Fact, ...]]:
+def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tuple[_Kept, Facts]:
     """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
     outlier = outliers(raw)
     outlier[~outlier] = _ahead(raw[~outlier], received[~outlier])
@@ -227,7 +224,7 @@ def _placed_alone(
     return _Kept(*without(late, places, time, boot)), repairs
 
 
-def _ahead(raw: Times, received: Times) -> NDArray[np.bool_]:
+def _ahead(raw: Times, received: Times) -> Flags:
     """Stamps far ahead of the last good one by the receiver's clock, which runs as fast: of damaged bytes, no wraps."""
     ahead = np.zeros(len(raw), dtype=np.bool_)
     good = 0
@@ -265,12 +262,12 @@ def _reboots(time: Times, raw: Times, received: Times) -> Rows:
 
 def _placed_against(
     reference: _Kept, kind: Sent, places: Places, seconds: Times
-) -> tuple[_Kept, tuple[Fact, ...]]:
+) -> tuple[_Kept, Facts]:
     """Another type, compared with the reference's stamps before and after each of its messages."""
     time, off, boot = _read_against(reference, places, seconds, kind.period)
     inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
     typical = float(np.median(off[inside] if inside.start < inside.stop else off))
-    repairs: tuple[Fact, ...] = ()
+    repairs: Facts = ()
     if abs(typical) > OTHER_EPOCH:
         for number in np.unique(boot):
             of_boot = boot == number

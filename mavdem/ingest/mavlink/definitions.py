@@ -26,7 +26,7 @@ from mavdem.ingest.mavlink.framing import (
     Frames,
     rows_of,
 )
-from mavdem.ingest.telemetry import Columns
+from mavdem.ingest.telemetry import Columns, Fields
 
 BATCH = 1 << 14  # Messages decoded together: few enough to stay in the processor's cache
 
@@ -79,7 +79,7 @@ def columns(
     start: NDArray[np.integer],
     definition: MessageDefinition,
     names: Sequence[str] = (),
-) -> dict[str, NDArray[Any]]:
+) -> Fields:
     """Returns the payloads of frames of one message as contiguous columns by name: (N,), or (N, k) for an array field.
 
     The frames' markers are at ``start`` (N,) in ``data``. Bytes that were not sent are zero: trailing zeros in

@@ -28,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.ingest.telemetry import Flags
+
 Bytes = NDArray[np.uint8]
 Registers = NDArray[np.uint16]
 
@@ -143,7 +145,7 @@ class Frames:
     def __len__(self) -> int:
         return len(self.start)
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_] | Places) -> Frames:
+    def __getitem__(self, rows: slice | Flags | Places) -> Frames:
         return Frames(*(getattr(self, column.name)[rows] for column in fields(self)))
 
 
@@ -232,11 +234,11 @@ class _FrameBlock:
         """The frames whose checksum agrees, where another begins after them or the bytes end before one could."""
         return self._good(self._linked)
 
-    def loose(self, within: NDArray[np.bool_]) -> Frames:
+    def loose(self, within: Flags) -> Frames:
         """The others ``within`` whose checksum agrees; each linked one was accepted, or begins inside one that was."""
         return self._good(within & ~self._linked)
 
-    def _good(self, wanted: NDArray[np.bool_]) -> Frames:
+    def _good(self, wanted: Flags) -> Frames:
         rows = np.flatnonzero(wanted & (self.end <= self._size))
         frames = headed_frames(self.start[rows], self._header[rows])
         seeds = _seeds_of(frames, self._seeds)
@@ -337,7 +339,7 @@ def announced_length(marker: int, payload: int, flags: int) -> int | None:
     return None
 
 
-def _fits(start: Places, end: Places, taken: Frames, decided: int, until: int) -> NDArray[np.bool_]:
+def _fits(start: Places, end: Places, taken: Frames, decided: int, until: int) -> Flags:
     """Whether frames lie between ``decided`` and ``until`` and overlap none of those in ``taken``."""
     following = np.searchsorted(taken.start, start, side="right")
     free_from = np.concatenate([[decided], taken.end])[following]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock, far_off
 from mavdem.ingest.mavlink.definitions import (
@@ -22,7 +21,18 @@ from mavdem.ingest.mavlink.definitions import (
 )
 from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
 from mavdem.ingest.motors import MOTOR_MESSAGES
-from mavdem.ingest.telemetry import Columns, Component, Log, Telemetry, Unread, repair, rows_by
+from mavdem.ingest.telemetry import (
+    Columns,
+    Component,
+    Facts,
+    Fields,
+    Log,
+    Tables,
+    Telemetry,
+    Unread,
+    repair,
+    rows_by,
+)
 from mavdem.ingest.vocabulary import (
     NAMES,
     RADIO,
@@ -83,7 +93,7 @@ def assemble(stream: FrameStream) -> Log:
         count = sum(kind.frames for kind in unread if kind.cause is cause)
         repairs += repair(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
     repairs += repair(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
-    heard: list[tuple[Component, dict[str, _Columns], tuple[Fact, ...]]] = []
+    heard: list[tuple[Component, dict[str, _Columns], Facts]] = []
     for ids, starts in sent.items():
         messages, of_clock = _messages(data, starts, at)
         kind, autopilot = (
@@ -94,7 +104,7 @@ def assemble(stream: FrameStream) -> Log:
             kind = RADIO
         who = ids >> 8, ids & 0xFF, kind, autopilot
         heard.append((Component(*who, counts, max(lost[ids], 0)), messages, of_clock))
-    stores: dict[int, Mapping[str, Columns]] = {
+    stores: dict[int, Tables] = {
         one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE
     }
     vehicles = []
@@ -171,7 +181,7 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
 
 def _messages(
     data: Bytes, sent: Mapping[int, Starts], received: Callable[[Places], Times]
-) -> tuple[dict[str, _Columns], tuple[Fact, ...]]:
+) -> tuple[dict[str, _Columns], Facts]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
     placed, repairs = boot_clock([_sent(data, *kind) for kind in kinds], received)
@@ -189,7 +199,7 @@ class _Columns(Mapping[str, NDArray[Any]]):
         self._starts = starts
         self._definition = definition
         self._placed = placed
-        self._fields: dict[str, NDArray[Any]] | None = None
+        self._fields: Fields | None = None
         self._names = (
             *(name for name in definition.fields if name not in ("time", "boot")),
             "time",
@@ -241,7 +251,7 @@ class FrameStream:
     # (N,) UNIX microseconds each was received, as recorded; 0 where that was not
     stamps: NDArray[np.uint64]
     bytes_skipped: int
-    repairs: tuple[Fact, ...]
+    repairs: Facts
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
         """The stamp and the bytes of each frame; a frame without a stamp has that of the frame before."""

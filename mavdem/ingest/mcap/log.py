@@ -34,7 +34,7 @@ from mavdem.errors import Unreadable
 from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.contents import PathName, file_bytes
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     MessageDefinition,
@@ -51,14 +51,14 @@ from mavdem.ingest.mavlink.framing import (
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.records import Channel, McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
-from mavdem.ingest.telemetry import Log, repair
+from mavdem.ingest.telemetry import Facts, Log, repair
 
 JSON = frozenset({"json", "json5"})
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) that are not of frames, whatever the first byte."""
 
 
-def read_mcap(path: str | os.PathLike[str]) -> Log:
+def read_mcap(path: PathName) -> Log:
     """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics, also where it is damaged.
 
     Raises Unreadable: it cannot be opened or contains neither; MissingExtra: the reader of ROS 2 is not installed.
@@ -73,7 +73,7 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     return assemble(stream)
 
 
-def mcap_stream(path: str | os.PathLike[str]) -> FrameStream:
+def mcap_stream(path: PathName) -> FrameStream:
     """Returns the MAVLink of an MCAP recording, JSON too, as frames; raises ``Unreadable``: no file, or none in it."""
     recording = McapRecording(file_bytes(path))
     stream, seen = _stream(os.fspath(path), recording)
@@ -158,7 +158,7 @@ def _json_topics(channels: Iterable[Channel]) -> dict[Channel, JsonTopic]:
 
 def _json_part(
     content: bytes, topics: Mapping[Channel, JsonTopic]
-) -> tuple[RecordingPart, int, tuple[Fact, ...]]:
+) -> tuple[RecordingPart, int, Facts]:
     """The JSON messages of these topics as frames, how many are none, and why.
 
     None of a damaged chunk: no checksum shows a wrong digit there.
@@ -197,7 +197,7 @@ def _json_part(
     return written.part(), unknown.total() + wrong.total(), left_out
 
 
-def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> Fact:
+def _nothing_in(path: PathName, recording: McapRecording, messages: int) -> Fact:
     source = os.fspath(path)
     if messages:
         return Fact(Source.DIALECT_UNKNOWN, path=source, count=messages, recording=True)

@@ -34,11 +34,10 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.facts import Fact
 from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from mavdem.ingest.telemetry import repair
+from mavdem.ingest.telemetry import Facts, repair
 
 MAGIC = b"\x89MCAP0\r\n"
 LAST_OPCODE = max(Opcode)
@@ -143,7 +142,7 @@ class McapRecording:
                 if message is not None:
                     yield message
 
-    def repairs(self) -> tuple[Fact, ...]:
+    def repairs(self) -> Facts:
         """Each kind of damage."""
         return (
             *repair(Repair.CHUNKS_DAMAGED, count=self.damaged),

@@ -34,7 +34,10 @@ from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
 from mavdem.ingest.telemetry import (
+    Array,
     Columns,
+    Facts,
+    Integers,
     Log,
     Telemetry,
     log_of_vehicles,
@@ -161,7 +164,7 @@ def mavros_message(topic: str, fields: Fields, vehicle_autopilot: int) -> dict[s
     return made
 
 
-def _quaternion(fields: Fields) -> NDArray[np.float64]:
+def _quaternion(fields: Fields) -> Array:
     """(4, N) q_ENU,FLU = q_n q_NED,FRD q_b, of half a turn each, undone.
 
     q_n = (i + j)/√2 swaps north and east and turns down up, q_b = i turns right left and down up. Both are their own
@@ -323,8 +326,8 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
 
 
 def _on_one_clock(
-    tables: Mapping[str, TopicColumns], stamps: Mapping[str, NDArray[np.int64]]
-) -> tuple[dict[str, Columns], tuple[Fact, ...]]:
+    tables: Mapping[str, TopicColumns], stamps: Mapping[str, Integers]
+) -> tuple[dict[str, Columns], Facts]:
     """Each topic's columns by its ``stamps``, ns, with ``time`` and ``boot``, and the repairs.
 
     UNIX time counts from a second before the first stamp: floats of seconds since 1970 do not resolve a microsecond.
@@ -359,7 +362,7 @@ def _on_one_clock(
     return placed, repairs + of_clock
 
 
-def _start(stamps: NDArray[np.int64]) -> tuple[int, tuple[Fact, ...]]:
+def _start(stamps: Integers) -> tuple[int, Facts]:
     """The origin of time, ns, and a repair where that is not the boot of the vehicle."""
     # The middle stamp itself: the mean of two clocks' stamps, half of the messages each, would be near neither.
     middle = int(np.partition(stamps, len(stamps) // 2)[len(stamps) // 2]) if len(stamps) else 0
@@ -370,7 +373,7 @@ def _start(stamps: NDArray[np.int64]) -> tuple[int, tuple[Fact, ...]]:
     return first * SECOND, repair(Repair.UNIX_TIME_MOVED, origin=first)
 
 
-def _nanoseconds(values: NDArray[np.float64], unit: int) -> NDArray[np.int64]:
+def _nanoseconds(values: Array, unit: int) -> Integers:
     """Stamps in nanoseconds, from values in multiples of ``unit`` ns; 0 for an impossible one."""
     # As integers: floats do not hold nanoseconds since 1970, and 64 bits not much more than 9e18.
     return (

@@ -16,9 +16,9 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.ingest.mcap.records import Schema
+from mavdem.ingest.telemetry import Array, Integers
 
 CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
 DEFINITION = "ros2msg"  # Schema encoding of rosbag2 (https://mcap.dev/spec/registry)
@@ -31,8 +31,8 @@ class TopicColumns(NamedTuple):
     ``places`` (N,) are their numbers in the recording, ascending.
     """
 
-    columns: dict[str, NDArray[np.float64]]
-    places: NDArray[np.int64]
+    columns: dict[str, Array]
+    places: Integers
     texts: Counter[str]
 
 
