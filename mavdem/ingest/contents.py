@@ -34,9 +34,9 @@ def file_bytes(path: PathName) -> bytes:
     return _content(path)
 
 
-def file_beginning(path: PathName, count: int = 4096) -> bytes:
-    """The first ``count`` bytes, ``BEGINNING_BYTES`` at most; raises as ``file_bytes``, as far as these show it."""
-    return _content(path, limit=BEGINNING_BYTES)[:count]
+def file_beginning(path: PathName) -> bytes:
+    """The first 4096 bytes; raises as ``file_bytes``, as far as these show it."""
+    return _content(path, limit=BEGINNING_BYTES)[:4096]
 
 
 def is_dataflash_text(content: bytes) -> bool:

@@ -38,7 +38,6 @@ from mavdem.ingest.telemetry import (
     joined,
     renamed,
     repair,
-    rows_by,
     selected,
 )
 from mavdem.ingest.vocabulary import (
@@ -286,6 +285,7 @@ gyro is not, so that it is less than 100 times as much."""
 # rad/s of the gyro from which a sample counts, and the samples that decide
 MOVING_RATE = 0.1
 MIN_MOVING = 20
+UINT16_MAX = 65535  # The highest output that SERVO_OUTPUT_RAW holds
 MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged ones
 # Full demand and full thrust where they are not 1
 OLD_DEMAND = 4500.0
@@ -410,24 +410,17 @@ def _in_centidegrees(tables: Tables, version: tuple[int, int] | None) -> Facts:
 
 def _servos(tables: Tables) -> Columns | None:
     logged = tables.get("RCOU", {})
-    most = np.iinfo(np.uint16).max
-    fields = {
-        n: field
-        for n in range(1, 17)
-        for field in (f"C{n}", f"Ch{n}", f"Chan{n}")
-        if field in logged
-    }
-    if not fields:
+    outputs = {}
+    for n in range(1, 17):
+        for field in (f"C{n}", f"Ch{n}", f"Chan{n}"):
+            if field in logged:
+                pulses = np.nan_to_num(np.asarray(logged[field], dtype=np.float64))
+                outputs[n] = np.clip(pulses, 0, UINT16_MAX).astype(np.uint16)
+    if not outputs:
         return None
     none = np.zeros(len(logged["time"]), dtype=np.uint16)
-    pulses = {
-        n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()
-    }
-    outputs = {
-        f"servo{n}_raw": np.clip(pulses.get(n, none), 0, most).astype(np.uint16)
-        for n in range(1, 17)
-    }
-    return stamped(logged, {"port": none.astype(np.uint8), **outputs})
+    named = {f"servo{n}_raw": outputs.get(n, none) for n in range(1, 17)}
+    return stamped(logged, {"port": none.astype(np.uint8), **named})
 
 
 def _targets(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
@@ -525,11 +518,10 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
     if base is source:
         return values
     moved = np.full((len(base["time"]), values.shape[1]), np.nan)
-    finite = np.asarray(np.isfinite(values).all(axis=1))
-    sources = rows_by(source["boot"])
-    for boot, here in rows_by(base["boot"]).items():
-        there = sources.get(boot, here[:0])
-        there = there[finite[there]]
+    finite = np.isfinite(values).all(axis=1)
+    for boot in np.unique(base["boot"]):
+        here = base["boot"] == boot
+        there = np.flatnonzero((source["boot"] == boot) & finite)
         time, first = np.unique(source["time"][there], return_index=True)
         if not len(time):
             continue
@@ -552,12 +544,9 @@ def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[i
     logged = tables.get(name, {})
     if field not in logged:
         return np.zeros((0, 4))
-    rows = zip(
-        logged["boot"].tolist(), logged["time"].tolist(), logged[field].tolist(), strict=True
-    )
-    return np.array(
-        [(boot, time, *states[value]) for boot, time, value in rows if value in states]
-    ).reshape(-1, 4)
+    rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
+    found = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
+    return np.array(found).reshape(-1, 4)
 
 
 def _each_second(
