@@ -173,39 +173,31 @@ def motor_geometry(
     whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
     """
     drivers: dict[int, tuple[str, int]] = {}
+    known: dict[int, int] = {}
+    places: dict[int, Position] = {}
+    turns: dict[int, int] = {}
     others: set[int] = set()
     if autopilot == "PX4":
         known, drivers = _px4_channels(parameters, moving, bank)
         # n of the control allocation is motor n + 1
-        rotors = range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
-        at = {n + 1: tuple(parameters.get(f"CA_ROTOR{n}_P{axis}") for axis in "XY") for n in rotors}
-        places = {
-            motor: (float(x), float(y))
-            for motor, (x, y) in at.items()
-            if x is not None and y is not None
-        }
-        # Torque over thrust is positive for a rotor that turns counterclockwise.
-        moments = {n + 1: parameters.get(f"CA_ROTOR{n}_KM", 0.0) for n in rotors}
-        turns = {motor: 1 if moment > 0 else -1 for motor, moment in moments.items() if moment}
+        for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12)):
+            x, y, moment = (parameters.get(f"CA_ROTOR{n}_{name}") for name in ("PX", "PY", "KM"))
+            if x is not None and y is not None:
+                places[n + 1] = float(x), float(y)
+            # Torque over thrust is positive for a rotor that turns counterclockwise.
+            if moment:
+                turns[n + 1] = 1 if moment > 0 else -1
         channels_by = ChannelBasis.PX4_FUNCTIONS
     else:
         # SERVOn_FUNCTION 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12; of several channels the first.
         motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
-        functions = {
-            channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0))
-            for channel in range(32, 0, -1)
-        }
-        known = {
-            motor_of[function]: channel
-            for channel, function in functions.items()
-            if function in motor_of
-        }
-        # Before ArduCopter 3.5 motors have no function, and gimbals have RCn_FUNCTION.
-        others = {
-            n
-            for n in functions
-            if parameters.get(f"RC{n}_FUNCTION", functions[n]) not in (0, *motor_of)
-        }
+        for channel in range(32, 0, -1):
+            function = int(parameters.get(f"SERVO{channel}_FUNCTION", 0))
+            if function in motor_of:
+                known[motor_of[function]] = channel
+            # Before ArduCopter 3.5 motors have no function, and gimbals have RCn_FUNCTION.
+            if parameters.get(f"RC{channel}_FUNCTION", function) not in (0, *motor_of):
+                others.add(channel)
         moving = [channel for channel in moving if channel not in others]
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
@@ -225,9 +217,8 @@ def motor_geometry(
         count = MOTOR_COUNTS.get(vehicle, len(moving))
         moved = sorted(moving)[:count]
         channels_by = ChannelBasis.MOVING_CHANNELS
-        usual = [
-            n for n in range((min(moving, default=1) - 1) // bank * bank + 1, 33) if n not in others
-        ][:count]
+        first = (min(moving, default=1) - 1) // bank * bank + 1
+        usual = [n for n in range(first, 33) if n not in others][:count]
         # A motor whose output never changes is one all the same. A tricopter's are on no row of channels.
         if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
             moved = usual
@@ -238,15 +229,13 @@ def motor_geometry(
     if not channels:
         return None
     places_by = PlaceBasis.PARAMETERS
-    if not all(motor in places for motor in motors):
+    if not places.keys() >= set(motors):
         # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
         is_quad = motors == (1, 2, 3, 4)
         places_by = PlaceBasis.X_QUAD if is_quad else PlaceBasis.UNKNOWN
         places, turns = _placed(_QUAD_X, _QUAD_X_SPINS) if is_quad else ({}, {})
     positions = tuple(places[motor] for motor in motors) if places else ()
-    spins = (
-        tuple(turns[motor] for motor in motors) if all(motor in turns for motor in motors) else ()
-    )
+    spins = tuple(turns[motor] for motor in motors) if turns.keys() >= set(motors) else ()
     places_of = tuple(drivers[channel] for channel in channels if channel in drivers)
     return MotorGeometry(
         motors, channels, positions, channels_by, places_by, spins=spins, drivers=places_of
@@ -255,12 +244,12 @@ def motor_geometry(
 
 def place_name(position: Position) -> str:
     """Returns where a motor is, in words: ``front right``."""
-    forward, right = position
-    return PLACES[round(degrees(atan2(right, forward)) / 45) % len(PLACES)]
+    bearing = radians(45 * round(degrees(atan2(position[1], position[0])) / 45))
+    along = {1: "front", 0: "", -1: "rear"}[round(cos(bearing))]
+    across = {1: "right", 0: "", -1: "left"}[round(sin(bearing))]
+    return f"{along} {across}".strip()
 
 
-PLACES = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
-"""By the bearing from the nose, in eighths of a turn."""
 _QUAD_X = (45.0, -135.0, -45.0, 135.0)
 _QUAD_X_SPINS = "++--"
 _TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text("utf-8"))

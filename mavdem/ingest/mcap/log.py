@@ -66,7 +66,7 @@ def read_mcap(path: PathName) -> Log:
     recording = McapRecording(file_bytes(path))
     stream, seen = _stream(os.fspath(path), recording)
     if stream is None:
-        if not flight_topics(recording.channels.values(), recording.schemas):
+        if not flight_topics(recording):
             raise Unreadable(_nothing_in(path, recording, seen))
         require("ros2", os.fspath(path))
         return read_ros2(recording, os.fspath(path))
@@ -111,7 +111,7 @@ def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, 
         return None, unread + sum(len(part.frames) for part in parts)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
-    if flight_topics(recording.channels.values(), recording.schemas):
+    if flight_topics(recording):
         repairs += repair(Repair.TOPICS_NOT_READ, name="ros2")
     return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, repairs), 0
 
@@ -203,7 +203,7 @@ def _nothing_in(path: PathName, recording: McapRecording, messages: int) -> Fact
         return Fact(Source.DIALECT_UNKNOWN, path=source, count=messages, recording=True)
     names = {channel.topic for channel in recording.channels.values()}
     code = Source.MCAP_WITHOUT_FLIGHT
-    if flight_topics(recording.channels.values(), recording.schemas):
+    if flight_topics(recording):
         code = Source.MCAP_OF_ROS2
     elif recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
         code = Source.MCAP_DAMAGED

@@ -16,7 +16,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mcap.records import Channel, McapRecording, Schema
+from mavdem.ingest.mcap.records import Channel, McapRecording
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
 from mavdem.ingest.telemetry import (
@@ -72,18 +72,16 @@ class RosTopic(NamedTuple):
     incoming: bool = False
 
 
-def flight_topics(
-    channels: Iterable[Channel], schemas: Mapping[int, Schema]
-) -> dict[Channel, RosTopic]:
+def flight_topics(recording: McapRecording) -> dict[Channel, RosTopic]:
     """Returns the topic of each channel that is of a flight.
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
     found: dict[Channel, RosTopic] = {}
     nodes = set()
-    for channel in channels:
-        if channel.encoding == CDR and channel.schema in schemas:
-            schema = schemas[channel.schema].name
+    for channel in recording.channels.values():
+        if channel.encoding == CDR and channel.schema in recording.schemas:
+            schema = recording.schemas[channel.schema].name
             topic = f"/{channel.topic.lstrip('/')}"
             is_px4 = re.fullmatch(r"px4_msgs/msg/\w+", schema)
             if known := _of_px4(topic) if is_px4 else _of_mavros(topic, schema):
@@ -187,7 +185,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     In the ``Log``, ``frames`` counts the messages that were read. The ``recording`` was read once, so that its channels
     and schemas are known; it is read anew. Raises ``Unreadable`` without a message of a flight that can be decoded.
     """
-    topics = flight_topics(recording.channels.values(), recording.schemas)
+    topics = flight_topics(recording)
     decoders = {
         number: decoder(recording.schemas[number])
         for number in {channel.schema for channel in topics}
