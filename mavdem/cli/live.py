@@ -210,7 +210,7 @@ def live_command(
     earlier = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with suppress(Unreadable):  # a model without its report knows no drag
-        stream.air.drag = None if prior is None else earlier_drag(prior, vehicle or "")
+        stream.air.drag = None if prior is None else earlier_drag(prior)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)

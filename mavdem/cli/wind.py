@@ -19,7 +19,6 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import print_json, print_screen
-from mavdem.condition.inventory import identity_of
 from mavdem.condition.wind_of_log import wind_of
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import DragSource
@@ -41,7 +40,7 @@ SOURCES = {
 @vehicle_option
 @file_option(
     "--prior",
-    "Drag from earlier flights: learn's folder or files, a fleet's folder, or wind's own JSON.",
+    "Drag from an earlier flight: learn's folder or files, or wind's own JSON.",
 )
 @json_option
 @verbose_option
@@ -62,7 +61,7 @@ def wind_command(
         raise NotLearnable(reason)
     assert wind is not None
     if prior is not None:
-        wind = wind_of(signals, earlier_drag(prior, identity_of(signals).name, wind.speed))
+        wind = wind_of(signals, earlier_drag(prior, wind.speed))
     drag = wind.drag
     above, *lights, following = conclusion(assessment.judgement)
     blocks = wind_blocks((wind, signals.autopilot_wind, None))

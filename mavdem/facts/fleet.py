@@ -44,7 +44,6 @@ class Prior(Code):
     MODEL_UNREADABLE = auto()
     MODEL_OF_OTHER_AXIS = auto()
     MODEL_WITHOUT_EFFECT = auto()
-    NO_DRAG_OF_VEHICLE = auto()
     DRAG_UNREADABLE = auto()
     DRAG_OF_THIS_FLIGHT = auto()
 

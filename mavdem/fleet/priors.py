@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
-
 from mavdem.dem import Drag, Learned
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Prior
 from mavdem.fleet.rows_of_log import MODEL, REPORT, text_of
-from mavdem.fleet.store import is_fleet, read_rows
 
 
 def earlier_flight(path: Path, axis: str) -> Learned:
@@ -32,28 +29,15 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     return learned
 
 
-def earlier_drag(path: Path, vehicle: str, speed: float | None = None) -> Drag:
-    """Returns the drag of earlier flights: of what ``mavdem learn`` or ``mavdem wind --json`` wrote, or of a fleet.
+def earlier_drag(path: Path, speed: float | None = None) -> Drag:
+    """Returns the drag of an earlier flight: of what ``mavdem learn`` or ``mavdem wind --json`` wrote.
 
-    Of the folder or a ``model.json`` the report beside it counts; of a fleet, the ``vehicle``'s best known drag. The
-    flight with this very wind ``speed``, m/s, is the one in question, and none before it.
+    Of the folder or a ``model.json`` the report beside it counts. The flight with this very wind ``speed``, m/s, is the
+    one in question, and none before it.
 
     Raises:
-        Unreadable: it cannot be read, is of the flight in question, or holds no drag of that vehicle.
+        Unreadable: it cannot be read, is of the flight in question, or holds no drag.
     """
-    if is_fleet(path):
-        rows = [
-            row
-            for row in read_rows(path)
-            if row.vehicle == vehicle and row.drag and row.drag_interval
-        ]
-        rows = [row for row in rows if row.wind_speed != speed]
-        if not rows:
-            raise Unreadable(Fact(Prior.NO_DRAG_OF_VEHICLE, path=str(path), name=vehicle))
-        axes = [(row.drag or (), row.drag_interval or ()) for row in rows]
-        return Drag.of_axes(
-            *min(axes, key=lambda both: sum(np.divide(both[1], both[0])))
-        ).of_next_flight()
     file = (
         path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
     )

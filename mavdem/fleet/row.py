@@ -97,8 +97,6 @@ class FlightRow:
     """duration of settled flight"""
     attitude_rate: Hertz = at("verdict.figures.attitude_rate")
     """rate of the attitude's messages"""
-    motor_rate: Hertz = at("verdict.figures.motor_rate")
-    """rate of the motors' messages"""
     voltage_start: Volts = at("condition.battery.voltage_start")
     """voltage at the start, median of 2 s"""
     voltage_end: Volts = at("condition.battery.voltage_end")

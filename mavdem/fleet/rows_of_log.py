@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.signals import Signals, usual_rate
+from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop, assess_signals
@@ -21,7 +21,7 @@ from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import Reading
-from mavdem.fleet.row import DEMAND, FlightRow
+from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import PAGES, LogRows, fault
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import read_log
@@ -77,7 +77,7 @@ def rows_of_assessment(assessment: Assessment, signals: Signals, file: str) -> l
     }
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
-        unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
+        unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))
         is_bad = assessment.headline.level is Level.BAD
         reason = (None if is_bad else first.reason) or assessment.headline
         row = FlightRow.of(
@@ -108,15 +108,7 @@ def rows_of_assessment(assessment: Assessment, signals: Signals, file: str) -> l
         report = analysis.as_dict() | judged
         loop = assessment.loops[axis]
         margins = {} if isinstance(loop, NoLoop) else _margins(loop)
-        row = FlightRow.of(report, axis=axis, **columns, **margins, **_means(analysis))
-        driven = signals.about(axis).drive
-        # the rate of the analysis is the demand's
-        if driven is not None and driven.scale.name == DEMAND:
-            row = replace(
-                row,
-                motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None,
-            )
-        rows.append(row)
+        rows.append(FlightRow.of(report, axis=axis, **columns, **margins, **_means(analysis)))
     return rows
 
 

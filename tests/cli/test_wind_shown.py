@@ -44,7 +44,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     off = np.interp(found.time, table["time_s"], table["wind_north_m_s"]) - found.velocity[:, 0]
     assert np.nanmax(np.abs(off)) < 0.02 and np.isnan(table["wind_east_band_m_s"][0])
     (row, *_), _ = rows_of_log(log)
-    earlier = earlier_drag(tmp_path / "learnt" / "model.json", "")
+    earlier = earlier_drag(tmp_path / "learnt" / "model.json")
     of_row = Drag.of_axes(row.drag, row.drag_interval)
     assert (
         earlier.linear == pytest.approx(of_row.linear)

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from recorded_flights import LOGS
-from standin_logs import fleet_of
 
 import mavdem
 from mavdem.analysis import analyse
@@ -111,18 +110,14 @@ def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
 @pytest.mark.parametrize(
     ("read", "text", "code"),
     [
-        (lambda path: earlier_drag(path, "7"), "{}", Prior.DRAG_UNREADABLE),
-        (lambda path: earlier_drag(path, "7", 4.0), DRAG, Prior.DRAG_OF_THIS_FLIGHT),
+        (earlier_drag, "{}", Prior.DRAG_UNREADABLE),
+        (lambda path: earlier_drag(path, 4.0), DRAG, Prior.DRAG_OF_THIS_FLIGHT),
         (lambda path: earlier_flight(path, "roll"), "{}", Prior.MODEL_UNREADABLE),
-        (lambda path: earlier_drag(path.parent, "7"), None, Prior.NO_DRAG_OF_VEHICLE),
     ],
 )
 def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, code):
     path = tmp_path / "report.json"
-    if text is None:
-        fleet_of(tmp_path, [FlightRow(file="a.bin", vehicle="7")])
-    else:
-        path.write_text(text)
+    path.write_text(text)
     with pytest.raises(Unreadable) as refused:
         read(path)
     assert refused.value.fact.code is code
