@@ -2,14 +2,8 @@
 
 import json
 import multiprocessing
-import os
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
-import psutil
 import pytest
 from command_line import FLIGHT, SLOW, run, strict_json
 
@@ -76,37 +70,6 @@ def test_a_flight_too_short_says_what_fits(quick, capsys):
     said = capsys.readouterr().err
     assert "5900 training and 150 test samples were asked for" in said
     assert run("compare", FLIGHT, *said.split("`")[1].split()) == 0
-
-
-@pytest.mark.slow
-def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
-    """The whole terminal's Ctrl-C, which reaches the workers too."""
-    run = "import sys\nfrom mavdem.__main__ import run\nif __name__ == '__main__':\n    sys.exit(run())\n"
-    script = tmp_path / "script.py"
-    script.write_text(run)
-    words = [
-        sys.executable,
-        script,
-        "compare",
-        FLIGHT,
-        "--hop",
-        "20",
-        "--out",
-        tmp_path / "out",
-    ]
-    process = subprocess.Popen(
-        words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-    )
-    # A worker and the tracker of its resources: the work has begun.
-    deadline = time.monotonic() + 300
-    while len(psutil.Process(process.pid).children(recursive=True)) < 2:
-        assert process.poll() is None and time.monotonic() < deadline, process.communicate()
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
-    # Ends when nobody holds its output any longer, workers included.
-    _, said = process.communicate(timeout=300)
-    assert process.returncode == 130 and b"Traceback" not in said
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

@@ -61,19 +61,6 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
         assert np.abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
-@pytest.mark.slow
-def test_a_parquet_table_is_the_flight(tmp_path, capsys):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is optional")
-    out = tmp_path / "flight.parquet"
-    told = convert(capsys, FLIGHT, out)
-    table = parquet.read_table(out)
-    flight = read_flight(FLIGHT)
-    assert table.column_names == told["columns"]
-    values = np.column_stack([column.to_numpy() for column in table.columns])
-    assert np.array_equal(values, np.column_stack([flight.time, flight.inputs, flight.outputs]))
-    assert json.loads(table.schema.metadata[b"provenance"])["source"] == str(FLIGHT)
-
-
 @pytest.mark.parametrize("how", ["itself", "by a link", "by a hard link"])
 def test_the_input_is_never_overwritten(how, tmp_path, capsys):
     source = tmp_path / "flight.tlog"
@@ -139,18 +126,3 @@ def test_a_termination_while_writing_leaves_nothing(tmp_path):
     done = subprocess.run(words, capture_output=True, text=True, timeout=60)
     assert done.returncode == 128 + signal.SIGTERM
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("message", ["ATTITUDE", "SERVO_OUTPUT_RAW", "neither"])
-def test_a_log_of_one_stream_is_a_table_and_of_none_is_refused(message, tmp_path, of_hover, capsys):
-    hover = of_hover(7.0, 7.0, without=tuple({"ATTITUDE", "SERVO_OUTPUT_RAW"} - {message}))
-    if message == "neither":
-        assert "There is no ATTITUDE" in refused(
-            capsys, 1, "convert", "made-up.tlog", tmp_path / "none.csv"
-        )
-        assert list(tmp_path.iterdir()) == []
-        return
-    told = convert(capsys, "made-up.tlog", tmp_path / "one.csv")
-    head, values = table_of(tmp_path / "one.csv")
-    assert told["dt"] is None and len(head) == {"ATTITUDE": 3, "SERVO_OUTPUT_RAW": 5}[message]
-    assert np.allclose(values[:, 0], hover.stamps(7.0), atol=1e-6)

@@ -16,7 +16,6 @@ from mavdem import read_flight
 from mavdem.cli import commands as command_line
 from mavdem.cli.commands import main, mavdem
 from mavdem.export.conversion import write_channels
-from mavdem.results import RESULT_FILES
 
 BROKEN = {
     "empty.tlog": b"",
@@ -118,41 +117,6 @@ def test_a_standard_output_that_fails_is_reported(words):
     *_, last = done.stderr.splitlines()
     assert last.startswith("mavdem: Standard output cannot be written to (")
     assert "Traceback" not in done.stderr and "should not have happened" not in done.stderr
-
-
-@pytest.mark.slow
-def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_nothing(tmp_path):
-    log = Path(os.fsdecode(os.fsencode(tmp_path) + b"/r\xff\xfe.tlog"))
-    out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/o\xff\xfe"))
-    try:
-        log.write_bytes(FLIGHT.read_bytes())
-    except OSError:
-        pytest.skip("this file system takes UTF-8 only")
-    settings = tmp_path / "matplotlibrc"
-    settings.write_text("text.usetex: True\nfont.family: none\nno such line\n")
-    surroundings = {
-        "MPLBACKEND": "none",
-        "MATPLOTLIBRC": str(settings),
-        "MPLCONFIGDIR": str(settings),
-    }
-    environment = {**os.environ, **surroundings, "PYTHONIOENCODING": "ascii"}
-    words = [
-        *MAVDEM,
-        "learn",
-        log,
-        "--out",
-        out,
-        "--preset",
-        "paper",
-        "--train",
-        "200",
-        "--test",
-        "20",
-    ]
-    done = subprocess.run(words, capture_output=True, timeout=PATIENCE, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert set(RESULT_FILES) == {path.name for path in out.iterdir()}
-    assert done.stdout.isascii()
 
 
 @pytest.mark.slow

@@ -69,19 +69,6 @@ def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     assert scenario_of(tomllib.loads(text)) == scenario
 
 
-@pytest.mark.parametrize("hold", ["0", "2.5", "inf"])
-@pytest.mark.parametrize("reboot", ["7", "inf"])
-def test_what_lasts_for_good_or_never_comes_can_be_written(hold, reboot):
-    gust = f"[[wind]]\nkind = 'gust'\nstart = 1\nspeed = 2\nhold = {hold}\n"
-    scenario = scenario_of(tomllib.loads(f"{gust}[faults]\nreboot = {reboot}"))
-    assert scenario.wind[0].hold == (None if hold == "inf" else float(hold))
-    assert scenario.faults.reboot == (None if reboot == "inf" else float(reboot))
-    assert scenario_of(tomllib.loads(in_toml(scenario))) == scenario
-    assert f"hold = {hold}" in in_toml(scenario) and f"reboot = {reboot}" in in_toml(scenario)
-    # As --json and the truth of a flight have it.
-    assert scenario_of(json.loads(scenario.model_dump_json())) == scenario
-
-
 @pytest.mark.parametrize(
     "text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"]
 )

@@ -2,18 +2,16 @@
 
 import json
 import shlex
-from dataclasses import replace
 from operator import attrgetter
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from command_line import FLIGHT, SLOW, run, strict_json
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
-from mavdem.alignment.learnability import NEVER_ARMED, Learnability
 from mavdem.alignment.read import read_flight
 from mavdem.analysis import Options
 from mavdem.analysis.figures import model_figures
@@ -21,7 +19,6 @@ from mavdem.assessment.assess import assess
 from mavdem.cli.learn import named_after
 from mavdem.cli.output import LINES, print_blocks
 from mavdem.facts import Level
-from mavdem.facts.assessment import Purpose
 from mavdem.facts.session import Spent
 from mavdem.fleet.row import FlightRow
 from mavdem.health.in_flight import MotorAlarm
@@ -120,44 +117,6 @@ def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     assert said.out == ""
     assert not (tmp_path / "out").exists()
     assert run(*words, *shlex.split(said.err.split("`")[1])) == 0
-
-
-@pytest.mark.slow
-def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(tmp_path, capsys):
-    words = ["learn", FLIGHT, "--out", tmp_path, "--start", "50", "--json"]
-    assert run(*words) == 0
-    report = strict_json(capsys.readouterr().out)
-    flight = read_flight(FLIGHT)[5000:]
-    assert report["training_samples"] == len(flight)
-    kept = Learned.from_json((tmp_path / "model.json").read_text())
-    assert_array_equal(kept.record.outputs, flight.outputs)
-    begins = report["held_out"]["start"]
-    assert (
-        len(begins) == 4 and begins[0] - flight.time[0] < 2.1 and flight.time[-1] - begins[-1] < 4.0
-    )
-    assert [one["purpose"] for one in report["findings"]] == list(Purpose)
-
-
-@pytest.mark.slow
-def test_segments_of_one_boot_are_learnt_from_together(tmp_path, monkeypatch, capsys):
-    whole = read_flight(FLIGHT)
-    known = whole.provenance
-    boots = [
-        {**known, "segment": known["segment"] | {"boot": boot}, "cautions": []} for boot in (0, 1)
-    ]
-    parts = [
-        replace(whole[a:b], provenance=boots[boot])
-        for a, b, boot in ((0, 200, 0), (300, 500, 0), (0, 150, 1))
-    ]
-    judged = Learnability("roll", True, NEVER_ARMED)
-    monkeypatch.setattr(
-        "mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged)
-    )
-    assert (
-        run("learn", FLIGHT, "--out", tmp_path, "--json", "--preset", "paper", "--test", "50") == 0
-    )
-    report = json.loads(capsys.readouterr().out)
-    assert [one["samples"] for one in report["segments"]] == [200, 200]
 
 
 @pytest.mark.parametrize("start", ["59", "1e9", "1e308"])

@@ -1,15 +1,12 @@
 """The server: uploads in Flight Review's form, the library, sharing, and what is refused."""
 
 import errno
-import http.client
 import json
 import re
 import socket
-from contextlib import closing
-from urllib.parse import urlencode, urlsplit
+from urllib.parse import urlencode
 
 import pytest
-import rerun
 from browser import HOSTILE
 from serving import BOUNDARY, TOKEN, form, log, serving
 
@@ -18,7 +15,7 @@ from mavdem.facts.fleet import Incomparable
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.library_page import words
-from mavdem.serve import app, uploads, viewers
+from mavdem.serve import app, uploads
 from mavdem.serve.rights import rights_of
 from mavdem.serve.viewers import Viewers
 
@@ -376,24 +373,3 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
         server.library.change(id, files="flight.rrd")
         refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
         assert (refused.status, refused.code) == (503, Request.NOT_STARTED)
-
-
-@pytest.mark.slow
-def test_viewers_answer_when_their_address_is_known_and_are_few(tmp_path, monkeypatch):
-    monkeypatch.setattr(viewers, "MOST_OPEN", 1)
-    for name in ("a.rrd", "b.rrd"):
-        recording = rerun.RecordingStream("test")
-        recording.save(tmp_path / name)
-        recording.log("words", rerun.TextLog("said"))
-        # else it is flushed where it is forgotten, after its viewer has ended, and waits
-        recording.disconnect()
-    open_viewers = Viewers()
-    with closing(open_viewers):
-        pages = [open_viewers.show(tmp_path / name) for name in ("a.rrd", "b.rrd", "b.rrd")]
-        assert pages[0] != pages[1] == pages[2]
-        place = urlsplit(pages[2])
-        with closing(http.client.HTTPConnection(place.hostname, place.port)) as line:
-            line.request("GET", "/")
-            assert line.getresponse().status == 200
-        with pytest.raises(OSError):
-            socket.create_connection((place.hostname, urlsplit(pages[0]).port))

@@ -206,20 +206,6 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     assert f"<h1>{LOG.name}</h1>" in page and library.told(entry) == {}
 
 
-def test_a_cluster_reads_all_that_waits_and_the_table_is_made(tmp_path):
-    library = Library(tmp_path)
-    for said in ("One.", "Two.", "damaged"):
-        received(library, said)
-    work = Work(library, 1, LIMITS, cluster=InThisProcess(read_made_up))
-    work.start()
-    while not (tmp_path / "flights" / "flights.parquet").is_file():
-        time.sleep(0.01)
-    work.stop()
-    stages = sorted(entry.stage for entry in library.find(*ALL, 10)[0])
-    assert stages == [Stage.DONE, Stage.DONE, Stage.FAILED]
-    assert {row.headline for row in read_rows(tmp_path)} == {"One.", "Two.", None}
-
-
 def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.work.PAUSE_SECONDS", 0.01)
     library = Library(tmp_path)
