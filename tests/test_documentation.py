@@ -106,6 +106,12 @@ def test_every_file_that_is_named_is_there():
     assert not missing
 
 
+def test_all_pages_can_be_read_in_two_hours():
+    pages = [text for page, text in PAGES.items() if page != "CONTRIBUTING.md"]
+    assert len(PAGES["README.md"].splitlines()) <= 90
+    assert sum(len(text.split()) for text in pages) <= 32_000
+
+
 def test_the_citation_names_the_version_of_the_package():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     citation = (ROOT / "CITATION.cff").read_text()
