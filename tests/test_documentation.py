@@ -42,7 +42,6 @@ PAGES |= {
         ("docs/engine.md", "True "),
         ("docs/comparison.md", "\nconstant mean 1.0\n"),
         ("docs/scenarios.md", "[[0. 1.]"),
-        ("README.md", "control effectiveness"),
         ("docs/python.md", "(2, 2)\n(3, 3)\n(4, 4)\n"),
     ],
 )
