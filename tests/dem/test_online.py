@@ -223,16 +223,6 @@ def fed(bands: ErrorBands, errors: np.ndarray, block: int = 10) -> np.ndarray:
     return np.array(half)[:, :, 0]
 
 
-@pytest.mark.slow
-def test_a_band_holds_nine_of_ten_errors():
-    rng = np.random.default_rng(0)
-    for errors in (rng.standard_normal(20_000), rng.standard_t(3, 20_000)):
-        half = fed(ErrorBands(1, 1, DT), errors)[1000:]
-        np.testing.assert_allclose(
-            np.mean(np.abs(errors[1000:, None]) <= half, axis=0), 0.9, atol=0.01
-        )
-
-
 def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
     errors = np.random.default_rng(0).standard_normal(3000)
     errors[1000:1200] *= 1e6
