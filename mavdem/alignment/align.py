@@ -170,11 +170,9 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     learn; interpolation has none. It looks one message ahead: an input between two messages uses up to one interval of
     the future. Setpoints are held (see ``setpoints``).
     """
-    attitude = signals.attitude
-    motors = signals.drive
+    attitude, motors = signals.streams
     telemetry = signals.telemetry
     axis = signals.axis
-    assert attitude is not None and motors is not None
     near = within(attitude, segment)
     measured = axis_outputs(axis)
     motion = np.column_stack([attitude.angle, attitude.rate])[:, -len(measured) :]

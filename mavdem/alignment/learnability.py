@@ -92,9 +92,7 @@ def learnabilities(
     if (reason := _unusable(signals, components)) is not None:
         yield Learnability(signals.axis, False, reason)
         return
-    attitude = signals.attitude
-    drive = signals.drive
-    assert attitude is not None and drive is not None
+    attitude, drive = signals.streams
     segments = settled_segments(signals)
     figures = quality.of_log(signals, len(segments))
     log = _Evidence(signals, attitude, drive, components, figures, segments, least_rate)
@@ -352,10 +350,8 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
 def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
     """Yields what was left out of attitude and inputs, what was assumed, and what a segment of ``figures`` lacks."""
     axis = signals.axis
-    attitude = signals.attitude
-    drive = signals.drive
+    attitude, drive = signals.streams
     called = signals.telemetry.called
-    assert attitude is not None and drive is not None
     if attitude.impossible:
         name = called(attitude.message)
         yield _impossible(Caution.IMPOSSIBLE_ATTITUDE, attitude, name).but(Level.WATCH)

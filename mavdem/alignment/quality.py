@@ -65,9 +65,7 @@ class QualityFigures:
 
 def of_log(signals: Signals, segments: int) -> QualityFigures:
     """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
-    attitude = signals.attitude
-    drive = signals.drive
-    assert attitude is not None and drive is not None
+    attitude, drive = signals.streams
     parts = recorded_parts(signals)
     armed = sum(
         total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in parts
@@ -87,9 +85,7 @@ def of_segment(
     signals: Signals, segment: Segment, flight: Flight, log: QualityFigures
 ) -> QualityFigures:
     """Returns the figures of one segment and the flight made of it, with those of the ``log`` that hold for all."""
-    attitude = signals.attitude
-    motors = signals.drive
-    assert attitude is not None and motors is not None
+    attitude, motors = signals.streams
     here = within(attitude, segment)
     there = within(motors, segment)
     time = attitude.time[here]

@@ -391,6 +391,12 @@ class Signals(VehicleSignals):
         driven: Motors | None = motors_or_demand(self.motors, self.demand, *rates)
         return driven
 
+    @property
+    def streams(self) -> tuple[Attitude, Motors]:
+        """Attitude and inputs of the model, where there are both."""
+        assert self.attitude is not None and self.drive is not None
+        return self.attitude, self.drive
+
     @cached_property
     def setpoints(self) -> tuple[Setpoint, ...]:
         """What was asked of the axis; empty where that was not recorded."""

@@ -245,9 +245,7 @@ class FrameStream:
     source: str
     form: str
     data: Bytes  # the bytes with the frames, in the same order
-    # a row for each of the N messages in the order of the recording; a message that could not become a frame has no
-    # bytes, and a verdict other than ``GOOD``
-    frames: Frames
+    frames: Frames  # (N,) in the order of the recording
     # (N,) UNIX microseconds each was received, as recorded; 0 where that was not
     stamps: NDArray[np.uint64]
     bytes_skipped: int
@@ -255,12 +253,10 @@ class FrameStream:
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
         """The stamp and the bytes of each frame; a frame without a stamp has that of the frame before."""
-        rows = np.flatnonzero(self.frames.end > self.frames.start)
-        stamps = self.stamps[rows]
-        last = np.maximum.accumulate(np.where(stamps > 0, np.arange(len(rows)), 0))
+        last = np.maximum.accumulate(np.where(self.stamps > 0, np.arange(len(self.stamps)), 0))
         content = self.data.data
-        places = zip(self.frames.start[rows].tolist(), self.frames.end[rows].tolist(), strict=True)
-        for stamp, (start, end) in zip(stamps[last].tolist(), places, strict=True):
+        ends = self.frames.start.tolist(), self.frames.end.tolist()
+        for stamp, start, end in zip(self.stamps[last].tolist(), *ends, strict=True):
             yield stamp, bytes(content[start:end])
 
 
