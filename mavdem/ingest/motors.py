@@ -39,6 +39,7 @@ class PlaceBasis(StrEnum):
     UNKNOWN = auto()
 
 
+Driver = tuple[str, int]  # PX4's, and the channel there, from 1: ("PWM_MAIN", 1)
 Position = tuple[float, float]
 """(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
 MOTOR_COUNTS = {
@@ -104,7 +105,7 @@ class MotorGeometry:
     places_by: PlaceBasis = PlaceBasis.PARAMETERS
     labels: tuple[str, ...] = ()
     spins: tuple[int, ...] = ()
-    drivers: tuple[tuple[str, int], ...] = ()
+    drivers: tuple[Driver, ...] = ()
 
     @property
     def channels_assumed(self) -> bool:
@@ -172,7 +173,7 @@ def motor_geometry(
     ``vehicle`` and ``autopilot`` are MAV_TYPE and MAV_AUTOPILOT without prefixes, ``moving`` the channels, from 1,
     whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
     """
-    drivers: dict[int, tuple[str, int]] = {}
+    drivers: dict[int, Driver] = {}
     known: dict[int, int] = {}
     places: dict[int, Position] = {}
     turns: dict[int, int] = {}
@@ -275,7 +276,7 @@ def _placed(
 
 def _px4_channels(
     parameters: Parameters, moving: Sequence[int], bank: int
-) -> tuple[dict[int, int], dict[int, tuple[str, int]]]:
+) -> tuple[dict[int, int], dict[int, Driver]]:
     """The channel of each motor ({driver}_FUNCn 101 to 112 are 1 to 12), and the driver behind each channel.
 
     Of drivers whose channels move, in the first such bank; then of those of which half move.
@@ -333,7 +334,7 @@ MAX_UAVCAN = 8191.0
 def output_scale(
     outputs: Array,
     parameters: Parameters,
-    drivers: Sequence[tuple[str, int]] = (),
+    drivers: Sequence[Driver] = (),
 ) -> OutputScale:
     """Returns the scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
 
@@ -392,7 +393,7 @@ def output_scale(
     return OutputScale(name, "", 0.0, high, step)
 
 
-def _px4_range(drivers: Sequence[tuple[str, int]], parameters: Parameters) -> tuple[float, float]:
+def _px4_range(drivers: Sequence[Driver], parameters: Parameters) -> tuple[float, float]:
     """Outputs at no and at full throttle, the mean over the motors; 0 and 0 where one has none.
 
     A channel has a range of its own or, where that is -1 and before PX4 1.12, that of its driver.

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -26,6 +25,7 @@ from mavdem.ingest.telemetry import (
     Facts,
     Fields,
     Flags,
+    Parameters,
     Tables,
     joined,
     rate_without_gaps,
@@ -47,11 +47,8 @@ from mavdem.ingest.vocabulary import (
     heartbeat_fields,
 )
 
-Px4Topic = Mapping[str, NDArray[Any]]
-"""The fields of one topic by pyulog's names ("q[0]"), (N,) each, and beside them ``time`` (N,) s since boot."""
-# Topics by name, and of each the instances by their number
-Topics = Mapping[str, Mapping[int, Px4Topic]]
-Parameters = Mapping[str, float]
+Topics = Mapping[str, Mapping[int, Columns]]
+"""Fields by pyulog's names ("q[0]"), (N,) each, and ``time`` (N,) s since boot, by topic and number of the instance."""
 
 _TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
@@ -231,7 +228,7 @@ def _servo_output_raw(topics: Topics) -> Fields:
     return _in_time(ports)
 
 
-def _outputs(topic: Px4Topic) -> Array:
+def _outputs(topic: Columns) -> Array:
     """(N, 16), zero beyond the number of outputs in use, unless that is 0."""
     none = np.zeros(len(topic["time"]))
     outputs = np.column_stack([topic.get(f"output[{n}]", none) for n in range(_OUTPUTS)])
@@ -423,7 +420,7 @@ def _extended_sys_state(topics: Topics) -> Fields:
     return {"time": time, "landed_state": state.astype(np.uint8)}
 
 
-def _held(topic: Px4Topic, field: str, time: Array) -> Array:
+def _held(topic: Columns, field: str, time: Array) -> Array:
     """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
     if field not in topic:
         return np.zeros(len(time))
@@ -446,15 +443,15 @@ def _local_position_ned(topics: Topics) -> Fields:
     return selected(columns, _valid(topic, "v_z_valid"))
 
 
-def _valid(topic: Px4Topic, field: str) -> Flags:
+def _valid(topic: Columns, field: str) -> Flags:
     return np.asarray(topic.get(field, np.ones(len(topic["time"])))).astype(np.bool_)
 
 
-def _first(topics: Topics, name: str) -> Px4Topic:
+def _first(topics: Topics, name: str) -> Columns:
     """The instance of the lowest number; empty where there is none."""
     instances = topics.get(name)
     return instances[min(instances)] if instances else {}
 
 
-def _array(topic: Px4Topic, field: str, count: int) -> Array:
+def _array(topic: Columns, field: str, count: int) -> Array:
     return np.column_stack([topic[f"{field}[{n}]"] for n in range(count)]).astype(np.float64)

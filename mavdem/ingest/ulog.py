@@ -30,9 +30,10 @@ from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.contents import PathName, file_bytes
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, notes
+from mavdem.ingest.px4_topics import NEEDED, mav_type, messages, notes
 from mavdem.ingest.telemetry import (
     Array,
+    Columns,
     Facts,
     Fields,
     Flags,
@@ -393,14 +394,14 @@ def _parameters_set(log: ULog) -> Fields:
     }
 
 
-def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
-    parts: dict[tuple[str, int], list[Px4Topic]] = {}
+def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Columns]]:
+    parts: dict[tuple[str, int], list[Columns]] = {}
     rows = rows_by(found.topic)
     for data in log.data_list:
         kept = ~found.wrong_stamp[rows[data.msg_id]]
         # A topic that was subscribed to twice continues under another number.
         parts.setdefault((data.name, data.multi_id), []).append(selected(data.data, kept))
-    topics: dict[str, dict[int, Px4Topic]] = {}
+    topics: dict[str, dict[int, Columns]] = {}
     for (name, instance), pieces in parts.items():
         fields = joined(pieces)
         fields = selected(fields, np.argsort(fields["timestamp"], kind="stable"))

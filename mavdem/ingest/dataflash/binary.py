@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import Facts, Integers, joined, repair, selected
+from mavdem.ingest.telemetry import Columns, Facts, Integers, joined, repair, selected
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"
@@ -94,7 +94,7 @@ class MessageTable(NamedTuple):
     """
 
     place: Integers
-    columns: Mapping[str, NDArray[Any]]
+    columns: Columns
 
 
 class DataflashRecording(NamedTuple):

@@ -21,7 +21,6 @@ import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +79,7 @@ def values(columns: Columns, fields: tuple[str, ...]) -> Array:
     return values
 
 
-def stamped(logged: Columns, fields: Mapping[str, NDArray[Any]]) -> Columns:
+def stamped(logged: Columns, fields: Columns) -> Columns:
     """Returns a message's ``fields`` at the logged stamps."""
     return {"time": logged["time"], "boot": logged["boot"], **fields}
 

@@ -24,6 +24,7 @@ from mavdem.ingest.mavlink.framing import (
     MARKER_2,
     Bytes,
     Frames,
+    Seeds,
     rows_of,
 )
 from mavdem.ingest.telemetry import Columns, Fields
@@ -66,7 +67,7 @@ def definition_named(name: str) -> MessageDefinition | None:
 
 
 @cache
-def seeds() -> NDArray[np.int32]:
+def seeds() -> Seeds:
     """Returns CRC_EXTRA by message id; -1 where the dialect has no such message."""
     table = np.full(max(definitions()) + 1, -1, dtype=np.int32)
     for message_id, definition in definitions().items():

@@ -32,15 +32,15 @@ from mavdem.ingest.telemetry import Flags
 
 Bytes = NDArray[np.uint8]
 Registers = NDArray[np.uint16]
+Places = NDArray[np.int64]
+Seeds = NDArray[np.int32]  # CRC_EXTRA by message id, -1 for none
 
 # Words of two bytes; frames between two of these lengths are checked in one table
 TIERS = (0, 8, 16, 32, 64, 140)
 MAX_CHECKSUM_BYTES = 2 * TIERS[-1]  # Bytes that a checksum may cover
 
 
-def checksums(
-    data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64], seed: NDArray[np.int32]
-) -> Registers:
+def checksums(data: Bytes, start: Places, count: Places, seed: Seeds) -> Registers:
     """Checksums (N,) of ``count`` bytes from ``start`` on and the byte ``seed`` after them, each of shape (N,).
 
     ``data`` must have ``MAX_CHECKSUM_BYTES`` after the last ``start``; no ``count`` may be above that.
@@ -54,13 +54,13 @@ def frame_checksum(content: bytes, seed: int) -> int:
     return _MIRRORED[register >> 8] | _MIRRORED[register & 0xFF] << 8
 
 
-def rows_of(data: Bytes, start: NDArray[np.int64], width: int) -> Bytes:
+def rows_of(data: Bytes, start: Places, width: int) -> Bytes:
     """Returns the ``width`` bytes from each ``start`` (N,) on, as a table (N, width)."""
     everywhere = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
     return everywhere[start].view(np.uint8).reshape(len(start), width)
 
 
-def _by_words(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]) -> Registers:
+def _by_words(data: Bytes, start: Places, count: Places) -> Registers:
     """Registers after ``count`` bytes; each step takes two bytes of all frames that are long enough."""
     order = np.argsort(count.astype(np.uint16), kind="stable")
     start = start[order]
@@ -102,7 +102,6 @@ _WORD = _word_table()
 _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
-Places = NDArray[np.int64]
 MARKER_1: int = dialect.PROTOCOL_MARKER_V1
 MARKER_2: int = dialect.PROTOCOL_MARKER_V2
 SIGNED: int = dialect.MAVLINK_IFLAG_SIGNED
@@ -159,7 +158,7 @@ def concatenated(tables: Sequence[Frames]) -> Frames:
     )
 
 
-def find_frames(data: Bytes, seeds: NDArray[np.int32], gap: int = 0) -> Iterator[Frames]:
+def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Iterator[Frames]:
     """Yields every frame in ``data``, also of unknown messages and with failed checksums, table by table.
 
     ``seeds`` is CRC_EXTRA by message id, -1 where the dialect has no such message; ``gap`` the bytes between one frame
@@ -183,7 +182,7 @@ def find_frames(data: Bytes, seeds: NDArray[np.int32], gap: int = 0) -> Iterator
         waiting.append(block.loose(block.start >= decided))
 
 
-def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple[Frames, Places]:
+def find_in_pieces(data: Bytes, ends: Places, seeds: Seeds) -> tuple[Frames, Places]:
     """Every frame in pieces of a stream that end at ``ends`` (P,), and the number of the piece in which each begins."""
     frames = concatenated(list(find_frames(data, seeds)))
     return frames, np.searchsorted(ends, frames.start, side="right")
@@ -211,9 +210,7 @@ def gathered(
 class _FrameBlock:
     """The candidates (N,) that begin in one block of the bytes: markers with known incompatibility flags."""
 
-    def __init__(
-        self, data: Bytes, begin: int, end: int, gap: int, seeds: NDArray[np.int32]
-    ) -> None:
+    def __init__(self, data: Bytes, begin: int, end: int, gap: int, seeds: Seeds) -> None:
         self._begin, self._size, self._seeds = begin, len(data), seeds
         # With the bytes that the last candidate covers, zeros after the end of the stream.
         self._bytes = np.zeros(end - begin + LONGEST_FRAME + gap + 2, dtype=np.uint8)
@@ -277,7 +274,7 @@ def headed_frames(start: Places, header: Bytes) -> Frames:
     )
 
 
-def _seeds_of(frames: Frames, seeds: NDArray[np.int32]) -> NDArray[np.int32]:
+def _seeds_of(frames: Frames, seeds: Seeds) -> Seeds:
     inside = frames.message_id < len(seeds)
     return np.where(inside, seeds[np.where(inside, frames.message_id, 0)], -1)
 
@@ -298,7 +295,7 @@ def _apart(frames: Frames, free: int) -> Frames:
 
 
 def _explained(
-    data: Bytes, linked: Frames, decided: int, until: int, gap: int, seeds: NDArray[np.int32]
+    data: Bytes, linked: Frames, decided: int, until: int, gap: int, seeds: Seeds
 ) -> Frames:
     """The frames that fill the space before, between and, at the end of the bytes, after linked frames exactly."""
     ends = np.concatenate([[decided], linked.end])

@@ -189,7 +189,7 @@ def _messages(
     return dict(named), repairs
 
 
-class _Columns(Mapping[str, NDArray[Any]]):
+class _Columns(Columns):
     """One message's columns, with ``time`` and ``boot``; its fields are decoded when one is first used."""
 
     def __init__(
