@@ -52,11 +52,10 @@ class Baseline:
     @property
     def cautions(self) -> tuple[Fact, ...]:
         """Limitations of the model."""
-        growth = self.spectral_radius - 1
         caution = partial(Fact, level=Level.WATCH, subject=self.method)
         cautions = []
         if not self.stable:
-            cautions.append(caution(Forecasts.MODEL_UNSTABLE, growth=growth))
+            cautions.append(caution(Forecasts.MODEL_UNSTABLE, growth=self.spectral_radius - 1))
         if self.iterations is not None:
             cautions.append(caution(Forecasts.STILL_IMPROVING, iterations=self.iterations))
         return tuple(cautions)

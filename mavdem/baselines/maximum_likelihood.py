@@ -26,7 +26,9 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=8, careful=True)
-MAX_STEPS = 100  # of Gauss-Newton
+MAX_STEPS = 200  # of Gauss-Newton
+# that the last step gains of the likelihood: in a flat valley many small steps follow
+STEP_NATS = 0.01
 RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
 # of the largest curvature, added to all: the choice of states changes no error
 UNDETERMINED = 1e-10
@@ -118,9 +120,9 @@ def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
     objective = PredictionErrors(found.model, found.starts, segments)
     start = objective.quadratic(objective.at, objective.errors(objective.at))
-    trace, gained = gauss_newton(objective, start, DAMPING, MAX_STEPS, CONVERGED_NATS)
+    trace, gained = gauss_newton(objective, start, DAMPING, MAX_STEPS, STEP_NATS)
     best = objective.moved(trace[-1].at)
-    return Fitted(best.model, best.starts, None if gained <= CONVERGED_NATS else len(trace) - 1)
+    return Fitted(best.model, best.starts, None if gained <= STEP_NATS else len(trace) - 1)
 
 
 MAX_ITERATIONS = 300
@@ -154,7 +156,6 @@ class EMFit(NamedTuple):
     model: GaussianModel
     starts: Array
     log_likelihoods: list[float]
-    converged: bool
 
 
 def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
@@ -178,10 +179,10 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
         if not np.isfinite(likelihoods[-1]):
             raise np.linalg.LinAlgError("the likelihood is not finite")
         if len(likelihoods) > 1 and likelihoods[-1] - likelihoods[-2] < CONVERGED_NATS:
-            return EMFit(model, starts, likelihoods, True)
+            return EMFit(model, starts, likelihoods)
         model = _maximized(model, expected, segments)
         starts = np.array([states.means[0] for states in expected])
-    return EMFit(model, starts, likelihoods, False)
+    return EMFit(model, starts, likelihoods)
 
 
 def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segments) -> GaussianModel:
@@ -238,5 +239,5 @@ def _fitted(segments: Segments, order: int) -> Fitted:
     return Fitted(
         StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim),
         fit.starts,
-        None if fit.converged else len(fit.log_likelihoods),
+        None if len(fit.log_likelihoods) < MAX_ITERATIONS else MAX_ITERATIONS,
     )

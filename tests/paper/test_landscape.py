@@ -16,8 +16,6 @@ from mavdem.paper.landscape import (
     peak,
 )
 
-LAST = 12  # rounds
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -54,13 +52,3 @@ def test_these_settings_end_at_the_truth():
     assert (distances < -2 * np.log(0.05)).sum() > len(ends) / 2
     deviation = np.sqrt(np.diag(ends[0].theta_covariance)[:2])
     assert (np.abs(errors.mean(axis=0)) < deviation).all()
-
-
-def test_the_papers_settings_end_in_one_round_outside_their_own_interval():
-    beliefs = plain_rounds(PAPER.model(), PAPER.samples(PAPER_WORLD, seed=0), LAST)
-    end = beliefs[-1]
-    deviation = np.sqrt(np.diag(end.theta_covariance)[:2])
-    assert (np.abs(end.theta[:2] - [A, B]) > 3 * deviation).all()
-    for belief in beliefs[1:]:
-        assert (np.abs(belief.theta[:2] - end.theta[:2]) < deviation).all()
-        assert curvature(belief) == pytest.approx(curvature(end), rel=0.01)
