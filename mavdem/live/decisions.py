@@ -113,12 +113,6 @@ class InputChoice:
     def __init__(self) -> None:
         self._extremes: dict[tuple[str, int], list[tuple[float, Values]]] = {}
 
-    def restart(self) -> None:
-        """Begins another clock after a reboot; which channels move stays."""
-        self._extremes = {
-            key: [(-1.0, values) for _, values in kept] for key, kept in self._extremes.items()
-        }
-
     def choose(
         self,
         streams: Mapping[tuple[str, int], Samples],

@@ -75,8 +75,7 @@ class Link:
         self._not_before = 0.0
         # datagrams that this machine's buffer had no room for: nobody read them in time
         self.dropped = 0
-        # UNIX s of the latest piece; until then everything was read
-        self._arrival, self._emptied = 0.0, time.time()
+        self._arrival = 0.0  # UNIX s of the latest piece
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._serial: int | None = None
@@ -96,8 +95,7 @@ class Link:
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
         """Up to ``MAX_PIECES`` waiting pieces: UNIX s of arrival, and the bytes as they came; none after ``timeout`` s.
 
-        The kernel stamps datagrams. Other pieces arrive when they are read or, where they waited, when everything
-        before had been.
+        The kernel stamps datagrams. Other pieces arrive when they are read.
 
         Raises LinkLost: the connection or the port is lost; ``reopen`` opens it again.
         """
@@ -106,12 +104,9 @@ class Link:
             raise LinkLost(self.name, LinkError.NOT_OPEN)
         received: list[tuple[float, bytes]] = []
         try:
-            self._arrival = self._emptied
-            if not select.select([waiting_on], [], [], 0.0)[0]:
-                ready = select.select([waiting_on], [], [], max(timeout, 0.0))[0]
-                self._arrival = self._emptied = time.time()
-                if not ready:
-                    return received
+            if not select.select([waiting_on], [], [], max(timeout, 0.0))[0]:
+                return received
+            self._arrival = time.time()
             if self._server is not None and self._socket is None:
                 self._socket, _ = self._server.accept()
                 _probe(self._socket)
@@ -126,8 +121,6 @@ class Link:
                 elif piece:
                     # nor is anything sent to a vehicle that only shares the ids
                     self._peers.pop(self._from, None)
-            if len(received) < MAX_PIECES:
-                self._emptied = time.time()
         except OSError as error:
             if not received:
                 self._lose(LinkError.FAILED, error)

@@ -506,7 +506,7 @@ class LiveStream:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
         self.boot = boot
         self._streams.clear()
-        self._choice.restart()
+        self._choice = InputChoice()
         self.air.restart()
         self._attitude = None
         self._inputs = None

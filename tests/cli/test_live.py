@@ -179,5 +179,5 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     # The newest model, or the first where a busy machine has not finished that.
     assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * FEWEST_SAMPLES
     entities = {str(chunk.entity_path) for chunk in RrdReader(tmp_path / "f.rrd").stream()}
-    assert {"/command", "/noise_precisions", "/surprise/samples"} <= entities
+    assert {"/motors", "/axes/pitch/1_measured", "/surprise/samples"} <= entities
     assert read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300

@@ -1,13 +1,11 @@
 """The link on loopback: what it hears, what it says when it cannot be opened or is lost, and that it keeps silent."""
 
-import errno
 import os
 import pty
 import socket
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from unittest.mock import Mock
 
 import pytest
 from mavlink_streams import message
@@ -234,23 +232,6 @@ def test_why_a_link_cannot_be_opened_is_said(name, code):
     fact = refusal.value.fact
     assert code in (fact.code, fact.figures.get("cause"))
     assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("error", "cause", "is_advised"),
-    [
-        (PermissionError(errno.EACCES, "Permission denied"), LinkError.NOT_PERMITTED, True),
-        (TimeoutError("timed out"), LinkError.NO_REPLY, False),
-        (OSError(errno.ENODEV, "No such device"), LinkError.FAILED, False),
-    ],
-)
-def test_what_the_system_refuses_has_its_cause(monkeypatch, error, cause, is_advised):
-    monkeypatch.setattr(Link, "_open", Mock(side_effect=error))
-    with pytest.raises(Unreadable) as refusal:
-        Link("udpin:127.0.0.1:80")
-    assert refusal.value.fact.code is LinkFact.CANNOT_OPEN_LINK
-    assert refusal.value.fact.figures["cause"] is cause
-    assert bool(refusal.value.remedy) == is_advised
 
 
 def test_what_nobody_takes_is_dropped():
