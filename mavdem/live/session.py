@@ -32,7 +32,7 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.decisions import Setup, judged
 from mavdem.live.gusts import LiveGusts
 from mavdem.live.history import LiveHistory, SessionStatus, horizons
-from mavdem.live.link import Link, LinkLost
+from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.rate_request import (
     MAX_TRIES,
     REPLY_SECONDS,
@@ -123,7 +123,7 @@ class LiveSession:
         # the last: whether no model has come since the last landing
         self._settled = self._lost = self._landed = False
         self._waiting: deque[_Piece] = deque()
-        self._arrival = self._heard = now
+        self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
         self._shed = set[Task]()
         self.most_behind = 0.0  # s
@@ -344,6 +344,7 @@ class LiveSession:
 
     def _receive(self, timeout: float) -> list[_Piece]:
         """Receives and records; opens a lost link again."""
+        began = time.monotonic()
         try:
             if self._lost:
                 if not self.link.reopen():
@@ -365,10 +366,13 @@ class LiveSession:
             self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=False))
         now = time.monotonic()
         wall = time.time()
-        # The wall clock may be set meanwhile: nothing arrived before what came before, or later than now.
-        latest = self._waiting[-1].arrival if self._waiting else self._heard
-        arrivals = ((max(now - wall + stamp, latest), stamp, data) for stamp, data in received)
-        return [_Piece(min(arrival, now), stamp, data) for arrival, stamp, data in arrivals]
+        first = self._emptied
+        self._emptied = began if len(received) < MAX_PIECES else first
+        # The wall clock may be set meanwhile: nothing arrived before everything had been read.
+        return [
+            _Piece(min(max(now - wall + stamp, first), now), stamp, data)
+            for stamp, data in received
+        ]
 
     def _take(self, row: AlignedRow) -> None:
         setup = self.stream.setup

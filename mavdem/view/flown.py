@@ -159,7 +159,7 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
         "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY),
         "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY),
         "nose": rr.Arrows3D(radii=0.04 * arm, colors=NOSE, **forward),
-        "rotors": rr.Cylinders3D(centers=hubs, colors=BODY, **discs),
+        "rotors": rr.Cylinders3D(centers=hubs, colors=BODY, fill_mode="solid", **discs),
         "thrust": rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors),
     }
     for name, part in parts.items():
@@ -187,5 +187,5 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose) -> None:
     columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
     recording.send_columns("world/here/wind", index, columns)
-    path = rr.LineStrips3D([pose.position[rows]], radii=0.022 * arm, colors=[TRAIL])
+    path = rr.LineStrips3D([pose.position[rows]], radii=0.004 * arm, colors=[TRAIL])
     recording.log("world/path", path, static=True)

@@ -128,7 +128,7 @@ class LiveWriter:
         )
         for number, axis in enumerate(AXES):
             values = angles[:, number, None]
-            if axis != "yaw":
+            if axis != "yaw" and np.isfinite(asked[:, number]).any():
                 wanted = asked[:, number, None]
                 self._draw(
                     Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,)), time, wanted, breaks
