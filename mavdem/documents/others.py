@@ -32,7 +32,7 @@ class Convert(Document):
     columns: list[str] | None = None
     """names of the columns, with units"""
     dt: Seconds = None
-    """sampling step; null where every signal is at its own stamps"""
+    """sampling step"""
     resampling: dict[str, str] | None = None
     """how signals came onto one clock"""
     start: Seconds = None

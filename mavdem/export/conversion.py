@@ -14,11 +14,10 @@ from warnings import warn
 
 import numpy as np
 
-from mavdem.alignment.align import LOW_PASS_RATIO, align, longest_recorded
-from mavdem.alignment.drive import Motors
+from mavdem.alignment.align import align, longest_recorded
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Attitude, Signals, axis_outputs
+from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
@@ -35,7 +34,6 @@ from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap, write_series
-from mavdem.ingest.telemetry import rows_by
 from mavdem.ingest.tlog import write_tlog
 from mavdem.report.labels import Labels, state_names, states_are_outputs
 from mavdem.report.numbers import short
@@ -95,39 +93,6 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
     names = ("wind north", "wind east", "wind north band", "wind east band")
     parts = zip(map(column_name, names, 4 * ["m/s"]), (*wind.velocity.T, *wind.band.T), strict=True)
     return {name: np.interp(time, wind.time, part, np.nan, np.nan) for name, part in parts}
-
-
-def own_columns(signals: Signals) -> dict[str, Array]:
-    """Returns time, inputs, outputs and wind (T,), at the stamps of all, NaN at others' stamps, of the boot with most.
-
-    Empty where there are neither inputs nor outputs.
-    """
-    streams: list[tuple[Attitude | Motors, list[str], Array]] = []
-    if (drive := signals.drive) is not None:
-        streams.append(
-            (
-                drive,
-                [column_name(name, drive.scale.unit) for name in drive.layout.names],
-                drive.outputs,
-            )
-        )
-    if (seen := signals.attitude) is not None:
-        names = [column_name(*output) for output in axis_outputs(signals.axis)]
-        streams.append((seen, names, np.column_stack([seen.angle, seen.rate])[:, -len(names) :]))
-    boots = rows_by(
-        np.concatenate([np.zeros(0, dtype=np.int64), *(stream.boot for stream, _, _ in streams)])
-    )
-    if not boots:
-        return {}
-    boot = max(boots, key=lambda number: len(boots[number]))
-    time = np.unique(np.concatenate([stream.time[stream.boot == boot] for stream, _, _ in streams]))
-    table = {TIME: time}
-    for stream, names, values in streams:
-        here = stream.boot == boot
-        placed = np.full((len(time), len(names)), np.nan)
-        placed[np.searchsorted(time, stream.time[here])] = values[here]
-        table |= dict(zip(names, placed.T, strict=True))
-    return table | wind_columns(signals, boot, time)
 
 
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
@@ -288,7 +253,7 @@ def convert(
     Raises:
         Unreadable: ``source`` cannot be read, or ``out`` not written.
         MissingExtra: ``out`` is a .parquet, and pyarrow is not installed.
-        NotLearnable: there is no vehicle, or several and none was chosen, or neither attitude nor inputs.
+        NotLearnable: there is no vehicle, or several and none was chosen, or attitude or inputs are missing.
         ValueError: ``out`` is the source, or has no known ending or that of the source.
     """
     source = Path(source)
@@ -342,24 +307,18 @@ def _convert_to_table(
     cautions = list(map(str, verdict.cautions))
     if not verdict.learnable:
         cautions.append(f"A {axis} model cannot be learned from this table: {verdict.reason}")
-    # A common step would cost most of the faster stream, which a model needs but a table does not.
-    rates = [] if flight is None else flight.provenance["rates"].values()
-    if flight is not None and (verdict.learnable or max(rates) < LOW_PASS_RATIO * min(rates)):
-        table = columns(flight)
-        provenance = {**flight.provenance, "cautions": cautions}
-        table |= wind_columns(signals, flight.provenance["segment"]["boot"], flight.time)
-    else:
-        table = own_columns(signals)
-        provenance = {"source": str(source), "cautions": cautions}
-    if not table:
+    if flight is None:
         raise NotLearnable(verdict.reason)
+    provenance = {**flight.provenance, "cautions": cautions}
+    table = columns(flight)
+    table |= wind_columns(signals, flight.provenance["segment"]["boot"], flight.time)
     with atomic_write(out) as file:
         TABLES[out.suffix.lower()](file, table, provenance)
     return {
         "samples": len(table[TIME]),
         "columns": list(table),
-        "dt": provenance.get("dt"),
-        "resampling": provenance.get("resampling", {}),
+        "dt": flight.dt,
+        "resampling": provenance["resampling"],
         "start": float(table[TIME][0]),
         "end": float(table[TIME][-1]),
         "learnable": verdict.learnable,

@@ -103,19 +103,6 @@ def of_hover(monkeypatch):
     return made
 
 
-def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, of_hover, capsys):
-    hover = of_hover(50.0, 10.0)
-    told = convert(capsys, "made-up.tlog", tmp_path / "both.csv")
-    head, values = table_of(tmp_path / "both.csv")
-    time = values[:, 0]
-    motor = values[:, 1]
-    roll = values[:, head.index("roll_rad")]
-    assert told["dt"] is None and (np.diff(time) > 0).all()
-    assert np.allclose(time[np.isfinite(roll)], hover.stamps(50.0), atol=1e-6)
-    assert np.allclose(time[np.isfinite(motor)], hover.stamps(10.0), atol=1e-6)
-    assert np.allclose(roll[np.isfinite(roll)], hover.roll(hover.stamps(50.0)), atol=1e-6)
-
-
 @pytest.mark.slow
 def test_a_termination_while_writing_leaves_nothing(tmp_path):
     stopped = (
