@@ -30,11 +30,6 @@ KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
 WRONG_KEYS = {"extra_forbidden": "is no key of a scenario", "missing": "is missing"}
 
 
-def _did_you_mean(given: str, known: Iterable[str]) -> str:
-    near = get_close_matches(given[:100], list(known), n=1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
-
-
 def _sentence(detail: Any) -> str:
     """What pydantic found in one place."""
     if detail["type"] == "value_error":
@@ -76,7 +71,8 @@ def load(name_or_path: str | Path) -> Scenario:
         label = Path(name_or_path).name
         source = _content(Path(name_or_path))
     else:
-        guess = _did_you_mean(given, names())
+        near = get_close_matches(given[:100], names(), n=1)
+        guess = f" (did you mean {near[0]!r}?)" if near else ""
         known = ", ".join(names())
         raise ValueError(
             f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and .toml files"
