@@ -219,11 +219,12 @@ def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Valu
         else:
             log, known = simulated(source, cache)
     except Refusal as error:
-        return [{"log": name, "rate": np.nan, "axis": "", "cause": cause(error.fact)}]
+        row: Values = {"log": name, "rate": np.nan, "axis": "", "figure": ""}
+        return [row | {"cause": cause(error.fact)}]
     rows = []
     for rate in rates:
         for axis, loop in loops_in(log, rate).items():
-            row: Values = {"log": name, "rate": rate, "axis": axis, "cause": ""}
+            row = {"log": name, "rate": rate, "axis": axis, "figure": "", "cause": ""}
             if isinstance(loop, NoLoop):
                 rows.append(row | {"cause": cause(loop.refusal)})
                 continue
@@ -265,7 +266,8 @@ def main(
         return
     axes = rows.drop_duplicates(["log", "rate", "axis"])
     show("Given or refused, axes", axes.groupby(["rate", "cause"]).size().reset_index(name="axes"))
-    both = pd.concat([rows, rows.assign(axis="all")]).dropna(subset="figure")
+    given = rows[rows["cause"] == ""]
+    both = pd.concat([given, given.assign(axis="all")])
     grouped = both.groupby(["figure", "rate", "axis"], sort=False).apply(line_of)
     for figure, table in grouped.reset_index().groupby("figure", sort=False):
         show(figure, table.drop(columns="figure"))
