@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.align import Segment, mean_rate, within
-from mavdem.alignment.drive import Motors, Signal
+from mavdem.alignment.drive import Signal
 from mavdem.alignment.phases import both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import controller_of
@@ -96,7 +96,46 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     if signals.rates is None:
         return None
     rate, asked = signals.rates
-    return _response(signals, spectra(asked, rate, parts))
+    found = spectra(asked, rate, parts)
+    if found is None or not found.driver.any():
+        return None
+    hertz = np.maximum(found.frequency, found.frequency[1])
+    power = np.maximum(found.driver, np.finfo(np.float64).tiny)
+    response = found.across / power
+    gain = USUAL_ANGLE_GAIN
+    without_filters = response
+    try:
+        controller = controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
+        gain = controller.angle
+        forward, back = transfer(controller, hertz)
+        without_filters = response * back / forward
+    except NotLearnable:
+        pass
+    coherence = found.coherence
+    back_by_angle = gain / (2j * np.pi * hertz)
+    own = np.abs(1 + back_by_angle * response) ** 2
+    own += np.abs(back_by_angle) ** 2 * (found.rate / power - np.abs(response) ** 2)
+    known = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
+    known &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
+    rows = _longest(known, hertz)
+    size = np.abs(response[rows])
+    # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
+    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL:
+        return None
+    at = rows[np.argmax(size)]
+    error = np.sqrt((1 - coherence[rows]) / (2 * coherence[rows] * found.windows))
+    complementary = np.abs(without_filters[rows])
+    sensitivity = np.abs(1 - without_filters[rows])
+    half = quantile() * error * complementary
+    return Resonance(
+        axis=signals.axis,
+        peak=float(np.abs(response[at])),
+        frequency=float(hertz[at]),
+        coherence=float(coherence[at]),
+        highest=float(hertz[rows[-1]]),
+        ms_interval=(float((sensitivity - half).max()), float((sensitivity + half).max())),
+        whole=bool(complementary.max() > 2**-0.5 > complementary[-1]),  # half of the power
+    )
 
 
 def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
@@ -109,15 +148,30 @@ def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     drive = signals.drive
     if attitude is None or drive is None:
         return None
-    command = _command(drive, signals.axis)
-    return _peak(signals.axis, spectra(command, attitude.rates, parts))
-
-
-def _command(drive: Motors, axis: str) -> Signal:
-    """What turns the axis: the demand, or the motors' combination."""
-    weights = drive.layout.effect(axis)
-    one = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
-    return Signal(drive.time, drive.boot, one)
+    weights = drive.layout.effect(signals.axis)
+    command = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
+    found = spectra(Signal(drive.time, drive.boot, command), attitude.rates, parts)
+    if found is None or not found.usual.all():
+        return None
+    top = min(HIGHEST * found.frequency[-1], FASTEST_LOOP)
+    rows = np.flatnonzero((found.frequency >= SLOWEST_PEAK) & (found.frequency <= top / SIDES))
+    if not len(rows):
+        return None
+    hertz = found.frequency[rows]
+    size = np.log(found.usual) / 2
+    beside = (np.interp(side, found.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
+    over = np.exp(size[rows] - sum(beside) / 2)
+    best = int(np.argmax(over))
+    coherence = float(found.coherence[rows[best]])
+    if not (over[best] >= PROMINENT and coherence >= LEAST_COHERENCE):
+        return None
+    return Resonance(
+        axis=signals.axis,
+        peak=float(over[best]),
+        frequency=float(hertz[best]),
+        coherence=coherence,
+        highest=float(top),
+    )
 
 
 def spectra(
@@ -205,48 +259,6 @@ def spectra_of(values: Array, size: int) -> Complex:
     return np.asarray(np.fft.rfft(centred * np.hanning(size), axis=1))
 
 
-def _response(signals: Signals, spectra: Spectra | None) -> Resonance | None:
-    if spectra is None or not spectra.driver.any():
-        return None
-    hertz = np.maximum(spectra.frequency, spectra.frequency[1])
-    power = np.maximum(spectra.driver, np.finfo(np.float64).tiny)
-    response = spectra.across / power
-    gain = USUAL_ANGLE_GAIN
-    without_filters = response
-    try:
-        controller = controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
-        gain = controller.angle
-        forward, back = transfer(controller, hertz)
-        without_filters = response * back / forward
-    except NotLearnable:
-        pass
-    coherence = spectra.coherence
-    back_by_angle = gain / (2j * np.pi * hertz)
-    own = np.abs(1 + back_by_angle * response) ** 2
-    own += np.abs(back_by_angle) ** 2 * (spectra.rate / power - np.abs(response) ** 2)
-    known = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
-    known &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
-    rows = _longest(known, hertz)
-    size = np.abs(response[rows])
-    # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
-    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL:
-        return None
-    at = rows[np.argmax(size)]
-    error = np.sqrt((1 - coherence[rows]) / (2 * coherence[rows] * spectra.windows))
-    complementary = np.abs(without_filters[rows])
-    sensitivity = np.abs(1 - without_filters[rows])
-    half = quantile() * error * complementary
-    return Resonance(
-        axis=signals.axis,
-        peak=float(np.abs(response[at])),
-        frequency=float(hertz[at]),
-        coherence=float(coherence[at]),
-        highest=float(hertz[rows[-1]]),
-        ms_interval=(float((sensitivity - half).max()), float((sensitivity + half).max())),
-        whole=bool(complementary.max() > 2**-0.5 > complementary[-1]),  # half of the power
-    )
-
-
 def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:
     """The rows of the run of ``known`` frequencies (F,) that reaches over most octaves."""
     runs = np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1)
@@ -254,28 +266,4 @@ def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:
         (run for run in runs if known[run[0]]),
         key=lambda run: hertz[run[-1]] / hertz[run[0]],
         default=np.zeros(0, np.intp),
-    )
-
-
-def _peak(axis: str, found: Spectra | None) -> Resonance | None:
-    if found is None or not found.usual.all():
-        return None
-    top = min(HIGHEST * found.frequency[-1], FASTEST_LOOP)
-    rows = np.flatnonzero((found.frequency >= SLOWEST_PEAK) & (found.frequency <= top / SIDES))
-    if not len(rows):
-        return None
-    hertz = found.frequency[rows]
-    size = np.log(found.usual) / 2
-    beside = (np.interp(side, found.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
-    over = np.exp(size[rows] - sum(beside) / 2)
-    best = int(np.argmax(over))
-    coherence = float(found.coherence[rows[best]])
-    if not (over[best] >= PROMINENT and coherence >= LEAST_COHERENCE):
-        return None
-    return Resonance(
-        axis=axis,
-        peak=float(over[best]),
-        frequency=float(hertz[best]),
-        coherence=coherence,
-        highest=float(top),
     )
