@@ -70,6 +70,7 @@ SIZES = {
     "double": 8,
 }
 """Bytes of the basic types."""
+PARAMETER = re.compile(rb"(?:int32_t|float) [\w-]+")  # Key of a parameter (P)
 INFORMATION = re.compile(
     rb".(?:char\[\d+\] (?:ver_sw|ver_hw|sys_uuid)|uint32_t ver_sw_release)", re.S
 )
@@ -81,8 +82,8 @@ KINDS = {
     "I": rb".\w+(?:\[\d*\])? [ -~].*",
     "M": rb"..\w+(?:\[\d*\])? [ -~].*",
     "Q": rb"..(?:int32_t|float) [\w-]+.{4}",
-    "L": rb"[0-7].{8}[^\0-\x08\x0e-\x1a\x1c-\x1f]*",
-    "C": rb"[0-7].{10}[^\0-\x08\x0e-\x1a\x1c-\x1f]*",
+    "L": rb"[0-7].{8}[^\0-\x08\x0e-\x1a\x1c-\x1f]*\0*",
+    "C": rb"[0-7].{10}[^\0-\x08\x0e-\x1a\x1c-\x1f]*\0*",
     "S": rb"\x2f\x73\x13\x20\x25\x0c\xbb\x12",
     "O": rb"..",
     "R": rb"..",
@@ -251,11 +252,14 @@ class WholeMessages:
             self._define(message)
         elif kind == "A":
             self._subscribe(message)
-        elif (kind == "P" and not self._topics) or (
-            kind == "I" and INFORMATION.fullmatch(message, 3, 4 + message[3])
-        ):
-            self._definitions += message
-        elif kind in ("P", "L"):
+        elif kind in ("P", "I"):
+            value = len(message) - 4 - message[3]
+            if kind == "P" and PARAMETER.fullmatch(message, 4, len(message) - 4) and value == 4:
+                into = self._data if self._topics else self._definitions
+                into += message
+            elif kind == "I" and INFORMATION.fullmatch(message, 3, 4 + message[3]) and value >= 4:
+                self._definitions += message
+        elif kind == "L":
             self._data += message
         elif kind == "O":
             self._dropouts.append(_DROPOUT.unpack_from(message, 3)[0])

@@ -327,6 +327,7 @@ INSERTED = {
     "an unknown kind": ([message("Z", bytes(40))], 0),
     "an unknown topic": ([message("D", struct.pack("<H", 999) + bytes(30))], 0),
     "what looks like a message": ([ALONE], len(ALONE)),
+    "a parameter with a wrong key": ([message("P", b"\x05int32_t A\0\0\0\0")], 0),
     "subscriptions again": ([subscriptions()], 0),
     **{f"a run of {letter}": ([bytes([letter]) * 50_000], 50_000) for letter in b"BQ\0\xff"},
 }
@@ -334,13 +335,13 @@ INSERTED = {
 
 
 @pytest.mark.parametrize("name", INSERTED)
-def test_what_lies_between_messages_costs_nothing(tmp_path, name):
+def test_what_lies_between_messages_costs_nothing(tmp_path, name, capfd):
     pieces = flight(TIMES)
     (inserted, skipped) = INSERTED[name]
     for row, piece in zip((900, 600, 300), inserted, strict=False):
         pieces.insert(row, piece)
     vehicle = vehicle_of(log(*pieces), tmp_path)
-    assert stamps_of(vehicle) == INTACT
+    assert stamps_of(vehicle) == INTACT and capfd.readouterr() == ("", "")
     assert [fact.figures["skipped"] for fact in vehicle.repairs] == [skipped] * bool(skipped)
 
 
