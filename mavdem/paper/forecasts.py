@@ -54,9 +54,6 @@ def prediction(runner: Runner) -> Result:
         f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO)
         for start in STARTS
     }
-    scaled = learned.learning.theta / np.abs(learned.learning.theta).max(axis=0)
-    theta = {f"θ{number}": column for number, column in enumerate(scaled.T, 1)}
-    gained = learned.free_energy.total - learned.free_energy.total[0]
     return Result(
         checks=prediction_checks(window, learned, errors_of(draws, DATA)),
         numbers={WITH: _numbers(window, learned)},
@@ -66,16 +63,6 @@ def prediction(runner: Runner) -> Result:
                 "By DEM with the paper’s settings: one step ahead on training data, and 150 steps ahead on test data "
                 "(grey background), from the data and from state 0, as in the authors’ code.",
                 partial(figures.forecasts, window, {"": ahead}, learned.one_step()),
-            ),
-            Picture(
-                "Learning",
-                "All parameters, A, B and C, over their largest values, and the free energy action gained, "
-                "F̄(i) − F̄(0), by iteration.",
-                partial(
-                    figures.lines,
-                    {"parameters": theta, "F̄(i) − F̄(0), nats": {"": gained}},
-                    "iteration",
-                ),
             ),
         ),
     )
