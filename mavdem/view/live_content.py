@@ -44,7 +44,7 @@ FLIGHT_SECONDS = 20.0
 MAX_TORQUES = 8192  # of 20 s at 400 Hz: motors that weaken are found within 5 s
 LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
-    "median: 1 is the worst of twenty samples. A mark is where it stays above what is usual in this flight; one in "
+    "median: 1 is the worst of twenty samples. Unexpected motion is an event; one in "
     f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
@@ -85,7 +85,6 @@ class LiveWriter:
         recording.send_blueprint(live_blueprint(channels))
         self.channels = channels
         self._recording = recording
-        self._units = [readable(unit) for unit in channels.output_units]
         self._segment: int | None = None
         # by plot, the least and most that were measured
         self._seen: dict[str, tuple[float, float]] = {}
@@ -103,7 +102,7 @@ class LiveWriter:
         breaks = np.array(
             [i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp
         )
-        self._outputs(rows, time, breaks)
+        self._angle(rows, time, breaks)
         names = tuple(map(place, self.channels.input_names))
         self._in_sight("motors", inputs, inputs)
         self._draw(Lines("motors", names, DISTINCT[: len(names)]), time, inputs, breaks)
@@ -164,35 +163,30 @@ class LiveWriter:
             time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
         lines.send(self._recording, time, values)
 
-    def _outputs(self, rows: list[ViewRow], time: Array, breaks: Any) -> None:
-        """Draws outputs with their predictions, of which those nearest to ``AHEAD`` seconds ahead are shown."""
+    def _angle(self, rows: list[ViewRow], time: Array, breaks: Any) -> None:
+        """Draws the angle with its prediction, of those nearest to ``AHEAD`` seconds ahead."""
         seconds = np.array(self.channels.horizons) * self.channels.dt
-        measured = np.array([row.outputs for row in rows])
         h = int(np.abs(seconds - AHEAD).argmin())
-        unknown = np.full((2, measured.shape[1]), np.nan)
         known = [
-            (row.time + seconds[h], *unknown)
+            (row.time + seconds[h], np.nan, np.nan)
             if (now := row.estimate) is None
-            else (now.ahead_times[h] + row.shift, now.ahead[h], now.ahead_band[h])
+            else (now.ahead_times[h] + row.shift, now.ahead[h, 0], now.ahead_band[h, 0])
             for row in rows
         ]
-        later, ahead, half = map(np.array, zip(*known, strict=True))
-        curves = np.stack([ahead - half, ahead + half, ahead], axis=-1)
-        for i, (name, unit) in enumerate(zip(self.channels.output_names, self._units, strict=True)):
-            plot = rr.new_entity_path(["axes", name])
-            drawn = unit.scale * measured[:, i]
-            then = unit.scale * curves[:, i]
-            then = self._in_sight(plot, drawn, then)
-            band = Lines(
-                f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True
-            )
-            line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
-            predicted = Lines(
-                f"{plot}/2_predicted", (f"{seconds[h]:.2g} s ahead",), (PREDICTED,), 1.8
-            )
-            self._draw(band, later, then[:, :2], breaks)
-            self._draw(line, time, drawn[:, None], breaks)
-            self._draw(predicted, later, then[:, 2:], breaks)
+        later, ahead, half = np.array(known).T
+        scale = readable(self.channels.output_units[0]).scale
+        plot = f"axes/{self.channels.output_names[0]}"
+        drawn = scale * np.array([row.outputs[:1] for row in rows])
+        curves = scale * np.stack([ahead - half, ahead + half, ahead], axis=-1)
+        then = self._in_sight(plot, drawn, curves)
+        shade = (faint(PREDICTED, BAND_OPACITY),)
+        band = Lines(f"{plot}/0_band", ("90 % band",), shade, filled=True)
+        line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
+        name = f"{seconds[h]:.2g} s ahead"
+        predicted = Lines(f"{plot}/2_predicted", (name,), (PREDICTED,), 1.8)
+        self._draw(band, later, then[:, :2], breaks)
+        self._draw(line, time, drawn, breaks)
+        self._draw(predicted, later, then[:, 2:], breaks)
 
     def _in_sight(self, plot: str, measured: Array, values: Array) -> Array:
         """Values cut off beyond what was measured so far, or they would decide about the range of the axis."""
@@ -245,18 +239,12 @@ class LiveWriter:
         """Draws F(t) and surprise at the centres of their windows."""
         if not estimates:
             return
-        rows = [
-            (now.seen + shift, now.free_energy, now.surprise, now.unusual)
-            for now, shift in estimates
-        ]
-        time, energy, surprise, unusual = np.array(rows, np.float64).T
-        marked = unusual > 0
+        rows = [(now.seen + shift, now.free_energy, now.surprise) for now, shift in estimates]
+        time, energy, surprise = np.array(rows, np.float64).T
         self._in_sight("surprise", surprise, surprise)
         samples = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
-        above = Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True)
         self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), time, energy[:, None])
         self._draw(samples, time, np.stack([np.ones(len(time)), surprise], axis=-1))
-        self._draw(above, time[marked], surprise[marked, None])
 
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
@@ -276,7 +264,6 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         )
 
-    name, *others = channels.output_names
     axes = [plot(named(axis.capitalize(), "°"), f"axes/{axis}") for axis in AXES]
     motors = named("Motors", next(iter(channels.input_units), ""))
     pictures = rrb.Vertical(
@@ -284,7 +271,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         plot("Rates, °/s", "rates"),
         plot(motors, "motors"),
         plot("Wind, m/s", "air"),
-        plot(f"Wind torque on {name}, {TORQUE.name}", "wind"),
+        plot(f"Wind torque on {channels.output_names[0]}, {TORQUE.name}", "wind"),
     )
     *cards, watched = (
         rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False)
@@ -293,10 +280,9 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     words = rrb.Vertical(watched, events_view(), row_shares=[20, 80])
     beside = rrb.Horizontal(pictures, words, column_shares=[70, 30])
     flight = rrb.Vertical(rrb.Horizontal(*cards), beside, row_shares=[15, 85], name="Flight")
-    outputs = [plot(other.capitalize(), rr.new_entity_path(["axes", other])) for other in others]
     surprise = plot("Surprise: how unusual a sample is", "surprise")
     samples = plot("F(t), nats: low at an unusual sample", "free_energy_of_samples")
-    details = rrb.Vertical(*outputs, surprise, samples, name="Details")
+    details = rrb.Vertical(surprise, samples, name="Details")
     status = rrb.TextDocumentView(origin="status", name="Status")
     return blueprint(rrb.Tabs(flight, details, status, active_tab=0), play_state="following")
 

@@ -38,7 +38,6 @@ class Lines:
     names: tuple[str, ...]  # of the lines, in the legend
     colours: tuple[str, ...]  # of the palette
     width: float = 1.5  # points
-    marked: bool = False  # whether the values are drawn as markers, not joined
     # whether the values are the edges of an area, drawn as one line of upright strokes
     filled: bool = False
 
@@ -50,11 +49,9 @@ class Lines:
         }
         widths = [FILL_WIDTH if self.filled else self.width] * len(self.names)
         # Averaging within a pixel would hide gusts, and make a point of a stroke.
-        style: Any = rr.SeriesLines(
+        style = rr.SeriesLines(
             widths=widths, aggregation_policy=rr.components.AggregationPolicy.Off, **look
         )
-        if self.marked:
-            style = rr.SeriesPoints(marker_sizes=widths, markers=["circle"] * len(widths), **look)
         recording.log(self.path, style, static=True)
 
     def send(self, recording: rr.RecordingStream, time: Array, values: Array) -> None:
