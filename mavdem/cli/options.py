@@ -229,11 +229,10 @@ def of_each(
     use: Callable[[str, Flight], Result],
 ) -> tuple[dict[str, Result], list[Refused]]:
     """Returns what ``use`` makes of each settled flight, by the flight's name, and the refused SOURCEs."""
-    for place, source in enumerate(sources):
-        if source in sources[:place]:
-            raise click.BadParameter(
-                f"{source} is named twice: each flight counts once.", param_hint="SOURCE"
-            )
+    if len({*sources}) < len(sources):
+        raise click.BadParameter(
+            "one is named twice: each flight counts once.", param_hint="SOURCE"
+        )
     found: dict[str, Result] = {}
     refused = []
     for name, source in zip(names_of(sources), sources, strict=True):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from time import monotonic
 
 import click
 
@@ -19,7 +16,6 @@ from mavdem.cli.options import (
     refuse_link,
 )
 from mavdem.cli.output import (
-    STDERR,
     print_blocks,
     print_json,
     printable,
@@ -34,7 +30,6 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
-from mavdem.fleet.tracking import Progress as LogProgress
 from mavdem.fleet.tracking import track
 from mavdem.fleet.workers import Limits, Reader, WorkerPool
 from mavdem.report.blocks import Sentence
@@ -135,7 +130,11 @@ def track_command(
         else WorkerPool(jobs or spare_cores(), limits)
     )
     try:
-        with _progress() as show:
+        with progress("Reading logs") as bar:
+
+            def show(done: int, of: int) -> None:
+                bar(done / max(of, 1))
+
             tracked = track(out, logs, reader, baseline, PAGE, progress=show)
     except KeyboardInterrupt:
         say_aside("What was read is kept: the same command goes on.")
@@ -171,20 +170,3 @@ def track_command(
         context.exit(UNUSABLE)
     if not counts["flights"]:
         context.exit(UNSUPPORTED)
-
-
-@contextmanager
-def _progress() -> Iterator[LogProgress]:
-    """Shows on standard error which share of the logs is done: in a line now and then where it is no terminal."""
-    began = shown = monotonic()
-    with progress("Reading logs") as bar:
-
-        def show(done: int, of: int) -> None:
-            nonlocal shown
-            bar(done / max(of, 1))
-            if not STDERR.is_terminal and 0 < done < of and monotonic() - shown >= 30.0:
-                shown = monotonic()
-                left = (shown - began) * (of - done) / done
-                say_aside(f"{done} of {of} logs, {left / 60:.0f} min left")
-
-        yield show
