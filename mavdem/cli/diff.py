@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
+from mavdem.assessment import Assessment
 from mavdem.cli.commands import UNSUPPORTED
-from mavdem.cli.options import json_option, no_option, refuse_link
-from mavdem.cli.output import print_result, progress
+from mavdem.cli.options import folder_named, json_option, no_option, refuse_link
+from mavdem.cli.output import check_folder, files_in, print_result, progress, say_aside
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
@@ -18,8 +20,11 @@ from mavdem.fleet.row import OK, UNKNOWN, FlightRow, flights_of
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.ingest import read_log
-from mavdem.report.blocks import Block, Sentence
+from mavdem.report.blocks import Sentence
 from mavdem.report.difference import difference_blocks
+from mavdem.report.difference_page import comparison_page
+
+PAGE = "diff.html"
 
 
 @click.command("diff")
@@ -31,10 +36,22 @@ from mavdem.report.difference import difference_blocks
     callback=no_option,
     help="Which vehicle, by its name in the fleet or, in a log with several, SYSTEM:COMPONENT.",
 )
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=click.Path(),
+    callback=folder_named,
+    help="Folder for the page diff.html.  [default: named after A and B]",
+)
 @json_option
 @click.pass_context
 def diff_command(
-    context: click.Context, before: str, after: str, vehicle: str | None, as_json: bool
+    context: click.Context,
+    before: str,
+    after: str,
+    vehicle: str | None,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Reports what changed of a vehicle between A and B, and what stayed the same.
 
@@ -50,9 +67,17 @@ def diff_command(
       mavdem diff monday.tlog friday.tlog
       mavdem diff fleet_2025/ fleet_2026/ --vehicle px4-1a2b3c
 
+    A page shows both over each other: step responses, spectra, margins, motors, wind and parameters.
+
     Exit codes: 0 compared, whatever changed; 1 nothing can be compared; 2 bad usage, or unreadable input.
     """
-    first, second = (_rows(name, source, vehicle) for name, source in (("A", before), ("B", after)))
+    folder = out or Path(f"{Path(before).stem}_and_{Path(after).stem}")
+    check_folder(folder)
+    reviews = {"A": dict[str, Any](), "B": dict[str, Any]()}
+    first, second = (
+        _rows(name, source, vehicle, reviews[name])
+        for name, source in (("A", before), ("B", after))
+    )
     names, others = ({row.vehicle for row in rows if row.status == OK} for rows in (first, second))
     if vehicle is None and max(len(names), len(others)) > 1:
         both = (names & others) - {UNKNOWN}
@@ -64,11 +89,13 @@ def diff_command(
     parameters = changed_parameters(_parameters(before, first[0]), _parameters(after, second[0]))
     headlines = {"a": latest_headline(first), "b": latest_headline(second)}
     document = {"a": before, "b": after, "parameters": parameters, **found.as_dict()}
-    blocks: list[Block] = [
-        Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said
-    ]
-    blocks += difference_blocks(found, parameters)
-    print_result(document | {"headlines": headlines}, blocks, as_json)
+    first_said = [Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said]
+    blocks = difference_blocks(found, parameters)
+    with files_in(folder, [PAGE]) as (path,):
+        page = comparison_page(reviews["A"], reviews["B"], blocks, parameters)
+        path.write_text(page, "utf-8", "replace")
+    say_aside(f"The page is {folder / PAGE}.")
+    print_result(document | {"headlines": headlines}, [*first_said, *blocks], as_json)
     if not found.changes:
         context.exit(UNSUPPORTED)
 
@@ -91,8 +118,11 @@ def latest_headline(rows: Sequence[FlightRow]) -> str | None:
     return latest
 
 
-def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
-    """The flights that A or B names; raises ``NotLearnable`` where there are none of this vehicle."""
+def _rows(name: str, source: str, vehicle: str | None, review: dict[str, Any]) -> list[FlightRow]:
+    """The flights that A or B names, of one of which ``review`` becomes the document.
+
+    Raises ``NotLearnable`` where there are none of this vehicle.
+    """
     refuse_link(source)
     path = Path(source)
     if is_fleet(path):
@@ -102,7 +132,12 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
             raise NotLearnable(Fact(Incomparable.VEHICLES_UNKNOWN, subject=name))
     else:
         with progress(f"Reading {source}", measured=False):
-            rows, _ = rows_of_log(path, source)
+
+            def keep(_: str, assessment: Assessment) -> str:
+                review.update(assessment.as_dict())
+                return ""
+
+            rows, _ = rows_of_log(path, source, keep)
         # In a log it may be named by system and component, of which a row has the first.
         system = "" if vehicle is None else vehicle.partition(":")[0]
         chosen = [

@@ -153,7 +153,7 @@ def learn_command(
         report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     else:
         heading = title(analysis.flights)
-        details = detail_blocks(learned, analysis.findings)
+        details = detail_blocks(learned)
     if not no_files:
         with progress("Drawing and writing the files", measured=False):
             write_results(folder, report, assessment)

@@ -3,7 +3,21 @@
 (() => {
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const tints = ["#1f7ad633", "#12997a33", "#b5852a33", "#9461d133"], groups = {}, edge = 12;
-  const digits = value => value == null ? "–" : Number(value.toPrecision(4)).toString().replace("-", "−");
+  const digits = value => {
+    if (value == null) return "";
+    const size = Math.abs(value);
+    const text = size && (size < 1e-3 || size >= 1e6) ? value.toExponential(size < 1e-3 ? 0 : 2).replace("e+", "e") : Number(value.toPrecision(4)).toString();
+    return text.replaceAll("-", "−");
+  };
+  // Of a logarithmic axis 1, 2 and 5 of each power of ten, or where these are many the powers alone.
+  const plain = (_, splits) => {
+    const known = splits.filter(value => value > 0), decades = Math.log10(known.at(-1) / known[0]);
+    const kept = decades > 6 ? [0] : decades > 2 ? [1] : [1, 2, 5];
+    return splits.map(value => {
+      const power = Math.floor(Math.log10(value) + 1e-9), digit = Math.round(value / 10 ** power);
+      return (decades > 6 ? digit === 1 && power % 2 === 0 : kept.includes(digit)) ? value : null;
+    });
+  };
   const font = () => `${root.classList.contains("printing") ? 9 : 11}px system-ui, sans-serif`, root = document.documentElement;
 
   const unpack = (packed, log) => {
@@ -75,14 +89,24 @@
     const { ctx, bbox } = chart, ratio = devicePixelRatio;
     ctx.save();
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+    // Dots of several lines stand beside each other where things are counted.
+    const apart = data.x.names.length ? 9 * ratio : 0, dots = data.lines.filter(line => line.kind === "dots");
     for (const line of data.lines) {
       const stems = line.kind === "stems";
-      if (!stems && !(line.kind === "dots" && line.low)) continue;
+      if (!stems && line.kind !== "dots") continue;
+      const beside = stems ? 0 : apart * (dots.indexOf(line) - (dots.length - 1) / 2);
       ctx.strokeStyle = line.colour; ctx.lineWidth = (stems ? 1.6 : 1.1) * ratio;
       data.columns.forEach((x, i) => {
         if (line.y[i] == null) return;
-        const left = chart.valToPos(x, "x", true);
+        const left = chart.valToPos(x, "x", true) + beside;
         ctx.beginPath();
+        if (!stems) {
+          ctx.fillStyle = line.colour;
+          ctx.arc(left, chart.valToPos(line.y[i], "y", true), 2.8 * ratio, 0, 7);
+          ctx.fill();
+          ctx.beginPath();
+          if (!line.low) return;
+        }
         ctx.moveTo(left, chart.valToPos(stems ? 0 : line.low[i], "y", true));
         ctx.lineTo(left, chart.valToPos(stems ? line.y[i] : line.high[i], "y", true));
         ctx.stroke();
@@ -91,12 +115,13 @@
     ctx.restore();
   };
 
-  const series = line => {
-    const drawn = { label: line.name, stroke: line.colour, width: 1.3, scale: line.right ? "beside" : "y", points: { show: false },
+  const series = (line, lines) => {
+    // Lines over each other are told apart by what shines through.
+    const many = lines > 3 && line.kind === "line";
+    const drawn = { label: line.name, stroke: line.colour + (many ? "c0" : ""), width: many ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false },
       value: (_, value) => digits(value) };
     if (line.kind === "dashes") drawn.dash = [5, 4];
-    if (line.kind === "dots") Object.assign(drawn, { paths: () => null, points: { show: true, size: 5, fill: line.colour } });
-    if (line.kind === "stems") drawn.paths = () => null;
+    if (line.kind === "dots" || line.kind === "stems") drawn.paths = () => null;
     return drawn;
   };
 
@@ -114,7 +139,7 @@
 
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
-    const usual = figure.dataset.flat != null ? 104 : 190, bare = figure.dataset.bare != null;
+    const usual = figure.dataset.flat != null ? 104 : root.classList.contains("printing") ? 125 : 190, bare = figure.dataset.bare != null;
     return Math.round(usual * (root.classList.contains("printing") ? 0.72 : 1)) + (bare ? 0 : 34);
   };
 
@@ -134,23 +159,23 @@
       }
       if (line.low && line.kind !== "dots") bands.push({ series: [drawn.length - 2, drawn.length - 1], fill: line.colour + "38" });
       columns.push(line.y);
-      drawn.push(series(line));
+      drawn.push(series(line, data.lines.length));
     }
     const grid = { stroke: () => colour("--line"), width: 1 }, none = (_, splits) => splits.map(() => "");
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
-      : axis.log ? { values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits) => splits.map(digits) };
+      : axis.log ? { filter: plain, grid: { ...grid, filter: plain }, ticks: { ...grid, filter: plain }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits) => splits.map(digits) };
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
       padding: [strip ? 2 : 6, data.beside ? 0 : edge, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
         { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: none } : {}) },
-        { ...base, ...(strip ? { values: none } : shown(data.y)), size: 50, grid: { ...grid, show: !strip }, ticks: { ...grid, show: !strip } },
-        ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 44, grid: { show: false } }] : []),
+        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: 50 },
+        ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, grid: { show: false }, label: data.beside.label }] : []),
       ],
-      legend: { show: !strip && !data.picture, markers: { width: 2 } },
+      legend: { show: !strip && !data.picture && data.lines.filter(line => line.name).length > 1, markers: { width: 2 } },
       cursor: { y: false, ...(data.group ? { sync: { key: data.group } } : {}), drag: { x: !!data.group, y: false } },
       hooks: {
         drawClear: [chart => behind(data, chart)], draw: [chart => over(data, chart)],
@@ -199,7 +224,11 @@
   const observer = new ResizeObserver(entries => requestAnimationFrame(() => entries.forEach(entry => fit(entry.target))));
   for (const figure of figures) observer.observe(figure);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw(false, true)));
-  addEventListener("beforeprint", () => { root.classList.add("printing"); repaint(); });
+  addEventListener("beforeprint", () => {
+    root.classList.add("printing");
+    for (const events of document.querySelectorAll("details.events")) events.open = true;
+    repaint();
+  });
   addEventListener("afterprint", () => { root.classList.remove("printing"); repaint(); });
   const flight = () => groups.flight;
   document.getElementById("whole")?.addEventListener("click", () => flight() && zoom(flight(), ...flight().whole));

@@ -9,8 +9,6 @@ from collections.abc import Collection, Sequence
 from math import isfinite, sqrt
 from typing import Any
 
-import numpy as np
-
 from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.evaluate.comparison import Comparison
@@ -18,9 +16,7 @@ from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
 from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Sentence, Table, caution
-from mavdem.report.charts import Axis, Chart, Kind, Line
 from mavdem.report.numbers import named, readable
-from mavdem.report.palette import distinct
 from mavdem.report.words import section
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
@@ -194,29 +190,6 @@ def _flight(comparison: Comparison, flight: str, questions: Sequence[Question]) 
     for row in summaries:
         blocks += section("comparison_failures", **row)
     return blocks
-
-
-SHOWN_RATIOS = 1e-3, 1e3  # error ratios beyond these are drawn at the edge
-
-
-def error_ratios(comparison: Comparison, from_zero: bool = False) -> Chart:
-    """Returns the error ratio of each method in each window over the whole test part."""
-    question = FROM_ZERO if from_zero else KNOWN
-    window = np.arange(1.0, len(comparison.windows) + 1)
-    lines = tuple(
-        Line(
-            method,
-            distinct(number),
-            window,
-            np.clip([float(one.scores[question].ratio[-1]) for one in column], *SHOWN_RATIOS),
-            kind=Kind.DOTS,
-        )
-        for number, (method, column) in enumerate(
-            zip(comparison.methods, zip(*comparison.outcomes, strict=True), strict=True)
-        )
-    )
-    axis = Axis("error ratio (1: the constant mean)", log=True)
-    return Chart("Errors in every window", Axis("window"), axis, lines, (1.0,))
 
 
 STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag

@@ -120,24 +120,11 @@ def _number(
     return read
 
 
-def _largest_share(row: FlightRow) -> str:
-    return f"{max(row.trim_share):.3f}" if row.trim_share else ""
-
-
 def _effectiveness(row: FlightRow) -> str:
     """The mean size over the motors, and the unit."""
     if not row.effect or row.effect_status == NOT_IDENTIFIABLE:
         return ""
     return f"{rounded(TORQUE.scale * sum(map(abs, row.effect)) / len(row.effect), 3)} per {row.per_input}"
-
-
-def _residual(row: FlightRow) -> str:
-    """The figure, and how large it is in healthy flights."""
-    half = row.residual_mean_interval
-    usual = "" if half is None else f" (usual ±{rounded(TORQUE.scale * half)})"
-    return (
-        "" if row.residual_mean is None else f"{rounded(TORQUE.scale * row.residual_mean)}{usual}"
-    )
 
 
 def _health(flight: Flight) -> Rated:
@@ -195,7 +182,6 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
         "number",
         lambda row: _number("duration", digits=3)(row) if row.status == OK else "",
     ),
-    "largest share": ("number", _largest_share),
     "mean effectiveness (°/s²)": ("number", _effectiveness),
     "rate damping (1/s)": ("number", _number("damping", estimated=True)),
     "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
@@ -205,7 +191,6 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
         lambda row: "" if row.wind_direction is None else from_point(degrees(row.wind_direction)),
     ),
     "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
-    "residual mean (°/s²)": ("number", _residual),
     "error ratio": ("number", _number("error_ratio")),
 }
 """What each column is sorted as, and its cell of a row (of a flight: health and notes); empty where it is not known."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.assessment.noise import BEFORE, GYRO, Noise, Responses
 from mavdem.assessment.responses import LoopResponse
-from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.condition.loop.margins import OpenLoop
@@ -26,7 +24,6 @@ SHOWN = (BEFORE, "before the filters", MEASURED), (GYRO, "behind the filters", P
 """Name and colour of a spectrum."""
 BINS = 400
 """Of a spectrum and of a spectrogram that are drawn."""
-FAINTEST = -60.0  # dB below the largest, of a spectrogram
 SHARE = Axis("share of the step")
 GAIN = Axis("gain |T|", log=True)
 
@@ -100,15 +97,8 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, 
     )
 
 
-class Filtered(NamedTuple):
-    """The ``controller`` whose filters are drawn, and the ``crossover``, Hz, at which they cost phase."""
-
-    controller: Controller
-    crossover: float
-
-
-def spectrum_chart(noise: Noise, filtered: Filtered | None = None) -> Chart | None:
-    """Returns the gyro's spectra with their lines, and what the filters pass; None without a spectrum."""
+def spectrum_chart(noise: Noise, loop: Loop | None = None) -> Chart | None:
+    """Returns the gyro's spectra with their lines, and what the filters of a ``loop`` pass; None without one."""
     lines = list[Line]()
     marks = [
         Mark(line.frequency, "?" if line.kind is PeakKind.UNNAMED else str(line.kind))
@@ -124,15 +114,15 @@ def spectrum_chart(noise: Noise, filtered: Filtered | None = None) -> Chart | No
         return None
     highest = max(line.x[-1] for line in lines)
     beside = None
-    if filtered is not None:
-        top = min(highest, 0.499 * filtered.controller.gyro_rate)
+    if loop is not None:
+        top = min(highest, 0.499 * loop.controller.gyro_rate)
         frequency = np.linspace(0.1, top, BINS)
-        passed = np.maximum(np.abs(gyro_response(filtered.controller, frequency)), 1e-4)
+        passed = np.maximum(np.abs(gyro_response(loop.controller, frequency)), 1e-4)
         decibels = 20 * np.log10(passed)
         filters = Line("filters", COMMAND, frequency, decibels, kind=Kind.DASHES, right=True)
         lines.append(filters)
         beside = Axis("filters (dB)", ends=(-80.0, 3.0))
-        marks.append(Mark(filtered.crossover, "crossover", BAD))
+        marks.append(Mark(loop.crossover, "crossover", BAD))
     density_axis = Axis("power ((rad/s)²/Hz)", log=True)
     return Chart(
         "Gyro",
@@ -164,5 +154,5 @@ def _heat(x: Array, frequency: Array, density: Array) -> Heat:
     decibels = 10 * np.log10(np.maximum(shown, np.finfo(np.float64).tiny))
     even = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, BINS)))
     nearest = np.abs(even[:, None] - x).argmin(axis=1)
-    top = float(decibels.max())
-    return Heat(even, hertz, np.clip(decibels[nearest], top + FAINTEST, top))
+    ends = np.percentile(decibels, (20, 99.8))
+    return Heat(even, hertz, np.clip(decibels[nearest], *ends))

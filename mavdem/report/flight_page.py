@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import chain
 from math import nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
@@ -17,7 +19,8 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.grounding import grounds_of
 from mavdem.assessment.margins import margins_of
-from mavdem.assessment.noise import GYRO, Responses
+from mavdem.assessment.noise import BEFORE, GYRO, Responses
+from mavdem.condition.condition import settled_parts
 from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.advice import Advice, advise
 from mavdem.condition.loop.filters import gyro_filters
@@ -35,7 +38,6 @@ from mavdem.report.blocks import Block, Sentence, Table, caution, warning
 from mavdem.report.charts import FEW_POINTS, POINTS, Chart, Group
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.flight_charts import (
-    Filtered,
     loop_charts,
     spectrogram,
     spectrum_chart,
@@ -43,7 +45,7 @@ from mavdem.report.flight_charts import (
 )
 from mavdem.report.labels import Labels
 from mavdem.report.loops import gain_blocks, margin_tables
-from mavdem.report.numbers import rounded
+from mavdem.report.numbers import listed, rounded
 from mavdem.report.page import Chapter, Head, document
 from mavdem.report.plans import flown_path, frame_plan, rose_of_wind
 from mavdem.report.review import title_of
@@ -64,6 +66,8 @@ if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory, SessionStatus
 
 AXIS_IN_NAME = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
+GEOMETRY = "CA_"
+"""How PX4's parameters of the motors' places begin, which the picture of the motors shows."""
 FIGURES = {
     "overshoot": ("overshoot (%)", 100.0),
     "rise_time": ("rise (s)", 1.0),
@@ -109,9 +113,8 @@ def log_page(
     whole = held is not None
     timeline = timeline_of(assessment)
     events = [Event(nan if fact.time is None else fact.time, fact) for fact in assessment.events]
-    facts = {} if assessment.analysis is None else _facts(assessment.analysis, timeline)
     level = assessment.headline.level
-    head = Head(level, facts, assessment.lights, events, timeline)
+    head = Head(level, assessment.lights, events, timeline, assessment.analysis)
     chapters = [*_measured(assessment, timeline, whole), *_models(assessment)]
     if held is not None:
         chapters.append(
@@ -124,29 +127,6 @@ def log_page(
     return document(name, subtitle, [above, following], chapters, back, head, points)
 
 
-def _facts(analysis: LogAnalysis, timeline: Timeline | None) -> dict[str, str]:
-    """Vehicle and flight, by what it is; empty where that is not known."""
-    identity = analysis.identity
-    condition = analysis.condition
-    armed = "" if condition.armed is None else f", {condition.armed:.0f} s armed"
-    place = ""
-    if identity.place is not None:
-        north, east = identity.place
-        place = f"{abs(north):.3f}° {'NS'[north < 0]}, {abs(east):.3f}° {'EW'[east < 0]}"
-    modes = () if timeline is None else (name for _, _, name in timeline.modes)
-    return {
-        "Vehicle": identity.name or "",
-        "Frame": (identity.frame or "").replace("_", " ").capitalize(),
-        "Autopilot": (identity.autopilot or "").replace("ARDUPILOTMEGA", "ArduPilot"),
-        "Firmware": identity.firmware or "",
-        "Board": identity.hardware or "",
-        "Date": f"{identity.date:%Y-%m-%d %H:%M} UTC" if identity.date else "",
-        "Place": place,
-        "Duration": f"{condition.duration:.0f} s{armed}, {condition.settled:.0f} s settled",
-        "Modes": ", ".join(dict.fromkeys(modes)),
-    }
-
-
 def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Iterator[Chapter]:
     """What the flight shows without a model."""
     evidence = assessment.evidence
@@ -156,7 +136,8 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
         columns = tuple(
             tuple(map(timeline.marked, charts)) for charts in timeline.axes.values() if charts
         )
-        yield Chapter("Three axes", _tracking(columns), [Group(columns)])
+        parts = settled_parts(evidence.signals)
+        yield Chapter("Three axes", _tracking(columns, parts), [Group(columns)])
     yield _responses(assessment.responses)
     advice = _advice(evidence) if whole else {}
     yield _loops(evidence, advice)
@@ -166,32 +147,19 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
     yield _parameters(evidence.signals.telemetry)
 
 
-def _tracking(columns: Sequence[Sequence[Chart]]) -> list[Block]:
-    """How far angles and rates are from their setpoints, by axis."""
+def _tracking(columns: Sequence[Sequence[Chart]], parts: Sequence[Segment]) -> list[Block]:
+    """How far angles and rates are from their setpoints in settled flight."""
     rows = list[list[str]]()
-    for charts in columns:
-        for chart in charts:
-            if [line.name for line in chart.lines[1:]] == ["setpoint"]:
-                seen, asked = (line.y for line in chart.lines)
-                error = float(np.sqrt(np.nanmean(np.square(seen - asked))))
-                behind = _behind(chart)
-                rows.append([chart.y.label, rounded(error), behind])
+    for chart in chain(*columns):
+        if [line.name for line in chart.lines[:-1]] == ["setpoint"]:
+            asked, seen = chart.lines
+            settled = [(seen.x >= part.start) & (seen.x <= part.end) for part in parts]
+            errors = (seen.y - asked.y)[np.any(settled, axis=0)] if settled else np.empty(0)
+            if np.isfinite(errors).any():
+                rows.append([chart.y.label, rounded(float(np.sqrt(np.nanmean(errors**2))))])
     if not rows:
-        return [Sentence("no setpoints were logged, so no tracking error is known.", "Tracking:")]
-    return [Table(["tracking", "RMS error", "behind the setpoint (ms)"], rows)]
-
-
-def _behind(chart: Chart) -> str:
-    """ms, by which the setpoint has to be shifted to be most alike; up to half a second."""
-    seen, asked = chart.lines
-    step = seen.step
-    known = np.isfinite(seen.y) & np.isfinite(asked.y)
-    one, other = (
-        np.where(known, line.y - np.nanmean(line.y[known]), 0.0) for line in (seen, asked)
-    )
-    lags = range(min(int(0.5 / step) + 1, len(one) // 2))
-    alike = [float(one[lag:] @ other[: len(other) - lag]) for lag in lags]
-    return f"{1e3 * step * int(np.argmax(alike)):.0f}" if len(lags) > 2 else "-"
+        return [Sentence("no error is known: no setpoints in settled flight.", "Tracking:")]
+    return [Table(["settled flight", "RMS error"], rows)]
 
 
 def _responses(responses: Responses) -> Chapter:
@@ -205,19 +173,21 @@ def _responses(responses: Responses) -> Chapter:
                 rows.append([f"{axis} {name}", *figures])
             if found.compared is not None and found.compared.level is not Level.GOOD:
                 blocks.append(caution(found.compared))
-    facts = {
-        fact: None
-        for loops in responses.values()
-        for found in loops.values()
-        if isinstance(fact := found.measured, Fact)
-    }
-    blocks += [Sentence(str(fact)) for fact in facts]
+    refusals = dict[Fact, list[str]]()
+    for axis, loops in responses.items():
+        for name, found in loops.items():
+            if isinstance(fact := found.measured, Fact):
+                same = Fact(fact.code, fact.level, **fact.figures)
+                refusals.setdefault(same, []).append(f"{axis} {name}")
+    for fact, names in refusals.items():
+        said = Fact(fact.code, fact.level, subject=listed(names), **fact.figures)
+        blocks.append(Sentence(str(said)))
     if rows:
         header = ["step response (90 % interval)", *(name for name, _ in FIGURES.values())]
         blocks.insert(0, Table(header, rows))
-    said = "Grey: measured, with its 90 % band. Blue: predicted by the identified loop."
+    caption = "Grey: measured, with its 90 % band. Blue: predicted by the identified loop."
     columns = step_charts(responses)
-    return Chapter("Step response", blocks, [Group(columns, said)] if columns else [])
+    return Chapter("Step response", blocks, [Group(columns, caption)] if columns else [])
 
 
 def _estimate(found: StepResponse, key: str) -> str:
@@ -238,13 +208,14 @@ def _advice(evidence: Evidence) -> dict[str, Advice]:
 
 def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
-    blocks = list[Block]()
+    said = dict[str, list[str]]()
     for one in margins_of(evidence):
         facts = [one.loop] if isinstance(one.loop, Fact) else []
-        blocks += [
-            Sentence(str(fact.but(names=(one.axis,))), f"{one.axis.capitalize()}:")
-            for fact in one.facts or facts
-        ]
+        for fact in one.facts or facts:
+            said.setdefault(str(fact.but(names=(one.axis,))), []).append(one.axis)
+    blocks: list[Block] = [
+        Sentence(sentence, f"{listed(axes).capitalize()}:") for sentence, axes in said.items()
+    ]
     for axis, gains in advice.items():
         blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
         blocks += gain_blocks(gains) if gains.parameters else []
@@ -257,8 +228,8 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
         if axis in advice and advice[axis].parameters:
             shown["advised"] = advice[axis].after
         columns.append(loop_charts(shown))
-    said = "Open loops with 90 % bands. Dotted: the phase margin where the gain is 1."
-    groups = [Group(tuple(columns), said)]
+    caption = "Open loops with 90 % bands. Dotted: the phase margin where the gain is 1."
+    groups = [Group(tuple(columns), caption)]
     return Chapter("Control loops", [*margin_tables(known), *blocks], groups)
 
 
@@ -267,18 +238,17 @@ def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Ch
     noise = assessment.noise
     loops = [loop for loop in assessment.loops.values() if isinstance(loop, Loop)]
     blocks: list[Block] = [Sentence(str(fact)) for fact in noise.facts]
-    filtered = None
-    if loops:
-        first = max(loops, key=lambda loop: loop.crossover)
-        filtered = Filtered(first.controller, first.crossover)
+    first = max(loops, key=lambda loop: loop.crossover, default=None)
+    if first is not None:
         filters = gyro_filters(first.controller, first.crossover)
         blocks += section("loop_filters", filters=filters, crossover=first.crossover)
-    groups = [Group.of([spectrum_chart(noise, filtered)])] if noise.spectra else []
-    if GYRO in noise.spectra and whole:
-        charts = spectrogram(noise.spectra[GYRO])
+    groups = [Group.of([spectrum_chart(noise, first)])] if noise.spectra else []
+    shown = noise.spectra.get(BEFORE, noise.spectra.get(GYRO))
+    if shown is not None and whole:
+        charts = spectrogram(shown)
         if timeline is not None:
             charts = (timeline.marked(charts[0])._replace(spans=()), *charts[1:])
-        groups.append(Group.of(charts, "Darker: more power, over 60 dB."))
+        groups.append(Group.of(charts, "Darker: more power."))
     return Chapter("Spectra", blocks, groups)
 
 
@@ -291,7 +261,7 @@ def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:
     if analysis.learned is None or not is_full:
         blocks += section("condition", analysis.condition)
     plan = frame_plan(evidence.signals.motors, analysis.condition)
-    return Chapter("Motors", blocks, [] if plan is None else [Group.of([plan])])
+    return Chapter("Motors", blocks, [] if plan is None else [Group.of([plan])], beside=True)
 
 
 def _wind(assessment: Assessment, timeline: Timeline | None) -> Chapter:
@@ -303,13 +273,13 @@ def _wind(assessment: Assessment, timeline: Timeline | None) -> Chapter:
     is_known = wind is not None and wind.directed and wind.sized
     panels = [
         rose_of_wind(wind) if wind is not None and is_known else None,
-        flown_path(timeline, wind),
+        flown_path(timeline),
     ]
     if learned is not None:
         blocks += torque_blocks(learned.wind_torque, learned.physical)
     truth = None if analysis is None else analysis.truth
     blocks += [] if truth is None else truth_blocks(truth)
-    return Chapter("Wind and path", blocks, [Group.of(panels)] if any(panels) else [])
+    return Chapter("Wind and path", blocks, [Group.of(panels)] if any(panels) else [], beside=True)
 
 
 def _parameters(telemetry: Telemetry) -> Chapter:
@@ -324,16 +294,16 @@ def _parameters(telemetry: Telemetry) -> Chapter:
         blocks.append(Table(["changed in flight", "from", "to"], changed))
     by_axis = dict[str, dict[str, str]]()
     for name, value in sorted(telemetry.parameters.items()):
-        if CONTROL_PARAMETERS.match(name):
+        if value and CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY):
             axis = AXIS_IN_NAME.search(name)
-            column = "" if axis is None else axis[0][0]
+            column = "all" if axis is None else axis[0][0]
             by_axis.setdefault(AXIS_IN_NAME.sub("…", name, 1), {})[column] = f"{value:.4g}"
-    three = {name: row for name, row in by_axis.items() if "" not in row}
-    if three:
-        rows = [[name, *(row.get(axis, "") for axis in "RPY")] for name, row in three.items()]
-        blocks.append(Table(["parameter", "roll", "pitch", "yaw"], rows))
-    others = [[name, row[""]] for name, row in by_axis.items() if "" in row]
-    blocks += [Table(["parameter", "value"], others)] if others else []
+    rows = [
+        [name, *(row.get(axis, "") for axis in ("R", "P", "Y", "all"))]
+        for name, row in by_axis.items()
+    ]
+    if rows:
+        blocks.append(Table(["parameter", "roll", "pitch", "yaw", "all"], rows))
     return Chapter("Parameters", blocks)
 
 
@@ -350,7 +320,9 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
         if (learned := analysis.learned) is not None:
             labels = Labels.of(learned)
             blocks += prediction_blocks(labels, analysis.held_out)
-            groups = [*_responding(learned, analysis)]
+            if analysis.findings.grade(Purpose.CONTROL_EFFECTIVENESS) is not Grade.NOT_IDENTIFIABLE:
+                said = "Frequency response of the vehicle without its controller, with a 90 % band."
+                groups.append(Group.of(model_charts.bode(learned), said))
             if analysis.held_out is not None and len(analysis.held_out):
                 said = "Held-out windows, by models that were not trained on them."
                 groups.append(Group.of(model_charts.forecast(analysis.held_out, labels), said))
@@ -359,24 +331,13 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
             yield _inside(axis, analysis, learned)
 
 
-def _responding(learned: Learned, analysis: LogAnalysis) -> Iterator[Group]:
-    """Yields the frequency response of the plant, where it is identifiable."""
-    grade = analysis.findings.grade(Purpose.CONTROL_EFFECTIVENESS)
-    if grade is not Grade.NOT_IDENTIFIABLE:
-        said = "Frequency response of the vehicle without its controller, with a 90 % band."
-        yield Group.of(model_charts.bode(learned), said)
-
-
 def _inside(axis: str, analysis: LogAnalysis, learned: Learned) -> Chapter:
     """How a model was learned, folded."""
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()]
-    blocks = detail_blocks(learned, analysis.findings)
+    blocks = detail_blocks(learned)
     blocks.append(Table(["setting", "value"], settings, words=True))
     said = "Errors one step ahead; correlations between the lines may be chance (99 %)."
-    groups = [
-        Group.of(model_charts.residuals(learned), said),
-        Group.of(model_charts.learning(learned)),
-    ]
+    groups = [Group.of(model_charts.residuals(learned), said)]
     return Chapter(f"The model of {axis}, and how it was learned", blocks, groups, folded=True)
 
 
@@ -400,14 +361,14 @@ def live_page(
 
     report = live_report(history, status, account, axis, seconds)
     timeline = live_timeline(history, axis)
-    facts = {"Vehicle": status.vehicle or ""}
-    head = Head(judgement.headline.level, facts, judgement.lights, history.events, timeline)
+    events = history.events
+    name = status.vehicle or ""
+    head = Head(judgement.headline.level, judgement.lights, events, timeline, vehicle=name)
     above, *_, following = conclusion(judgement)
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
     if learned is not None:
         blocks = [*graded(found), *torque_blocks(learned.wind_torque, learned.physical)]
         chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
-        charts = Group.of(model_charts.bode(learned))
-        chapters.append(Chapter(f"Model of {axis}", blocks, [charts]))
+        chapters.append(Chapter(f"Model of {axis}", blocks))
     what = f"What {axis} did, learned and predicted while it flew."
     return document(f"Flight over {link}", what, [above, following], chapters, head=head)

@@ -70,10 +70,13 @@ def served(name: str, /, **known: Any) -> str:
 
 def with_bar(page: str, **known: Any) -> str:
     """Returns the ``page`` of a flight with a bar above it, for a server whose policy takes the place of its own."""
+    return without_policy(page, **known).replace(PLACE, PLACE + served("bar", **known), 1)
+
+
+def without_policy(page: str, **known: Any) -> str:
+    """Returns a ``page`` for a server whose policy takes the place of its own."""
     key = served("key", **known)
-    return POLICY.sub(lambda _: key, page, count=1).replace(
-        PLACE, PLACE + served("bar", **known), 1
-    )
+    return POLICY.sub(lambda _: key, page, count=1)
 
 
 def vehicle_page(flights: Sequence[Flight], changes: Iterable[Block], **known: Any) -> str:

@@ -1,4 +1,4 @@
-"""Charts of a model: forecasts, residuals, responses, the wind torque, its motors, and how it was learned.
+"""Charts of a model: forecasts, residuals, responses and the wind torque.
 
 Each function returns charts in degrees; ``learned.plot`` draws them with matplotlib, a page with its script.
 """
@@ -9,7 +9,6 @@ import numpy as np
 
 from mavdem.analysis.findings import known_wind
 from mavdem.analysis.residuals import residuals as residuals_of
-from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -20,20 +19,16 @@ from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.numbers import TORQUE, named, per, readable
 from mavdem.report.palette import (
     BASELINE,
-    COMMAND,
     DISTURBANCE,
     MEASURED,
     PREDICTED,
     TRUTH,
-    distinct,
 )
 from mavdem.report.systems import Truth, curves_of
 
 Charts = tuple[Chart, ...]
 SHOWN_WINDOWS = 8
 FASTEST_WIND = 10.0  # Hz: what is faster is noise of sensors
-TERMS = 6
-"""Of the free energy, that change most."""
 
 
 def banded(name: str, colour: str, x: Array, values: Array) -> Line:
@@ -66,28 +61,6 @@ def bode(
         Chart(title, FREQUENCY, magnitude, tuple(magnitudes)),
         Chart("Phase", FREQUENCY, Axis("phase (°)"), tuple(phases)),
     )
-
-
-def step(learned: Learned, truth: Truth | None = None) -> Charts:
-    """Returns each output after a step of the command at 0 s, of its standard deviation, with 90 % bands."""
-    command = AxisCommand.of(learned)
-    labels = Labels.of(learned)
-    size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
-    time = np.linspace(0.0, 1.5, 151)
-    curves = [
-        (name, colour, size * systems.after_step(time))
-        for name, colour, systems in curves_of(learned, command.motors, truth)
-    ]
-    after = Axis(f"time after a step of {size:g} {command.unit}".rstrip() + " (s)")
-    charts = list[Chart]()
-    for output, name in enumerate(labels.output_names):
-        unit = readable(labels.output_units[output])
-        lines = (
-            banded(curve, colour, time, unit.scale * values[..., output])
-            for curve, colour, values in curves
-        )
-        charts.insert(0, Chart(name, after, Axis(named(name, unit.name)), tuple(lines), (0.0,)))
-    return tuple(charts)
 
 
 def residuals(learned: Learned, output: int = -1) -> Charts:
@@ -144,69 +117,10 @@ def disturbance(learned: Learned, truth: Array | None = None) -> Charts:
     )
 
 
-def motors(learned: Learned, hover: HoverFigures | None = None) -> Charts:
-    """Returns control effectiveness and, by ``mavdem.hover``, trim deviation and headroom of each motor.
-
-    Raises:
-        ValueError: control effectiveness is not identifiable, and there is no ``hover``.
-    """
-    labels = Labels.of(learned)
-    physical = learned.physical
-    # What drives the model may be no motor but the demand.
-    of_motors = hover is None or len(hover.motors) == len(labels.input_names)
-    if physical is not None and not (of_motors and physical.identifiable):
-        physical = None
-    if physical is None and hover is None:
-        raise ValueError(
-            "there are no motors to show: control effectiveness is not identifiable in this flight"
-        )
-    names = labels.input_names if hover is None else hover.motors
-    axis = Axis("motor", names=tuple(name.removeprefix("motor ").split(" ")[0] for name in names))
-    at = np.arange(len(names), dtype=np.float64)
-
-    def dots(values: Array, colour: str, half: Array | None = None) -> Line:
-        line = Line("", colour, at, values, kind=Kind.DOTS)
-        return line if half is None else line._replace(low=values - half, high=values + half)
-
-    charts = []
-    if physical is not None:
-        effect = TORQUE.scale * physical.effect
-        line = dots(effect, PREDICTED, TORQUE.scale * physical.interval(LEVEL).effect)
-        unit = Axis(per(TORQUE, labels.input_units[0]))
-        charts.append(Chart("Effectiveness", axis, unit, (line,), (0.0,)))
-    if hover is not None:
-        trim = dots(np.array(hover.imbalance), COMMAND)
-        left = dots(100 * np.array(hover.headroom), COMMAND)
-        charts.append(Chart("Trim", axis, Axis("deviation (%)"), (trim,), (0.0,)))
-        room = Axis("headroom (%)", ends=(0.0, 100.0))
-        charts.append(Chart("Headroom", axis, room, (left,)))
-    return tuple(charts)
-
-
-def learning(learned: Learned) -> Charts:
-    """Returns F̄ below its maximum, and the terms that change most, by iteration; iteration 0 is the prior."""
-    energy = learned.free_energy
-    iteration = np.arange(len(energy.total), dtype=np.float64)
-    # nats: less is no more learning
-    gap = np.maximum(energy.total.max() - energy.total, 1e-3)
-    change = {name: np.abs(term - term[-1]) for name, term in energy.terms.items()}
-    largest = sorted(change, key=lambda name: -change[name].max())[:TERMS]
-    terms = tuple(
-        Line(name, distinct(number), iteration[:-1], np.maximum(change[name][:-1], 1e-3))
-        for number, name in enumerate(largest)
-    )
-    axis = Axis("iteration")
-    nats = Axis("nats", log=True)
-    return (
-        Chart("F̄ below its maximum", axis, nats, (Line("F̄", PREDICTED, iteration, gap),)),
-        Chart("Terms of F̄: distance from the last value", axis, nats, terms),
-    )
-
-
 def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
     """Returns an output beside its forecasts in some windows that no model saw, and the error in every window.
 
-    Shown in full are neighbours with errors nearest to the median, not the best; each is forecast anew.
+    Shown in full are the neighbours of one with the median error; each is forecast anew.
 
     Raises:
         ValueError: no windows.
@@ -231,16 +145,15 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
     )
     charts = [Chart(f"Forecast of {name}", TIME, Axis(named(name, unit.name)), lines)]
     if len(held) > 1:
-        sizes = (
-            (method, colour, unit.scale * np.sqrt(held.squared_errors(of)[:, output]))
-            for method, of, colour in (
-                ("forecast", FORECAST, PREDICTED),
-                ("constant mean", CONSTANT_MEAN, BASELINE),
-            )
-        )
         errors = tuple(
-            Line(method, colour, held.time[:, 0], size, kind=Kind.DOTS)
-            for method, colour, size in sizes
+            Line(
+                method,
+                colour,
+                held.time[:, 0],
+                unit.scale * np.sqrt(held.squared_errors(method)[:, output]),
+                kind=Kind.DOTS,
+            )
+            for method, colour in ((FORECAST, PREDICTED), (CONSTANT_MEAN, BASELINE))
         )
         axis = Axis(f"RMSE ({unit.name})", ends=(0.0, None))
         charts.append(Chart("Error in every window", TIME, axis, errors))
@@ -248,16 +161,10 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
 
 
 def typical_windows(held: HeldOut, windows: int) -> slice:
-    """Returns the neighbouring windows, without a gap, whose median error ratio is nearest to that of all."""
-    ratios = np.nan_to_num(held.error_ratios(), posinf=np.finfo(float).max)
-    count = min(windows, len(held))
-    neighbours = np.lib.stride_tricks.sliding_window_view
-    off = np.abs(np.median(neighbours(ratios, count), axis=1) - np.median(ratios))
-    # less is left over at the end of a part
-    gaps = np.append(np.diff(held.time[:, 0]) > 2 * held.seconds, False)
-    broken = neighbours(gaps, count)[:, : count - 1].any(axis=1)
-    start = int(np.argmin(np.where(broken & ~broken.all(), np.inf, off)))
-    return slice(start, start + count)
+    """Returns neighbouring windows, of which the middle one has the median error ratio."""
+    middle = int(np.argsort(held.error_ratios())[len(held) // 2])
+    first = int(np.clip(middle - windows // 2, 0, max(len(held) - windows, 0)))
+    return slice(first, first + min(windows, len(held)))
 
 
 def sample_times(record: Record) -> Array:

@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import NamedTuple
 
-import numpy as np
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
+from mavdem.analysis import LogAnalysis
 from mavdem.condition.loop.advice import Advice
 from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
@@ -24,7 +24,7 @@ from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.charts import POINTS, Chart, Group
-from mavdem.report.comparison import comparison_report, error_ratios, order_report
+from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.loops import tune_blocks
 from mavdem.report.numbers import listed, named, readable, rounded
@@ -40,21 +40,19 @@ class Chapter(NamedTuple):
     blocks: Sequence[Block] = ()
     groups: Sequence[Group] = ()
     folded: bool = False
+    beside: bool = False
+    """Whether its pictures stand beside its words."""
 
 
 class Head(NamedTuple):
-    """The top of a flight's page: how bad it is, facts on vehicle and flight, the lights, and what happened."""
+    """The top of a flight's page: how bad it is, the lights, what happened, and of which vehicle."""
 
     level: Level
-    facts: Mapping[str, str]
     lights: Mapping[str, Fact]
     events: Sequence[Event] = ()
     timeline: Timeline | None = None
-
-    @property
-    def happened(self) -> Group | None:
-        """What the timeline shows, one below the other."""
-        return None if self.timeline is None else Group((self.timeline.happened,))
+    analysis: LogAnalysis | None = None
+    vehicle: str = ""
 
 
 def document(
@@ -134,13 +132,11 @@ def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
 
 def methods_page(comparison: Comparison, from_zero: bool = False) -> str:
     """Returns the HTML of a comparison of methods; ``from_zero``: forecasts start from state 0."""
-    said = "Each dot is one window. Dots at an edge are beyond it."
-    windows = Group.of([error_ratios(comparison, from_zero)], said)
     blocks = comparison_report(comparison, from_zero)
     first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
     subtitle = f"Forecasts of the same windows of {listed(comparison.flights)}."
-    chapters = [Chapter("Windows", (), [windows]), Chapter("All errors", blocks[first:])]
-    return document("DEM and other methods", subtitle, blocks[:first], chapters)
+    rest = [Chapter("All errors", blocks[first:])]
+    return document("DEM and other methods", subtitle, blocks[:first], rest)
 
 
 def order_page(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> str:
@@ -157,23 +153,16 @@ def notebook_html(blocks: Sequence[Block]) -> str:
 
 def flight_html(flight: Flight) -> str:
     """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
-    rows = []
-    for kind in ("input", "output", "setpoint"):
-        names, units, values = (
-            getattr(flight, f"{kind}{part}") for part in ("_names", "_units", "s")
-        )
-        for name, unit, column in zip(
-            names, map(readable, units), () if values is None else values.T, strict=True
-        ):
-            finite = unit.scale * column[np.isfinite(column)]
-            figures = (
-                (finite.mean(), finite.std(), finite.min(), finite.max()) if len(finite) else ()
-            )
-            rows.append([named(name, unit.name), kind, *(rounded(figure, 3) for figure in figures)])
+    rows = list[list[str]]()
+    for kind in ("input", "output"):
+        names, units = getattr(flight, f"{kind}_names"), getattr(flight, f"{kind}_units")
+        columns = getattr(flight, f"{kind}s").T
+        for name, unit, column in zip(names, map(readable, units), columns, strict=True):
+            shown = unit.scale * column
+            figures = shown.mean(), shown.std(), shown.min(), shown.max()
+            rows.append([named(name, unit.name), kind, *(rounded(one, 3) for one in figures)])
     header = ["channel", "is", "mean", "sd", "lowest", "highest"]
-    return notebook_html(
-        [title([flight]), Table(header, [row + ["-"] * (len(header) - len(row)) for row in rows])]
-    )
+    return notebook_html([title([flight]), Table(header, rows)])
 
 
 def learned_html(learned: Learned) -> str:

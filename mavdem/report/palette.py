@@ -36,8 +36,7 @@ DISTINCT = (
 """For motors and other series without a meaning of their own, used cyclically; the names stand beside them."""
 
 INK_ON_LIGHT = "#24292f"
-INK_ON_DARK = "#d6dbe1"
-"""Of text and axes. Figures are drawn with the first; a page puts the other in its place where its theme is dark."""
+"""Of text and axes; a page puts another in its place where its theme is dark."""
 PAPER_LIGHT = "#ffffff"
 PAPER_DARK = "#0d1117"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -15,9 +14,10 @@ from mavdem.condition.wind_velocity import POINTS, WindVelocity, by_compass, fro
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
 from mavdem.report.charts import Plan
-from mavdem.report.numbers import listed, plus_minus
+from mavdem.report.numbers import listed
 from mavdem.report.page import environment
 from mavdem.report.timeline import Timeline
+from mavdem.report.words import interval
 
 REACH = 100.0
 """Of the farthest motor, the largest petal, or the path, in the units of a plan."""
@@ -34,27 +34,23 @@ def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | Non
     places = () if motors is None else motors.layout.positions
     if condition is None or hover is None or len(places) != len(hover.motors):
         return None
-    forward, right = np.array(places, np.float64).T
-    reach = REACH / max(float(np.hypot(forward, right).max()), 1e-9)
-    intervals = condition.share_interval or (None,) * len(places)
-    drawn = list[dict[str, Any]]()
-    for number, deviation in enumerate(hover.imbalance):
-        half = intervals[number]
-        shown = f"{deviation:+.1f}" if half is None else plus_minus(deviation, 100 * half)
-        drawn.append(
-            {
-                "name": number + 1,
-                "x": round(reach * right[number], 1),
-                "y": round(-reach * forward[number], 1),
-                "share": hover.trim_of_range[number] ** 0.5,
-                "deviation": f"{shown} %",
-                "headroom": f"{100 * hover.headroom[number]:.0f} % left",
-                "level": Level.WATCH if abs(deviation) > UNEQUAL else Level.GOOD,
-            }
-        )
-    apart = min(np.hypot(a["x"] - b["x"], a["y"] - b["y"]) for a, b in pairwise([*drawn, drawn[0]]))
+    at = np.array(places, np.float64)
+    at *= REACH / max(float(np.hypot(*at.T).max()), 1e-9)
+    halves = condition.share_interval or (None,) * len(places)
+    drawn = [
+        {
+            "name": number + 1,
+            "x": round(right, 1),
+            "y": round(-forward, 1),
+            "share": hover.trim_of_range[number] ** 0.5,
+            "deviation": interval(hover.trim_share[number] - 1, halves[number]),
+            "headroom": f"{100 * hover.headroom[number]:.0f} % left",
+            "level": Level.WATCH if abs(hover.imbalance[number]) > UNEQUAL else Level.GOOD,
+        }
+        for number, (forward, right) in enumerate(at.tolist())
+    ]
     told = [f"motor {one['name']} {one['deviation']}, {one['headroom']}" for one in drawn]
-    drawing = _drawn("frame", motors=drawn, size=min(42.0, 0.48 * float(apart)))
+    drawing = _drawn("frame", motors=drawn, size=150.0 / len(drawn) ** 0.9)
     return Plan("From above", f"Trim deviation and headroom: {listed(told)}.", drawing)
 
 
@@ -120,8 +116,8 @@ def _petal(number: int, inner: float, outer: float) -> str:
     return " ".join(ways)
 
 
-def flown_path(timeline: Timeline | None, wind: WindVelocity | None) -> Plan | None:
-    """Returns the path over ground in a ``timeline``, north up, with the mean ``wind``; None without one."""
+def flown_path(timeline: Timeline | None) -> Plan | None:
+    """Returns the path over ground in a ``timeline``, north up; None without one."""
     place = None if timeline is None else timeline.position
     if timeline is None or place is None:
         return None
@@ -130,32 +126,24 @@ def flown_path(timeline: Timeline | None, wind: WindVelocity | None) -> Plan | N
     if len(north) < 2:
         return None
     size = max(float(np.ptp(north)), float(np.ptp(east)), 2.0)
-    length = max(one for one in _lengths() if one <= max(size / 2, 1))
+    lengths = np.outer(10.0 ** np.arange(6), [1, 2, 5])
+    length = float(lengths[lengths <= max(size / 2, 1)].max())
     scale = 2 * REACH / size
     every = slice(None, None, -(-len(north) // WAY))
     x = scale * (east[every] - (east.min() + east.max()) / 2)
     y = -scale * (north[every] - (north.min() + north.max()) / 2)
     way = "M" + " ".join(f"{one:.1f} {two:.1f}" for one, two in zip(x, y, strict=True))
-    shown = wind is not None and wind.directed and wind.boot == place.boot[0]
     drawing = _drawn(
         "path",
         way=way,
         first=(round(x[0], 1), round(y[0], 1)),
         last=(round(x[-1], 1), round(y[-1], 1)),
-        scale=(round(scale * length, 1), f"{length} m"),
-        arrow=wind.direction if wind is not None and shown else None,
-        said=f"{wind.speed:.1f} m/s" if wind is not None and wind.sized else "wind",
+        scale=(round(scale * length, 1), f"{length:g} m"),
     )
     said = (
         f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
     )
     return Plan("Flown path", said, drawing)
-
-
-def _lengths() -> Iterator[int]:
-    for power in range(6):
-        for digit in (1, 2, 5):
-            yield digit * 10**power
 
 
 def _drawn(name: str, **known: Any) -> Markup:

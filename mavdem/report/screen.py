@@ -7,13 +7,11 @@ vehicle. ``detail_blocks`` is what the screen leaves out: the model, its uncerta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite, sqrt
 from pathlib import Path
 
 import numpy as np
 
 from mavdem.analysis import AxisFigures, VehicleFigures
-from mavdem.analysis.figures import one_step_errors
 from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind, next_step
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
@@ -21,7 +19,6 @@ from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import unpack
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
@@ -36,16 +33,13 @@ from mavdem.report.blocks import (
     warning,
 )
 from mavdem.report.condition import air_blocks
-from mavdem.report.labels import Labels, outputs_of, state_names, states_are_outputs
+from mavdem.report.labels import Labels, outputs_of
 from mavdem.report.numbers import (
     TORQUE,
     listed,
     per,
     plus_minus,
-    readable,
     rounded,
-    short,
-    with_unit,
 )
 from mavdem.report.truth import truth_blocks
 from mavdem.report.words import PARAMETERS, advised, headline, section
@@ -289,95 +283,21 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items()]
 
 
-def detail_blocks(learned: Learned, findings: Findings | None = None) -> list[Block]:
-    """Returns cautions, the ``learned`` model and how it was learned; with ``findings`` also errors one step ahead."""
-    labels = Labels.of(learned)
+def detail_blocks(learned: Learned) -> list[Block]:
+    """Returns cautions, the poles of the ``learned`` model and how it was learned; ``model.json`` has its matrices."""
     energy = learned.free_energy
     fit = learned.simulation_fit
     start, end = (sum(term[i] for term in fit.terms.values()) if fit else 0.0 for i in (0, -1))
-    return [
-        *map(caution, learned.cautions),
-        *([] if findings is None else _one_step(learned, labels)),
-        *_model(labels, learned),
-        *_physical(learned.physical),
-        *section(
-            "learning",
-            learned=learned,
-            gained=energy.gained,
-            iterations=len(energy) - 1,
-            end=energy[-1],
-            fit=fit,
-            fit_gained=end - start,
-        ),
-        *_joint(labels, learned),
-    ]
-
-
-def _one_step(learned: Learned, labels: Labels) -> list[Block]:
-    """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
-    names, units = outputs_of(labels)
-    rows = []
-    for name, error in one_step_errors(learned).items():
-        squares = zip(units, error["per_output"], strict=True)
-        rmse = (unit.scale * sqrt(square) for unit, square in squares)
-        rows.append([name, *(f"{value:.3g}" for value in (*rmse, error["relative"]))])
-    horizons = zip(labels.output_names, learned.useful_steps * learned.dt, strict=True)
-    return [
-        Table(["RMSE, one step ahead, training data", *names, "error ratio"], rows),
-        *section("useful", horizons=horizons),
-    ]
-
-
-def _model(labels: Labels, learned: Learned) -> list[Block]:
-    """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
-    model = learned.model
-    outputs = states_are_outputs(learned)
-    states = state_names(labels.output_names, learned)
-    (n, r) = model.B.shape
-    m = len(model.C)
-    half = learned.model_interval(LEVEL)
-    known = unpack(learned.known, n, r, m)
-    derivatives = [f"d/dt {state}" for state in states]
-    inputs = [short(name) for name in labels.input_names]
-
-    def table(which: int, columns: Sequence[str], rows: Sequence[str]) -> Table:
-        cells = zip(rows, model[which], half[which], known[which], strict=True)
-        return Table(["ABC"[which], *columns], [[head, *map(_entry, *row)] for head, *row in cells])
-
-    A = table(0, states, derivatives)
-    B = table(1, inputs, derivatives)
-    C = table(2, states, labels.output_names)
-    constant = learned.scaling.constant
-    if constant:
-        B.header.append("d")
-        for row, value in zip(B.rows, model.offset, strict=True):
-            row.append(f"{value:.3g}")
-    units = (*labels.output_units, *labels.input_units)
-    heading, *below = section(
-        "model",
-        constant=constant,
-        outputs=outputs,
-        units=", ".join(dict.fromkeys(filter(None, units))),
-        has_lag=outputs and len(states) == len(labels.output_names) + 1,
-        output_trim=_trim(labels.output_names, model.output_trim, labels.output_units),
-        input_trim=_trim(labels.input_names, model.input_trim, labels.input_units),
+    learning = section(
+        "learning",
+        learned=learned,
+        gained=energy.gained,
+        iterations=len(energy) - 1,
+        end=energy[-1],
+        fit=fit,
+        fit_gained=end - start,
     )
-    return [heading, A, B, *([] if outputs else [C]), *below, *poles_of(model.A)]
-
-
-def _entry(value: float, half: float, fixed: bool) -> str:
-    """An estimate with its interval; alone where it is fixed or has none."""
-    return f"{value:.3g}" if fixed or not isfinite(half) else plus_minus(value, half)
-
-
-def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
-    """Each value in its own unit, and that of an angle in degrees too."""
-    shown = []
-    for name, value, unit in zip(names, values, units, strict=True):
-        degrees = readable(unit)
-        also = f" ({with_unit(value, degrees, 3)})" if degrees.name != unit else ""
-        shown.append(f"{name} {value:.4g} {unit}{also}".rstrip())
-    return ", ".join(shown)
+    return [*map(caution, learned.cautions), *poles_of(learned.model.A), *learning]
 
 
 def poles_of(A: Array) -> list[Sentence]:
@@ -387,35 +307,3 @@ def poles_of(A: Array) -> list[Sentence]:
     """
     upper = (value for value in np.linalg.eigvals(A) if value.imag >= 0)
     return section("poles", poles=sorted(upper, key=lambda value: -value.real))
-
-
-def _physical(physical: Physical | None) -> list[Block]:
-    """How the physical parameters were fitted."""
-    if physical is None:
-        return []
-    return [
-        *section(
-            "physical",
-            windows=physical.windows,
-            refinements=physical.refinements,
-        )
-    ]
-
-
-def _joint(labels: Labels, learned: Learned) -> list[Block]:
-    """What F̄ chose of the joint model, and which motors it takes to turn the axis."""
-    joint = learned.joint
-    turning = joint.combinations[:, 0]
-    limit = np.abs(joint.combinations).max() / 4
-    names = [short(name) for name in labels.input_names]
-    return [
-        *section(
-            "joint",
-            joint=joint,
-            seconds=joint.choice.lags * learned.dt,
-            is_fewer=joint.combinations.shape[1] < len(names),
-            up=[name for name, way in zip(names, turning, strict=True) if way > limit],
-            down=[name for name, way in zip(names, turning, strict=True) if -way > limit],
-            is_chosen=learned.record.effect_directions is None,
-        )
-    ]

@@ -1,6 +1,6 @@
-"""Systems: what the axis's command does to a vehicle, over frequency (Bode) and over time (step).
+"""Systems: what the axis's command does to a vehicle, over frequency.
 
-Each curve is of linear systems: the model or the physical parameters, and draws from their uncertainty, of which the
+Each curve is of linear systems: the model, or the physical parameters and draws from their uncertainty, of which the
 bands are percentiles.
 """
 
@@ -11,11 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack, unpack
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
 Complex = NDArray[np.complex128]
@@ -45,41 +43,11 @@ class Systems(NamedTuple):
             (states * self.C[:, None, output]).sum(axis=-1) * np.exp(-self.delay[:, None] * s)
         )
 
-    def after_step(self, time: Array) -> Array:
-        """Returns (N, T, m): the outputs after the command's step from 0 to 1 at 0 s, at (T,) s evenly from 0 on."""
-        n = self.A.shape[-1]
-        generator = np.zeros((len(self.A), n + 1, n + 1))
-        generator[:, :n, :n] = self.A
-        generator[:, :n, n] = self.b
-        flow = expm(generator * (time[1] - time[0]))
-        states = [np.repeat(np.eye(n + 1)[-1:], len(self.A), axis=0)]
-        for _ in time[1:]:
-            states.append(np.einsum("nij,nj->ni", flow, states[-1]))
-        outputs = np.einsum("nmi,tni->nmt", self.C, np.array(states)[..., :n])
-        late = [
-            [np.interp(time - wait, time, output, left=0.0) for output in system]
-            for system, wait in zip(outputs, self.delay.tolist(), strict=True)
-        ]
-        return np.swapaxes(np.array(late), 1, 2)
 
-
-def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
-    """Returns DEM's model and ``DRAWS`` of it, driven by a command that moves the ``motors`` (r,).
-
-    By the posterior, with Student's distribution where it is that of a simulation-error fit.
-    """
+def model_systems(learned: Learned, motors: Array) -> Systems:
+    """Returns DEM's model, driven by a command that moves the ``motors`` (r,)."""
     A, B, C = learned.model[:3]
-    theta = pack(A, B, C)
-    found = learned.simulation_fit
-    rng = np.random.default_rng(seed)
-    away = _normal(rng, learned.theta_covariance)
-    if found is not None:
-        away /= np.sqrt(rng.chisquare(found.freedom, (DRAWS, 1)) / found.freedom)
-    (n, r) = B.shape
-    m = len(C)
-    drawn = (unpack(row, n, r, m) for row in theta + np.vstack([0 * theta, away]))
-    As, Bs, Cs = map(np.array, zip(*drawn, strict=True))
-    return Systems(As, Bs @ motors, Cs, np.zeros(DRAWS + 1))
+    return Systems(A[None], (B @ motors)[None], C[None], np.zeros(1))
 
 
 def physical_systems(physical: Physical, motors: Array, outputs: int, seed: int = 0) -> Systems:
@@ -98,16 +66,8 @@ def physical_systems(physical: Physical, motors: Array, outputs: int, seed: int 
     return Systems(A[:, first:, first:], b[:, first:], C, delay)
 
 
-def _normal(rng: np.random.Generator, covariance: Array) -> Array:
-    """(DRAWS, k) about 0, of a covariance (k, k) that may be singular."""
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    return np.asarray(
-        rng.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(values.clip(0))).T
-    )
-
-
 def curves_of(
-    learned: Learned, motors: Array, truth: Truth | None, model: str = "both"
+    learned: Learned, motors: Array, truth: Truth | None, model: str = "physical"
 ) -> Iterator[tuple[str, str, Systems]]:
     """Name, colour and systems of each curve; DEM's model where there is no plant, whatever the ``model``."""
     outputs = learned.record.outputs.shape[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain, cycle
 from types import MappingProxyType
@@ -184,7 +185,7 @@ def _beside(
     if asked is not None:
         wanted = scale * held(Setpoint("", "", "", asked), boot, own.time)
         if np.isfinite(wanted).any():
-            lines.append(Line("setpoint", TRUTH, own.time, wanted))
+            lines.insert(0, Line("setpoint", TRUTH, own.time, wanted))
     yield over_time(title, unit, lines)
 
 
@@ -196,7 +197,10 @@ def _driven(signals: Signals, boot: int) -> Iterator[Chart]:
     if (motors := signals.motors) is not None:
         shares = Signal(motors.time, motors.boot, 100 * motors.scale.fraction(motors.outputs))
         names = [short(name) for name in motors.layout.names]
+        mean = shares.values.mean(axis=1, keepdims=True)
+        apart = replace(shares, values=shares.values - mean)
         yield over_time("Motors", "%", _lines(shares, boot, names))
+        yield over_time("Motors, less their mean", "%", _lines(apart, boot, names))
     if volts is not None:
         yield over_time("Battery", "V", _lines(volts, boot, ["battery"]))
 

@@ -17,6 +17,15 @@ from mavdem.report.palette import BAD, LIMITED, distinct
 MARKS = {"fault": BAD, "drift": LIMITED}
 """Colours of the flights in which they were found."""
 COLUMNS = 3
+QUANTITIES = (
+    ("Phase margin (°)", "phase_margin", degrees(1)),
+    ("Gain margin (dB)", "gain_margin", 1.0),
+    ("Rate damping (1/s)", "damping", 1.0),
+    ("Motor time constant (ms)", "lag", 1e3),
+    (f"Wind torque, sd ({TORQUE.name})", "wind_torque_sd", TORQUE.scale),
+    ("Error ratio (1: as the mean)", "error_ratio", 1.0),
+)
+"""Title, column and scale of what has a line an axis."""
 Lines = dict[str, Array]
 """Values and half widths (flights, 2) by name, NaN where not known."""
 
@@ -52,9 +61,6 @@ def _drawn(lines: Lines) -> Iterator[Line]:
 
 def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
     """Yields the title, with the unit, and the lines of each quantity."""
-    with_model = [
-        row for flight in flights for row in flight if row.effect or row.damping is not None
-    ]
     motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
     shares = {
         short(name): _line(flights, "trim_share", entry=(i, len(motors)))
@@ -64,51 +70,13 @@ def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
     sizes = {name: _line(flights, "vibration", entry=(i, 3)) for i, name in enumerate("xyz")}
     level = _line(flights, "vibration", entry=(0, 1))
     yield ("Vibration (m/s²)", sizes if np.isnan(level).all() else {"level": level})
-    for title, name, scale in (
-        ("Phase margin (°)", "phase_margin", degrees(1)),
-        ("Gain margin (dB)", "gain_margin", 1.0),
-    ):
-        yield (title, {axis: scale * _line(flights, name, axis) for axis in TILT_AXES})
-    kinds = sorted({row.per_input for row in with_model})
-    for unit in kinds:
-        for axis in TILT_AXES:
-            count = max(
-                (len(row.effect) for row in with_model if row.effect and row.per_input == unit),
-                default=0,
-            )
-            names = (
-                [*map(short, motors)]
-                if count == len(motors)
-                else [f"input {i + 1}" for i in range(count)]
-            )
-            # The size of an effectiveness, whose sign is only where the motor is.
-            lines = {
-                name: np.abs(TORQUE.scale * _line(flights, "effect", axis, unit, (i, count)))
-                for i, name in enumerate(names)
-            }
-            yield (f"Effectiveness on {axis} ({TORQUE.name} per {unit})", lines)
-        # Both are the model's: with the demand as its input the time constant has the mixer's in it.
-        beside = f", per {unit}" if len(kinds) > 1 else ""
-        for title, name, scale in (
-            ("Rate damping (1/s)", "damping", 1.0),
-            ("Motor time constant (ms)", "lag", 1e3),
-        ):
-            yield (
-                f"{title}{beside}",
-                {axis: scale * _line(flights, name, axis, unit) for axis in TILT_AXES},
-            )
-    torque = {axis: TORQUE.scale * _line(flights, "wind_torque_sd", axis) for axis in TILT_AXES}
-    yield (f"Wind torque, sd ({TORQUE.name})", torque)
-    residual = {axis: TORQUE.scale * _line(flights, "residual_mean", axis) for axis in TILT_AXES}
-    for axis in TILT_AXES:
-        # That of healthy flights: about 0, and how far from it.
-        usual = TORQUE.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
-        residual[f"usual on {axis}"] = np.column_stack([0.0 * usual, usual])
-    yield (f"Residual mean ({TORQUE.name})", residual)
-    yield (
-        "Error ratio (1: as the mean)",
-        {axis: _line(flights, "error_ratio", axis) for axis in TILT_AXES},
-    )
+    inputs = sorted({row.per_input for flight in flights for row in flight if row.damping})
+    for title, name, scale in QUANTITIES:
+        # With the demand as its input the time constant has the mixer's in it.
+        units = inputs if name in ("damping", "lag") and len(inputs) > 1 else [""]
+        for unit in units:
+            lines = {axis: scale * _line(flights, name, axis, unit) for axis in TILT_AXES}
+            yield (f"{title}, per {unit}" if unit else title, lines)
 
 
 def _line(
@@ -123,11 +91,7 @@ def _line(
     for place, flight in enumerate(flights):
         for row in flight:
             value = getattr(row, name)
-            half = (
-                getattr(row, f"{name}_interval", None)
-                if name not in ("wind_torque_sd", "residual_mean")
-                else None
-            )
+            half = getattr(row, f"{name}_interval", None) if name != "wind_torque_sd" else None
             if entry is not None:
                 which, count = entry
                 value, half = (

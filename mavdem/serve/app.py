@@ -40,6 +40,7 @@ from mavdem.fleet.row import OK, FlightRow, vehicles_of
 from mavdem.ingest.formats import format_of
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks, difference_blocks
+from mavdem.report.difference_page import comparison_page
 from mavdem.report.library_page import (
     refusal_page,
     script,
@@ -47,6 +48,7 @@ from mavdem.report.library_page import (
     served,
     vehicle_page,
     with_bar,
+    without_policy,
     words,
 )
 from mavdem.results import PAGE, RECORDING, REPORT
@@ -317,7 +319,10 @@ class Server:
         parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
         said = [Sentence(one.headline, f"{name}:") for name, one in (("A", a), ("B", b))]
         blocks = [*said, *difference_blocks(vehicle_difference(first, second), parameters)]
-        return HTMLResponse(served("compare", a=a, b=b, blocks=blocks, **self._known(request)))
+        reviews = (self.library.results_of(one) / REPORT for one in (a, b))
+        first, second = (json.loads(path.read_text()) if path.is_file() else {} for path in reviews)
+        page = comparison_page(first, second, blocks, parameters, ("Flights", "/"))
+        return HTMLResponse(without_policy(page, **self._known(request)))
 
     def _flown(self, name: str, entry: Entry) -> list[FlightRow]:
         rows = self.library.rows_of([entry])

@@ -22,6 +22,12 @@ def flown(vehicle, numbers, **changed):
 WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
 
 
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Where pages are written."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture
 def fleets(tmp_path):
     fleet_of(tmp_path / "old", [*flown("alpha", range(4)), *flown("beta", range(2))])
@@ -33,6 +39,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
     assert "Changed: motor 3's share +12" in said and "4 flights of A and 4 flights of B" in said
+    assert "motor 3&#39;s share +12" in Path("old_and_new/diff.html").read_text()
     assert run("diff", *fleets, "--vehicle", "alpha", "--json") == 0
     changes = json.loads(capsys.readouterr().out)["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]

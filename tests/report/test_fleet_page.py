@@ -84,22 +84,20 @@ def test_a_quantity_that_is_not_known_of_one_flight_leaves_a_gap_and_of_none_no_
     drawn = panels(rows)
     values = drawn["Rate damping (1/s)"].lines[0].y
     assert np.flatnonzero(np.isnan(values)).tolist() == [3] and values[7] == 7.5
-    assert "Motor time constant (ms)" not in drawn and not any(
-        "Effectiveness" in title for title in drawn
-    )
+    assert "Motor time constant (ms)" not in drawn
 
 
-def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
+def test_time_constants_of_motors_and_of_the_demand_are_not_one_line():
     by_motors = [
         flight_row("quad", number, inputs="motors", input_unit="µs") for number in range(2)
     ]
-    demand = {"inputs": "demand", "input_unit": "", "effect": (400.0,), "effect_interval": (9.0,)}
+    demand = {"inputs": "demand", "input_unit": ""}
     drawn = panels([*by_motors, *(flight_row("quad", number, **demand) for number in (2, 3))])
     for unit, known in (
         ("µs", [True, True, False, False]),
         ("unit of demand", [False, False, True, True]),
     ):
-        line = drawn[f"Effectiveness on roll (°/s² per {unit})"].lines[0]
+        line = drawn[f"Motor time constant (ms), per {unit}"].lines[0]
         assert np.isfinite(line.y).tolist() == known
 
 
@@ -212,7 +210,7 @@ def test_columns_of_which_nothing_is_known_are_left_out():
     )
     text = fleet_page([flight_row("quad", number, tier="c", **nothing) for number in range(3)])
     heads = re.findall(r'<th scope=.*?<button type="button">(.*?)</button>', text)
-    assert heads[-2:] == ["settled (s)", "largest share"]
+    assert heads[-1] == "settled (s)"
     assert [len(line) - 2 for line in table_of(text)["rows"]] == [len(heads)] * 3
     # Each line leads to the page of its flight.
     text = fleet_page(

@@ -172,8 +172,8 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
     # dark and light
     options = "--virtual-time-budget=1000", f"--blink-settings=preferredColorScheme={scheme}"
     title, (zoomed, wider, whole, label, fits) = shown(flight, ZOOM, tmp_path, width, *options)
-    # modes, motors and wind torque; angle and rate of three axes; the spectrogram
-    assert fits and len(whole) == 10 and label.startswith("Modes") and title == HOSTILE
+    # modes, motors twice and wind torque; angle and rate of three axes; the spectrogram
+    assert fits and len(whole) == 11 and label.startswith("Modes") and title == HOSTILE
     assert_allclose(zoomed, 15.0, atol=0.5)
     assert_allclose(wider, 30.0, atol=1.0)
     assert_allclose(whole, 60.0, atol=0.5)

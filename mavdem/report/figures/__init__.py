@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from mavdem.condition.condition import HoverFigures
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
@@ -20,7 +19,7 @@ from mavdem.report.systems import Truth, plant_of
 __all__ = ["Plots"]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Plots:
     """The figures of the model ``learned``; each method returns a ``matplotlib.figure.Figure``.
 
@@ -28,10 +27,6 @@ class Plots:
     """
 
     learned: Learned
-
-    def __repr__(self) -> str:
-        names = [name for name in dir(self) if not name.startswith("_") and name != "learned"]
-        return f"<Plots: {', '.join(f'{name}()' for name in names)} of {self.learned!r}>"
 
     def forecast(self, held_out: Flight | HeldOut | None = None, output: int = 0) -> Figure:
         """Draws an output beside forecasts of samples that no model saw, and the error of every window.
@@ -73,14 +68,6 @@ class Plots:
         """
         return figure_of(model_charts.bode(self.learned, output, truth, model), note=self._remark)
 
-    def step(self, truth: Truth | None = None) -> Figure:
-        """Draws each output after a step of the axis's command at 0 s, from trim, with 90 % bands.
-
-        The step is as large as the standard deviation of the command in the flight, to one digit; ``truth`` is as for
-        :meth:`bode`.
-        """
-        return figure_of(model_charts.step(self.learned, truth), note=self._remark)
-
     def disturbance(self, truth: Array | None = None) -> Figure:
         """Draws the wind torque over time with band and gusts, its spectral density, and the ``truth`` (T,), rad/s².
 
@@ -88,19 +75,6 @@ class Plots:
             ValueError: the wind torque is not identifiable.
         """
         return figure_of(model_charts.disturbance(self.learned, truth))
-
-    def motors(self, hover: HoverFigures | None = None) -> Figure:
-        """Draws of each motor its control effectiveness and, by ``mavdem.hover``, its trim deviation and its headroom.
-
-        Raises:
-            ValueError: control effectiveness is not identifiable, and there is no ``hover``.
-        """
-        charts = model_charts.motors(self.learned, hover)
-        return figure_of(charts, len(charts))
-
-    def learning(self) -> Figure:
-        """Draws F̄ below its maximum, and the terms it is the sum of, by iteration; iteration 0 is the prior."""
-        return figure_of(model_charts.learning(self.learned))
 
     @property
     def _remark(self) -> str:

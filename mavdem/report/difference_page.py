@@ -1,0 +1,175 @@
+"""The page of two flights over each other: what differs first, then responses, spectra, margins, motors and wind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from mavdem.alignment.drive import AXES
+from mavdem.fleet.difference import ParameterChange
+from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
+from mavdem.report.flight_charts import SHARE
+from mavdem.report.loops import FIGURES
+from mavdem.report.numbers import counted, rounded
+from mavdem.report.page import Chapter, document
+from mavdem.report.palette import PREDICTED, TRUTH
+from mavdem.report.words import section
+
+Review = Mapping[str, Any]
+"""The document of a review, of which nothing need be known."""
+COLOURS = {"A": PREDICTED, "B": TRUTH}
+
+
+def comparison_page(
+    a: Review,
+    b: Review,
+    blocks: Sequence[Block] = (),
+    parameters: Sequence[ParameterChange] = (),
+    back: tuple[str, str] | None = None,
+) -> str:
+    """Returns the HTML of two flights by the documents of their reviews, as ``report.json`` has them.
+
+    ``blocks`` are what is said of their difference, and ``parameters`` those that changed; ``back`` is name and address
+    of the page that leads here.
+    """
+    both = {"A": a, "B": b}
+    names = [PurePath(one.get("source") or name).name for name, one in both.items()]
+    steps = tuple(filter(None, (_steps(both, axis) for axis in AXES)))
+    changed = [[one.name, f"{one.before:.4g}", f"{one.after:.4g}"] for one in parameters]
+    chapters = [
+        Chapter("What differs", blocks),
+        Chapter("Step response", (), [Group(steps)] if steps else []),
+        _table("Margins", "rate loop (90 % interval)", _margins(both)),
+        Chapter("Spectra", (), _spectra(both)),
+        Chapter("Motors", (), _motors(both)),
+        _table("Wind", "90 % interval", _wind(both)),
+        _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
+    ]
+    first = _headline(both, parameters)
+    headlines = {name: _known(one, "headline", "sentence") for name, one in both.items()}
+    first += [Sentence(said, f"{name}:") for name, said in headlines.items() if said]
+    return document(" and ".join(names), "A and B over each other.", first, chapters, back)
+
+
+def _known(review: Review, *keys: str) -> Any:
+    """What a document has at a place; None of what is not known."""
+    found: Any = review
+    for key in keys:
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found
+
+
+def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
+    known = [row for row in rows if {*row[1:]} != {"-"}]
+    return Chapter(title, [Table([head, *COLOURS], known)] if known else [])
+
+
+def _headline(both: Mapping[str, Review], parameters: Sequence[ParameterChange]) -> list[Block]:
+    """What matters most: which vehicles they are, or the gain that changed most and the margin that moved most."""
+    vehicles = [_known(one, "identity", "name") or UNKNOWN for one in both.values()]
+    gains = [one for one in parameters if CONTROL_PARAMETERS.match(one.name) and one.before]
+    pairs = ((axis, _loops(both, axis)) for axis in AXES)
+    margins = [(axis, rates["A"], rates["B"]) for axis, rates in pairs if all(rates.values())]
+    apart = [
+        (axis, before["phase_margin"], after["phase_margin"])
+        for axis, before, after in margins
+        if before["phase_margin_interval"][0] > after["phase_margin_interval"][1]
+        or after["phase_margin_interval"][0] > before["phase_margin_interval"][1]
+    ]
+    said = section(
+        "difference_first",
+        vehicles=vehicles,
+        are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
+        gain=max(gains, key=lambda one: abs(one.after / one.before - 1), default=None),
+        margin=max(apart, key=lambda one: abs(one[1] - one[2]), default=None),
+        has_margins=bool(margins),
+    )
+    return [Sentence("", one.text) for one in said]
+
+
+def _loops(both: Mapping[str, Review], axis: str) -> dict[str, Review]:
+    """The figures of the rate loops of an axis; nothing of one that is not known."""
+    return {name: _known(one, "axes", axis, "loop", "rate") or {} for name, one in both.items()}
+
+
+def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
+    """Steps of rate and angle, with their bands."""
+    charts = list[Chart]()
+    for loop in ("rate", "attitude"):
+        lines = list[Line]()
+        for name, one in both.items():
+            if found := _known(one, "axes", axis, loop, "measured"):
+                time, step, half = (np.array(found[key]) for key in ("time", "step", "step_half"))
+                lines.append(Line(name, COLOURS[name], time, step, step - half, step + half))
+        title = f"{axis.capitalize()} {loop}: step"
+        charts += [Chart(title, AFTER, SHARE, tuple(lines), (1.0,))] if lines else []
+    return tuple(charts)
+
+
+def _margins(both: Mapping[str, Review]) -> list[list[str]]:
+    """The figures of the rate loops."""
+    return [
+        [f"{axis} {name}", *(_cell(rate, key, scale) for rate in _loops(both, axis).values())]
+        for axis in AXES
+        for key, (name, scale) in FIGURES.items()
+    ]
+
+
+def _cell(known: Review, key: str, scale: float = 1.0) -> str:
+    """A figure with the ends of its interval."""
+    figures = [known.get(key), *(known.get(f"{key}_interval") or ())]
+    if None in figures:
+        return "-"
+    value, low, high = (rounded(scale * figure) for figure in figures)
+    return f"{value} ({low} to {high})"
+
+
+def _spectra(both: Mapping[str, Review]) -> list[Group]:
+    """The gyro's, before its filters where that was logged."""
+    lines = list[Line]()
+    for name, one in both.items():
+        spectra = _known(one, "noise", "spectra") or {}
+        if found := spectra.get("gyro_before") or spectra.get("gyro"):
+            density = np.sum(list(found["density"].values()), axis=0)[1:]
+            hertz = np.array(found["frequency"])[1:]
+            lines.append(Line(name, COLOURS[name], hertz, np.maximum(density, 1e-12)))
+    power = Axis("power ((rad/s)²/Hz)", log=True)
+    chart = Chart("Gyro", Axis("frequency (Hz)"), power, tuple(lines))
+    return [Group.of([chart])] if lines else []
+
+
+def _motors(both: Mapping[str, Review]) -> list[Group]:
+    """Trim deviations with their intervals."""
+    lines = list[Line]()
+    names = [str(number) for number in range(1, 13)]
+    for name, one in both.items():
+        if shares := _known(one, "condition", "hover", "trim_share"):
+            deviation = 100 * (np.array(shares) - 1)
+            ends = _known(one, "condition", "share_interval") or [0.0] * len(shares)
+            half = 100 * np.array(ends, np.float64)
+            names = names[: len(shares)]
+            at = np.arange(float(len(shares)))
+            around = deviation - half, deviation + half
+            lines.append(Line(name, COLOURS[name], at, deviation, *around, Kind.DOTS))
+    axis = Axis("motor", names=tuple(names))
+    chart = Chart("Motors", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
+    return [Group.of([chart])] if lines else []
+
+
+def _wind(both: Mapping[str, Review]) -> list[list[str]]:
+    """Its speed and direction, where they are identifiable."""
+    rows = [["wind (m/s)"], ["from (°)"]]
+    for one in both.values():
+        wind = one.get("wind") or {"status": {}}
+        known = {name for name, status in wind["status"].items() if status != NOT_IDENTIFIABLE}
+        rows[0].append(_cell(wind, "speed") if "speed" in known else "-")
+        is_directed = "direction" in known
+        half = f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}" if is_directed else "-"
+        rows[1].append(half)
+    return rows
