@@ -133,7 +133,6 @@ class Flight(FlightDownstream):
         inputs: ArrayLike,
         outputs: ArrayLike,
         dt: float | None = None,
-        setpoints: ArrayLike | None = None,
         **labels: Any,
     ) -> tuple[Flight, ...]:
         """Cuts arrays with gaps into one ``Flight`` for each segment between them, all with the same ``dt``.
@@ -149,7 +148,6 @@ class Flight(FlightDownstream):
             time: (T,) seconds, increasing; a step longer than one and a half usual ones is a gap.
             inputs, outputs: (T, r), (T, m).
             dt: sampling step, s; the mean step without the gaps unless given.
-            setpoints: (T, q), if there are any.
             labels: names, units and provenance, as for a ``Flight``.
 
         Raises:
@@ -167,17 +165,13 @@ class Flight(FlightDownstream):
         gaps = steps > 1.5 * np.median(steps)
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
-        asked: list[Any] = [None] * (len(cuts) + 1)
-        if setpoints is not None:
-            asked = np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
         parts = zip(
             np.split(stamps, cuts),
             np.split(_table(inputs, "inputs", len(stamps)), cuts),
             np.split(_table(outputs, "outputs", len(stamps)), cuts),
-            asked,
             strict=True,
         )
-        return tuple(cls(t, u, y, dt, setpoints=q, **labels) for t, u, y, q in parts if len(t) > 1)
+        return tuple(cls(t, u, y, dt, **labels) for t, u, y in parts if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)

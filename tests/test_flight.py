@@ -96,11 +96,6 @@ def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
     )
     assert flight.setpoint_units == ("", "") and Flight(TIME, INPUTS, OUTPUTS).setpoint_names == ()
     assert_array_equal(flight[2:4].setpoints, asked[2:4])
-    first, second = Flight.segments(
-        np.append(TIME[:3], TIME[3:] + 1), INPUTS, OUTPUTS, setpoints=asked
-    )
-    assert_array_equal(second.setpoints, asked[3:])
-    assert first[:2].setpoints.shape == (2, 2)
 
 
 def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
