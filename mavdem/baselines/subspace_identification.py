@@ -26,7 +26,7 @@ from mavdem.facts.forecasts import Forecasts
 
 LONGEST_HORIZON = 20  # samples of past and of future that the state is found from, at most
 # for each number in a window: so many there should be, and at the least. The horizon that Akaike's criterion chooses
-# gives the same errors within 3 %, on six flights
+# gives the same errors within 1 %, geometric means over all windows of eight flights
 USUAL_WINDOWS = 5
 LEAST_WINDOWS = 2
 
