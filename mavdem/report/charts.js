@@ -206,16 +206,16 @@
   };
 
   const charts = new Map(), figures = [...document.querySelectorAll("figure.chart")];
-  const fit = figure => {
+  const fit = (figure, always = false) => {
     if (!figure.clientWidth) return;
     if (!charts.has(figure)) return charts.set(figure, draw(figure));
     const chart = charts.get(figure);
-    chart.setSize({ width: figure.clientWidth, height: height(figure, chart.data_) });
+    if (always || chart.width !== figure.clientWidth) chart.setSize({ width: figure.clientWidth, height: height(figure, chart.data_) });
   };
   const repaint = () => {
     for (const [figure, chart] of charts) {
       for (const axis of chart.axes) axis.font[0] = font().replace(/\d+/, size => size * devicePixelRatio);
-      fit(figure);
+      fit(figure, true);
       chart.redraw(false, true);
     }
   };
