@@ -14,7 +14,8 @@
     const known = splits.filter(value => value > 0), decades = Math.log10(known.at(-1) / known[0]);
     const kept = decades > 6 ? [0] : decades > 2 ? [1] : [1, 2, 5];
     return splits.map(value => {
-      const power = Math.floor(Math.log10(value) + 1e-9), digit = Math.round(value / 10 ** power);
+      const power = Math.floor(Math.log10(value) + 1e-9), size = value / 10 ** power, digit = Math.round(size);
+      if (Math.abs(size - digit) > 0.01) return null;
       return (decades > 6 ? digit === 1 && power % 2 === 0 : kept.includes(digit)) ? value : null;
     });
   };
@@ -52,6 +53,7 @@
     const { ctx, bbox } = chart, ratio = devicePixelRatio, at = x => chart.valToPos(x, "x", true), strip = !data.lines.length;
     const names = [...new Set(data.spans.map(span => span[2]))];
     ctx.save();
+    ctx.textAlign = "left";
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
     for (const [start, end, name] of data.spans) {
       const left = Math.max(at(start), bbox.left), width = Math.min(at(end), bbox.left + bbox.width) - left;
