@@ -133,7 +133,6 @@ class Chart(NamedTuple):
     heat: Heat | None = None
     beside: Axis | None = None
     group: str = ""
-    printed: bool = True
 
     @property
     def said(self) -> str:
@@ -198,7 +197,6 @@ class Plan(NamedTuple):
     title: str
     said: str
     svg: Markup
-    printed: bool = True
 
 
 Panel = Chart | Plan
