@@ -144,7 +144,7 @@ def flight(analysed):
 
 
 ZOOM = """
-await new Promise(done => setTimeout(done, 300));
+while (!(document.documentElement.groups.flight?.charts.length > 10)) await new Promise(done => setTimeout(done, 20));
 const group = document.documentElement.groups.flight, chart = group.charts[2], over = chart.over;
 const box = over.getBoundingClientRect();
 const spans = async () => {
