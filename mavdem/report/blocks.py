@@ -81,10 +81,10 @@ def _markdown(block: Block) -> str:
 
 
 def brief(text: str, columns: int) -> str:
-    """Returns a ``text`` in so many ``columns``: the clauses that fit, or else its beginning with an ellipsis."""
+    """Returns a ``text`` in so many ``columns``: clauses that fill half of them, or else what fits and "…"."""
     if len(text) <= columns:
         return text
     ends = (match.start() for match in re.finditer(r"[;:]? \(|[;:.] ", text))
-    clauses = (text[:end] for end in ends if end <= columns)
+    clauses = (text[:end] for end in ends if columns / 2 <= end <= columns)
     whole = [clause for clause in clauses if clause.count("(") == clause.count(")")]
     return whole[-1] if whole else shorten(text, columns, placeholder=" …")
