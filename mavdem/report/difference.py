@@ -81,6 +81,12 @@ def _changes(found: VehicleDifference) -> list[Block]:
     return [*section("difference_changes", changed=changed, same=same, unknown=unknown)]
 
 
+def surest_change(found: VehicleDifference) -> str:
+    """Returns what changed most surely; empty where nothing did."""
+    changes = sorted(found.of(Outcome.CHANGED), key=lambda change: change.p)
+    return _change(changes[0], found) if changes else ""
+
+
 def _change(change: QuantityChange, found: VehicleDifference) -> str:
     """As in "motor 3's share −18 % ± 6 %"."""
     (kind, motor, axis) = change.quantity

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from mavdem.alignment.drive import AXES
-from mavdem.fleet.difference import ParameterChange
+from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
+from mavdem.report.difference import difference_blocks, surest_change
 from mavdem.report.flight_charts import SHARE
 from mavdem.report.loops import FIGURES
 from mavdem.report.numbers import counted, rounded
@@ -29,21 +30,21 @@ COLOURS = {"A": PREDICTED, "B": TRUTH}
 def comparison_page(
     a: Review,
     b: Review,
-    blocks: Sequence[Block] = (),
+    found: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
     back: tuple[str, str] | None = None,
 ) -> str:
     """Returns the HTML of two flights by the documents of their reviews, as ``report.json`` has them.
 
-    ``blocks`` are what is said of their difference, and ``parameters`` those that changed; ``back`` is name and address
-    of the page that leads here.
+    ``found`` is their difference, and ``parameters`` those that changed; ``back`` is name and address of the page that
+    leads here.
     """
     both = {"A": a, "B": b}
     names = [PurePath(one.get("source") or name).name for name, one in both.items()]
     steps = tuple(filter(None, (_steps(both, axis) for axis in AXES)))
     changed = [[one.name, f"{one.before:.4g}", f"{one.after:.4g}"] for one in parameters]
     chapters = [
-        Chapter("What differs", blocks),
+        Chapter("What differs", difference_blocks(found, parameters)),
         Chapter("Step response", (), [Group(steps)] if steps else []),
         _table("Margins", "rate loop (90 % interval)", _margins(both)),
         Chapter("Spectra", (), _spectra(both)),
@@ -51,7 +52,7 @@ def comparison_page(
         _table("Wind", "90 % interval", _wind(both)),
         _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
     ]
-    first = _headline(both, parameters)
+    first = _headline(both, found, parameters)
     headlines = {name: _known(one, "headline", "sentence") for name, one in both.items()}
     first += [Sentence(said, f"{name}:") for name, said in headlines.items() if said]
     return document(" and ".join(names), "A and B over each other.", first, chapters, back)
@@ -70,8 +71,10 @@ def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
     return Chapter(title, [Table([head, *COLOURS], known)] if known else [])
 
 
-def _headline(both: Mapping[str, Review], parameters: Sequence[ParameterChange]) -> list[Block]:
-    """What matters most: which vehicles they are, or the gain that changed most and the margin that moved most."""
+def _headline(
+    both: Mapping[str, Review], found: VehicleDifference, parameters: Sequence[ParameterChange]
+) -> list[Block]:
+    """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
     vehicles = [_known(one, "identity", "name") or UNKNOWN for one in both.values()]
     gains = [one for one in parameters if CONTROL_PARAMETERS.match(one.name) and one.before]
     pairs = ((axis, _loops(both, axis)) for axis in AXES)
@@ -86,6 +89,7 @@ def _headline(both: Mapping[str, Review], parameters: Sequence[ParameterChange])
         "difference_first",
         vehicles=vehicles,
         are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
+        changed=surest_change(found),
         gain=max(gains, key=lambda one: abs(one.after / one.before - 1), default=None),
         margin=max(apart, key=lambda one: abs(one[1] - one[2]), default=None),
         has_margins=bool(margins),

@@ -38,8 +38,7 @@ from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
 from mavdem.fleet.row import OK, FlightRow, vehicles_of
 from mavdem.ingest.formats import format_of
-from mavdem.report.blocks import Sentence
-from mavdem.report.difference import baseline_blocks, difference_blocks
+from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
 from mavdem.report.library_page import (
     refusal_page,
@@ -317,11 +316,10 @@ class Server:
         a, b = (self.library.entry(request.query_params.get(name, "")) for name in "ab")
         first, second = (self._flown(name, entry) for name, entry in (("A", a), ("B", b)))
         parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
-        said = [Sentence(one.headline, f"{name}:") for name, one in (("A", a), ("B", b))]
-        blocks = [*said, *difference_blocks(vehicle_difference(first, second), parameters)]
+        found = vehicle_difference(first, second)
         reviews = (self.library.results_of(one) / REPORT for one in (a, b))
         first, second = (json.loads(path.read_text()) if path.is_file() else {} for path in reviews)
-        page = comparison_page(first, second, blocks, parameters, ("Flights", "/"))
+        page = comparison_page(first, second, found, parameters, ("Flights", "/"))
         return HTMLResponse(without_policy(page, **self._known(request)))
 
     def _flown(self, name: str, entry: Entry) -> list[FlightRow]:

