@@ -149,12 +149,12 @@ def test_parts_side_by_side_are_the_recursion_step_by_step(samples):
     rng = np.random.default_rng(1)
     step = 0.4 * rng.standard_normal((2, 3, 3))
     gains = rng.standard_normal((2, 3, 2))
-    inputs = rng.standard_normal((2, 2, 4, samples))
+    inputs = rng.standard_normal((2, 4, samples, 2))
     first = rng.standard_normal((4, 3))
     x = np.broadcast_to(first, (2, 4, 3))
     expected = []
     for k in range(samples):
-        x = x @ np.swapaxes(step, 1, 2) + np.einsum("bnc,bcw->bwn", gains, inputs[..., k])
+        x = x @ np.swapaxes(step, 1, 2) + np.einsum("bnc,bwc->bwn", gains, inputs[:, :, k])
         expected.append(x[:, :, 0])
     np.testing.assert_allclose(
         followed(step, gains, inputs, first), np.stack(expected, axis=2), rtol=1e-9, atol=1e-12

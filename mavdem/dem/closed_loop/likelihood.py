@@ -155,7 +155,8 @@ class Axis:
             ]
         )
         seen = np.where(self.inside, np.array([gyro, output, setpoint]), 0.0)
-        whole = np.einsum("isjk,tsjk,sjk,kit->jit", seen, seen.conj(), sources, self.turned)
+        pairs = np.einsum("isjk,tsjk->itjk", seen * sources, seen.conj())
+        whole = np.einsum("itjk,kit->jit", pairs, self.turned)
         diagonal = np.arange(len(seen))
         whole[:, diagonal, diagonal] += self.read.T
         return np.asarray(whole)

@@ -185,20 +185,34 @@ class Parameters(NamedTuple):
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
+        values = theta[self.noise_index + 1 :]
+        return np.asarray(self._refined(tuple(values.tolist()), windows) @ self.effect(theta))
+
+    def _refined(self, values: tuple[float, ...], windows: FlightWindows) -> Array:
+        """(W, N, r) inputs with refinements of such ``values``."""
         inputs = windows.inputs
-        for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
+        for name, value in zip(self.refinements, values, strict=True):
             jumps = name is Refinement.JUMPS
             inputs = jumping(inputs, value) if jumps else inputs + value * inputs**2 / 2
-        return np.asarray(inputs @ self.effect(theta))
+        return inputs
 
-    def _driven(self, theta: Array, windows: FlightWindows) -> Array:
-        """(3, W, N − 1) what drives the filter: torque at both ends of each step, and the rate."""
-        steps = float(theta[self.motors + 3]) / windows.dt
-        # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
-        answer = windows.answers @ self.effect(theta)
-        held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
-        ends = delayed((self.commanded(theta, windows) - answer).T, steps)
-        return np.array([*((end + held).T for end in ends), windows.rate[:, :-1]])
+    def _driven(self, thetas: Array, windows: FlightWindows) -> Array:
+        """(b, W, N − 1, 3) what drives the filter: torque at both ends of each step, and the rate."""
+        W, N = windows.rate.shape
+        driven = np.empty((len(thetas), W, N - 1, 3))
+        driven[..., 2] = windows.rate[:, :-1]
+        values = [tuple(row) for row in thetas[:, self.noise_index + 1 :].tolist()]
+        # Few of the parameters are refinements, and most rows have the same.
+        refined = {each: self._refined(each, windows) for each in set(values)}
+        for theta, each, torque in zip(thetas, values, driven, strict=True):
+            steps = float(theta[self.motors + 3]) / windows.dt
+            effect = self.effect(theta)
+            # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
+            answer = windows.answers @ effect
+            held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
+            for end, part in enumerate(delayed((refined[each] @ effect - answer).T, steps)):
+                torque[..., end] = (part + held).T
+        return driven
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
         """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
@@ -210,13 +224,13 @@ class Parameters(NamedTuple):
         later = of.step.input_next[..., 0]
         step = of.step.state.copy()
         step[:, :, 0] -= gain
-        driven = np.array([self._driven(theta, windows) for theta in thetas])
+        driven = self._driven(thetas, windows)
         first = np.zeros((len(windows.rate), len(gain[0])))
         first[:, 0] = windows.rate[:, 0]
         predicted = followed(step, np.stack([now, later, gain], axis=2), driven, first)
         # A constant acceleration of 1 rad/s² acts like a steady torque.
         steady = np.eye(1, len(gain[0]), k=1)
-        alike = np.ones((len(thetas), 1, 1, driven.shape[-1]))
+        alike = np.ones((len(thetas), 1, driven.shape[2], 1))
         response = followed(step, (now + later)[..., None], alike, steady)
         settled = round(SETTLING_SECONDS / windows.dt)
         errors = windows.rate[:, settled + 1 :] - predicted[:, :, settled:]
@@ -228,33 +242,35 @@ class Parameters(NamedTuple):
 def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
     """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
 
-    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, c, W, N), and ``first`` (W, n) the state that a window
-    begins with. Parts of a window run side by side from 0; what each begins with is added.
+    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, W, N, c), and ``first`` (W, n) the state that a window
+    begins with. Blocks of a window run side by side from 0, each as one product; what each begins with is added.
     """
-    b, c, W, N = inputs.shape
+    b, W, N, c = inputs.shape
     n = step.shape[-1]
-    size = int(np.sqrt(N)) + 1
-    padded = np.zeros((b, c, W, size * size))
-    padded[..., :N] = inputs
-    parts = np.ascontiguousarray(padded.reshape(b, c, W * size, size).transpose(3, 0, 2, 1))
-    turned = np.swapaxes(step, 1, 2)
-    into = np.swapaxes(gains, 1, 2)
-    state = np.zeros((b, W * size, n))
-    seen = np.empty((b, W * size, size))
-    power = np.broadcast_to(np.eye(n), step.shape)
-    shown = np.empty((b, n, size))
-    for k, part in enumerate(parts):
-        seen[:, :, k] = state[:, :, 0]
-        state = state @ turned + part @ into
-        shown[:, :, k] = power[:, :, 0]
-        power = turned @ power
-    ends = state.reshape(b, W, size, n)
-    begins = np.zeros((b, W, size, n))
-    begins[:, :, 0] = first
-    for at in range(1, size):
-        begins[:, :, at] = begins[:, :, at - 1] @ power + ends[:, :, at - 1]
-    whole = seen.reshape(b, W, size, size) + begins @ shown[:, None]
-    return whole.reshape(b, W, size * size)[:, :, 1 : N + 1]
+    size = int(np.sqrt(N) / 2) + 1
+    blocks = -(-N // size)
+    padded = np.zeros((b, W, blocks * size, c))
+    padded[:, :, :N] = inputs
+    powers = np.empty((b, size + 1, n, n))
+    powers[:, 0] = np.eye(n)
+    for k in range(size):
+        powers[:, k + 1] = powers[:, k] @ step
+    # what an input does to the block's last state, and to the first entry after each step
+    later = powers[:, :size] @ gains[:, None]
+    effects = np.zeros((b, size, c, n + size))
+    effects[..., :n] = np.swapaxes(later[:, ::-1], 2, 3)
+    for k in range(size):
+        effects[:, k, :, n + k :] = np.swapaxes(later[:, : size - k, 0], 1, 2)
+    alone = padded.reshape(b, W * blocks, size * c) @ effects.reshape(b, size * c, n + size)
+    ends = np.ascontiguousarray(alone.reshape(b, W, blocks, -1)[..., :n].transpose(2, 0, 1, 3))
+    begins = np.empty((blocks, b, W, n))
+    begins[0] = first
+    over = np.ascontiguousarray(np.swapaxes(powers[:, size], 1, 2))
+    for at in range(1, blocks):
+        begins[at] = begins[at - 1] @ over + ends[at - 1]
+    shown = np.swapaxes(powers[:, 1:, 0], 1, 2)
+    whole = alone[..., n:] + begins.transpose(1, 2, 0, 3).reshape(b, W * blocks, n) @ shown
+    return whole.reshape(b, W, blocks * size)[:, :, :N]
 
 
 def jumping(inputs: Array, sooner: float) -> Array:
