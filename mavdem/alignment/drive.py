@@ -65,6 +65,15 @@ def series(columns: Columns, values: Array, rows: Flags | None = None) -> Signal
     return Signal(time[order], boot[order], values[order], sent, sent - finite + others)
 
 
+def recorded(telemetry: Telemetry, message: str, *fields: str) -> Signal | None:
+    """Returns a field of a message (N,), or several (N, k), as :func:`series` does; None where one was not sent."""
+    columns = telemetry.messages.get(message, {})
+    if not all(field in columns for field in fields):
+        return None
+    table = np.column_stack([floats(columns, field) for field in fields])
+    return series(columns, table if len(fields) > 1 else table[:, 0])
+
+
 def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, int]:
     """Returns how many of each message there are, of those that there are."""
     return {

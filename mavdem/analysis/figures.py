@@ -67,7 +67,7 @@ class VehicleFigures(NamedTuple):
         axes = {
             name: {
                 "physical": physical_values(one.physical),
-                "wind": wind_values(one.wind),
+                "wind": one.wind,
                 "reason": one.reason,
             }
             for name, one in self.axes.items()
@@ -192,24 +192,21 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     ranked = _ranked(forecast_errors, held_out.variance)
     model = learned.model
     energy = learned.free_energy
-    half_width = learned.model_interval(LEVEL)
     joint = learned.joint
     return {
-        "flight": dict(first.provenance),
+        "flight": first.provenance,
         "segments": [
             {"start": float(flight.time[0]), "samples": len(flight)} for flight in flights
         ],
-        "inputs": list(first.input_names),
-        "outputs": list(first.output_names),
+        "inputs": first.input_names,
+        "outputs": first.output_names,
         "dt": first.dt,
         "training_samples": len(learned.record.outputs),
         "forecast_samples": held_out.time.shape[1],
         "order": learned.settings.order,
         "converged": learned.converged,
-        "model": {name: value.tolist() for name, value in model._asdict().items()},
-        "model_interval_90_percent": {
-            name: getattr(half_width, name).tolist() for name in ("A", "B", "C")
-        },
+        "model": model,
+        "model_interval_90_percent": learned.model_interval(LEVEL),
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
             "start": float(energy[0]),
@@ -224,7 +221,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": (learned.useful_steps * first.dt).tolist(),
+            "half_explained_seconds": learned.useful_steps * first.dt,
             "error_ratio": held_out.error_ratio(PREDICTION),
         },
         "simulation_fit": None
@@ -234,29 +231,28 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
             "converged": fit.converged,
             "numbers": fit.effective_samples,
             "parameters": len(fit.free),
-            "turning": joint.combinations[:, 0].tolist(),
+            "turning": joint.combinations[:, 0],
             "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
         },
         "joint": {
             "lags": joint.choice.lags,
             "prior_precision": joint.choice.ridge,
-            "combinations": joint.combinations.T.tolist(),
+            "combinations": joint.combinations.T,
             "spectral_radius": joint.process.spectral_radius,
             "free_energy": joint.terms,
         },
         "physical": physical_values(learned.physical),
-        "wind": wind_values(learned.wind_torque),
-        "closed_loop": None,
-        "cautions": list(learned.cautions),
+        "wind": learned.wind_torque,
+        "cautions": learned.cautions,
     }
 
 
 def _ranked(errors: dict[StrEnum, Array], variance: Array) -> dict[str, Any]:
     """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
     mean = (errors[CONSTANT_MEAN] / variance).sum()
-    values = {
+    values: dict[StrEnum, dict[str, Any]] = {
         name: {
-            "per_output": error.tolist(),
+            "per_output": error,
             "total": float(error.sum()),
             "relative": float(error_over((error / variance).sum(), mean)),
         }
@@ -292,27 +288,6 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
             "effect": None if np.isnan(effect).any() else effect.tolist(),
             **interval,
         },
-    }
-
-
-def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
-    """Returns the ``wind`` torque as numbers, rad/s²; ``None`` for shares that are not known."""
-    if wind is None:
-        return None
-    kept = (
-        "mean",
-        "mean_band",
-        "sd",
-        "scale_error",
-        "resolved",
-        "reason",
-        "gust_threshold",
-        "false_gusts_per_minute",
-    )
-    return {
-        **{name: getattr(wind, name) for name in kept},
-        "gusts": [gust._asdict() for gust in wind.gusts],
-        "spectrum": {name: values.tolist() for name, values in wind.spectrum._asdict().items()},
     }
 
 

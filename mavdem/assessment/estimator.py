@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.drive import Signal, floats, series
+from mavdem.alignment.drive import Signal, floats, recorded, series
 from mavdem.alignment.phases import longest
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import flown, reported, worst
@@ -15,7 +15,7 @@ from mavdem.assessment.reported import FIX_3D
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Array, Telemetry
 
 MEASURED = ("velocity", "position", "height", "compass")
 REPORTS = {
@@ -112,12 +112,9 @@ def _innovations(telemetry: Telemetry) -> Signal | None:
 
 def _fixes(evidence: Evidence) -> Iterator[Fact]:
     """Of GPS, where it ever had a fix in flight."""
-    report = evidence.signals.telemetry.messages.get("GPS_RAW_INT", {})
-    fields = ("fix_type", "satellites_visible", "eph")
-    if not all(field in report for field in fields):
-        return
-    table = np.column_stack([floats(report, field) for field in fields])
-    for part in flown(evidence, series(report, table)):
+    telemetry = evidence.signals.telemetry
+    report = recorded(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
+    for part in flown(evidence, report):
         fix, satellites, dilution = part.values.T
         fixed = fix >= FIX_3D
         if not fixed.any():
@@ -132,18 +129,21 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
 
 def _compass(evidence: Evidence) -> Iterator[Fact]:
     """Of its field, where it is another in the first flight than on the ground before."""
-    messages = evidence.signals.telemetry.messages
-    fields = ("xmag", "ymag", "zmag")
-    for report in (messages.get("SCALED_IMU", {}), messages.get("RAW_IMU", {})):
-        if not all(field in report for field in fields):
-            continue
-        size = np.linalg.norm([floats(report, field) for field in fields], axis=0)
-        field = series(report, size, size > 0)
+    for message in ("SCALED_IMU", "RAW_IMU"):
+        field = recorded(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")
         for flight in flown(evidence, field):
+            assert field is not None
             before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
-            if np.count_nonzero(before) < LEAST_ROWS:
+            usual = _size(field.values[before])
+            if len(usual) < LEAST_ROWS:
                 return
-            change = float(np.median(flight.values) / np.median(field.values[before])) - 1
+            change = float(np.median(_size(flight.values)) / np.median(usual)) - 1
             if abs(change) > FIELD_CHANGE:
                 yield Fact(EstimatorLight.COMPASS_DISTURBED, Level.WATCH, change=change)
             return
+
+
+def _size(field: Array) -> Array:
+    """(N,) of a field (N, 3), where it was measured."""
+    size: Array = np.linalg.norm(field, axis=1)
+    return size[size > 0]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mavdem.alignment.drive import Signal, floats, series
+from mavdem.alignment.drive import Signal, recorded
 from mavdem.alignment.phases import (
     ASKED_SECONDS,
     GROUND_HEIGHT,
@@ -273,17 +273,14 @@ def _is_caught(signals: Signals, boot: int, flight: Interval, end: float) -> boo
 
 def _hit(signals: Signals, boot: int, since: float, until: float) -> float | None:
     """When the accelerometers felt that the vehicle hit something, from ``since`` to ``until``, s, if they did."""
-    message = next((name for name in FORCES if name in signals.telemetry.messages), None)
-    if message is None:
-        return None
-    columns = signals.telemetry.messages[message]
-    axes = [floats(columns, f"{axis}acc") for axis in "xyz"]
-    force = of_boot(series(columns, FORCES[message] * np.linalg.norm(axes, axis=0)), boot)
+    message = next((name for name in FORCES if name in signals.telemetry.messages), "")
+    force = of_boot(recorded(signals.telemetry, message, "xacc", "yacc", "zacc"), boot)
     if force is None:
         return None
+    felt = FORCES[message] * np.linalg.norm(force.values, axis=1)
     before = (force.time > since - CAUGHT_SECONDS) & (force.time < since)
-    usual = force.values[before].max(initial=HIT_FORCE)
-    hits = force.time[during(force.time, [(since, until)]) & (force.values > usual)]
+    usual = felt[before].max(initial=HIT_FORCE)
+    hits = force.time[during(force.time, [(since, until)]) & (felt > usual)]
     return float(hits[0]) if len(hits) else None
 
 

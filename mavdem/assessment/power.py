@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.alignment import phases
-from mavdem.alignment.drive import Signal, floats, series
+from mavdem.alignment.drive import Signal, recorded
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flown import averaged, flown, reported, worst
@@ -60,8 +60,8 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     each = cells or 0
     critical = max(CELL.bad * each, *(parameters.get(name, 0.0) for name in CRITICAL_LEVELS))
     low = max(critical, CELL.watch * each, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
-    load = _load(evidence)
-    resistance, current = (None, None) if load is None else _resistance(load)
+    load = recorded(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
+    resistance, current = _resistance([*flown(evidence, load)])
     figures: dict[str, Any] = {
         "voltage": means[0],
         "cells": cells,
@@ -76,7 +76,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
         yield Fact(PowerLight.BATTERY_HELD, Level.GOOD, **figures)
     else:
         yield Fact(PowerLight.CELLS_UNKNOWN, **figures)
-    remaining = averaged(evidence, _of_message(signals, "SYS_STATUS", "battery_remaining"))
+    remaining = averaged(evidence, recorded(signals.telemetry, "SYS_STATUS", "battery_remaining"))
     least = parameters.get("BAT_LOW_THR", 0.0)
     if np.any(left := remaining[remaining > 0] / 100) and left.min() < least:
         yield Fact(PowerLight.CHARGE_LOW, Level.WATCH, share=left.min(), share_limit=least)
@@ -85,7 +85,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
 def _supply(evidence: Evidence) -> Iterator[Fact]:
     """Of the board's voltage; one that never changes is not measured."""
     messages = ("POWER_STATUS", "HWSTATUS")
-    found = (_of_message(evidence.signals, name, "Vcc") for name in messages)
+    found = (recorded(evidence.signals.telemetry, name, "Vcc") for name in messages)
     measured = next((one for one in found if one is not None and np.ptp(one.values) > 0), None)
     volts = averaged(evidence, measured) / 1000
     if not len(volts):
@@ -117,34 +117,24 @@ def _cells(signals: Signals, full: float) -> int | None:
     return int(possible[0]) if len(possible) == 1 else None
 
 
-def _load(evidence: Evidence) -> tuple[Signal, ...] | None:
-    """Voltage and current in flight, V and A, (N, 2) of each boot; None where the current was not measured."""
-    columns = evidence.signals.telemetry.messages.get("SYS_STATUS", {})
-    if "current_battery" not in columns:
-        return None
-    current = floats(columns, "current_battery") / 100
-    pairs = np.column_stack([floats(columns, "voltage_battery") / 1000, current])
-    return tuple(flown(evidence, series(columns, pairs, current > 0))) or None
+def _resistance(load: list[Signal]) -> tuple[float | None, float | None]:
+    """The internal resistance, ohm, where voltage falls as current rises, and the largest mean current over 2 s, A.
 
-
-def _resistance(load: tuple[Signal, ...]) -> tuple[float | None, float]:
-    """The internal resistance, ohm, where voltage falls as current rises, and the largest mean current over 2 s, A."""
+    Of voltage and current (N, 2) of each flight, mV and 10 mA; None where no current was measured.
+    """
     apart = []
     most = 0.0
     for part in load:
-        means = np.column_stack(
-            [phases.average(Signal(part.time, part.boot, one)) for one in part.values.T]
-        )
-        apart.append(part.values - means)
-        most = max(most, float(means[:, 1].max()))
-    volts, amperes = np.concatenate(apart).T
+        rows = part.values[:, 1] > 0
+        known = part.values[rows] * (1e-3, 1e-2)
+        means = [phases.average(Signal(part.time[rows], part.boot[rows], one)) for one in known.T]
+        apart.append(known.T - means)
+        most = max(most, means[1].max(initial=0.0))
+    if not most:
+        return None, None
+    volts, amperes = np.hstack(apart)
     spread = float(volts @ volts * (amperes @ amperes))
     together = float(volts @ amperes)
     if spread == 0 or together > RESISTANCE_CORRELATION * spread**0.5:
         return None, most
     return -together / float(amperes @ amperes), most
-
-
-def _of_message(signals: Signals, message: str, field: str) -> Signal | None:
-    columns = signals.telemetry.messages.get(message, {})
-    return series(columns, floats(columns, field)) if field in columns else None

@@ -24,7 +24,7 @@ from scipy.fft import dct
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
-from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
+from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, recorded, series
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import Intervals, both
 from mavdem.alignment.quality import at_limits
@@ -420,9 +420,8 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
         float(volts.min()),
     )
     amperes = np.zeros(0)
-    columns = signals.telemetry.messages.get("SYS_STATUS", {})
-    if "current_battery" in columns:
-        load = series(columns, floats(columns, "current_battery"))
+    load = recorded(signals.telemetry, "SYS_STATUS", "current_battery")
+    if load is not None:
         amperes = load.values[within(load, *parts, slack=0)] / 1e2
     # A negative current stands for none, and a sensor that is not there, or not calibrated, reads 0 at times.
     if not len(amperes) or amperes.min() <= 0:

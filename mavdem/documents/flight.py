@@ -428,8 +428,6 @@ class Report(Tier, MotorHealth, Findings):
     """physical parameters of the axis"""
     wind: WindTorque | None = None
     """torque of the wind about the axis"""
-    closed_loop: None = None
-    """always null"""
     cautions: list[Advised] | None = None
     """limits of the model, one sentence each"""
     cautions_facts: Facts = facts_in("cautions")
@@ -470,7 +468,8 @@ def report_of(assessment: Assessment) -> dict[str, Any]:
     wind = assessment.wind
     report = assessment.analysis.as_dict()
     if assessment.explained is not None:
-        report["wind"]["explained_by_mean_wind"] = assessment.explained.figures["share"]
+        share = assessment.explained.figures["share"]
+        report["wind"] = WindTorque.gather(report["wind"], explained_by_mean_wind=share)
     velocity = None if wind is None else wind.as_dict()
     return (
         report | assessment.of_documents | {"wind_velocity": velocity, "seconds": None, "files": {}}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from mavdem.documents.document import (
     Document,
     Facts,
@@ -254,9 +256,9 @@ class MotorAlarm(Document):
     """number of the vehicle's boot, from 0"""
     loss: list[float]
     """90 % interval of the share of its thrust that the motor lost"""
-    sentence: Said
+    sentence: Said = Field(validation_alias="announced")
     """the alarm in words"""
-    sentence_fact: OneFact = fact_in("sentence")
+    sentence_fact: OneFact = fact_in("announced")
     """sentence as a fact; null where there is none"""
 
 

@@ -235,19 +235,17 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
-    """Plain JSON values: alarms on motors, motors that are sound again, changes of the steady torque, false alarms."""
-    names: dict[Any, str] = {
-        InFlight.MOTOR_LOST_THRUST: "alarms",
-        InFlight.MOTOR_RECOVERED: "recoveries",
-        InFlight.STEADY_TORQUE_CHANGED: "torque_changes",
+    """Returns the keys of documents: alarms on motors, motors sound again, changes of steady torque, false alarms."""
+    kinds = {
+        "alarms": InFlight.MOTOR_LOST_THRUST,
+        "recoveries": InFlight.MOTOR_RECOVERED,
+        "torque_changes": InFlight.STEADY_TORQUE_CHANGED,
     }
-    figures: dict[str, Any] = {name: [] for name in names.values()}
-    for change in changes:
-        figures[names[change.fact.code]].append(
-            {**change._asdict(), "sentence": str(change.announced)}
-        )
     at_most = FALSE_ALARMS.figures["alarms_per_hour"]
-    return {**figures, "false_alarms_per_hour": {"at_most": at_most, "basis": str(FALSE_ALARMS)}}
+    return {
+        **{name: [one for one in changes if one.fact.code is code] for name, code in kinds.items()},
+        "false_alarms_per_hour": {"at_most": at_most, "basis": FALSE_ALARMS},
+    }
 
 
 class MotorWatch:

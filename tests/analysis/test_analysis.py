@@ -1,8 +1,6 @@
 """The analysis of a log at each tier: what is learnt, what is withheld, and why."""
 
-import json
 from dataclasses import replace
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +56,7 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
     assert slow.alarms == () and "Hz" in str(slow.reason) and slow.reason.remedy
     assert "Lean:" in told and "Mean lean" not in told and told.count("± is") == 1
-    with pytest.raises(ValueError, match="40 samples a second"):
+    with pytest.raises(ValueError, match="40 Hz"):
         slow.learned.simulate(slow.flights[0].inputs)
 
 
@@ -76,7 +74,7 @@ def test_a_motor_that_weakened_in_flight_is_told_first(slow, monkeypatch):
     assert sound.headline.level is not Level.BAD
     assert str(recovered.fact) in str(analysis_blocks(sound))
     (said,) = sound.analysis.as_dict()["alarms"]
-    assert (said["motor"], said["since"]) == (2, 28.5)
+    assert said == alarm
 
 
 @pytest.mark.parametrize(
@@ -130,14 +128,12 @@ SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
 @pytest.mark.slow
-def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
+def test_the_figures_of_a_model_put_the_best_first():
     flight = simulated(samples=600, wind=1.0)
     train = flight[:500]
     test = flight[500:]
     learned = mavdem.learn(train, mavdem.Settings(window=9, parameter_precision=1.0))
     report = model_figures([train], learned, evaluate.held_out_test(train, test, learned))
-    told = json.loads(json.dumps(report, default=attrgetter("sentence")))
-    assert told == report | {name: told[name] for name in ("physical", "wind", "cautions")}
     for errors in (report["one_step_mspe"], report["forecast_mspe"]):
         ratios = [error["relative"] for error in errors.values()]
         assert ratios == sorted(ratios) and errors["constant mean"]["relative"] == 1
@@ -155,8 +151,8 @@ def test_the_figures_of_a_model_are_plain_json_and_put_the_best_first():
         assert (parameters["interval_90_percent"][name] is None) == (status == "not identifiable")
     ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
     assert report["prediction"]["error_ratio"] == approx(ahead)
-    useful = (learned.useful_steps * learned.dt).tolist()
-    assert report["prediction"]["half_explained_seconds"] == useful
+    useful = learned.useful_steps * learned.dt
+    assert report["prediction"]["half_explained_seconds"] == approx(useful)
     assert sum(report["joint"]["free_energy"].values()) == approx(learned.joint.free_energy)
 
 

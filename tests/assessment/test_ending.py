@@ -111,10 +111,6 @@ def test_names_none_where_the_controller_threw_it_over_or_swung_it():
     assert judged(with_pulses(swung, outputs))[1].subject == ""
 
 
-def test_names_none_between_two_motors():
-    assert judged(leaning(lost(1), np.array([-1.0, 0.0]), 120.0, 100.0))[1].subject == ""
-
-
 def test_names_none_where_places_are_unknown():
     unknown = replace(lost(1), vehicle="HEXAROTOR", parameters={})
     assert judged(unknown)[1].subject == ""

@@ -1,7 +1,5 @@
 """Motors in flight: one that works harder is found, named and measured, and so is its recovery; nothing else is."""
 
-import json
-
 import numpy as np
 import pytest
 from pytest import approx
@@ -283,8 +281,7 @@ def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
     named = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
     torque = MotorAlarm(40.0, 30.0, None, "", 0.1, 0.97)
     sound = MotorAlarm(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
-    found = json.loads(json.dumps(alarm_figures([torque, named, sound])))
-    assert [change["time"] for change in found["recoveries"]] == [50.0]
-    assert [alarm["motor"] for alarm in found["alarms"]] == [2]
-    assert [change["time"] for change in found["torque_changes"]] == [40.0]
+    found = alarm_figures([torque, named, sound])
+    assert (found["alarms"], found["recoveries"]) == ([named], [sound])
+    assert found["torque_changes"] == [torque]
     assert found["false_alarms_per_hour"]["at_most"] == approx(-np.log(0.05) / 5.55, abs=0.01)
