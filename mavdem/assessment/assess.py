@@ -31,6 +31,7 @@ from mavdem.assessment.reported import reported_events
 from mavdem.assessment.responses import LoopResponse, responses_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
+from mavdem.condition.spectra import Spectrum
 from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity, torque_explained
 from mavdem.dem import Learned
@@ -112,6 +113,11 @@ class Assessment(AssessmentDownstream):
     def noise(self) -> Noise:
         """The spectra of gyro and accelerometer, lines in them, and the notch filter to set."""
         return Noise({}, {}) if self.evidence is None else noise_of(self.evidence, self.responses)
+
+    @property
+    def spectra(self) -> Mapping[str, Spectrum]:
+        """The spectra of gyro, accelerometer and demand, by name."""
+        return self.noise.spectra
 
     @property
     def model(self) -> Learned | None:

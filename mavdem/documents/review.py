@@ -157,6 +157,8 @@ class Axis(Document):
     """its control loops; null where they are not known"""
     refusal: OneFact
     """why they are not known"""
+    step_response: Response | None
+    """measured response of the rate, as in `rate`; null where it is not known"""
     rate: Responses
     """response of the rate to its setpoint"""
     attitude: Responses
@@ -190,6 +192,8 @@ class Review(Document):
     """wind in m/s"""
     model: Report | None
     """what was learned of the roll axis; null where there is no model"""
+    spectra: dict[str, Spectrum]
+    """those of `noise`"""
     noise: Noise
     """spectra, lines and notch filters"""
     files: dict[str, str]
@@ -200,6 +204,10 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
     """Returns the values of the document of an ``assessment``, which has written no files."""
     analysis = assessment.analysis
     wind = assessment.wind and assessment.wind.as_dict()
+    spectra = {
+        name: _spectrum(one, assessment.noise.peaks[name])
+        for name, one in assessment.spectra.items()
+    }
     return {
         "source": assessment.log.source,
         **assessment.of_documents,
@@ -209,13 +217,8 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
         "axes": axes_of(assessment),
         "wind": wind,
         "model": None if assessment.model is None else report_of(assessment),
-        "noise": {
-            "spectra": {
-                name: _spectrum(one, assessment.noise.peaks[name])
-                for name, one in assessment.noise.spectra.items()
-            },
-            "facts": assessment.noise.facts,
-        },
+        "spectra": spectra,
+        "noise": {"spectra": spectra, "facts": assessment.noise.facts},
         "files": {},
     }
 
@@ -229,11 +232,13 @@ def axes_of(assessment: Assessment) -> dict[str, Any]:
     for axis, loop in assessment.loops.items():
         refusal = loop.refusal if isinstance(loop, NoLoop) else None
         responses = assessment.responses.get(axis, {"rate": nothing, "attitude": nothing})
+        drawn = {name: _response(one) for name, one in responses.items()}
         axes[axis] = {
             "loop": None if refusal else loop,
             "refusal": refusal,
             "resonance": resonances.get(axis),
-            **{name: _response(one) for name, one in responses.items()},
+            "step_response": drawn["rate"]["measured"],
+            **drawn,
         }
     return axes
 

@@ -179,7 +179,7 @@ class Server:
     def _refused(self, request: HttpRequest, fact: Fact) -> Response:
         status = STATUS.get(fact.code, 400 if isinstance(fact.code, Request) else 415)  # type: ignore[call-overload]
         headers = {"Retry-After": "10"} if status == 503 else {}
-        path = request.url.path
+        path = request.scope["path"]  # of its url, a Host that is no address makes an error
         if path.startswith("/api/") or path.endswith("/upload"):
             error = {"reason": fact, "remedy": fact.remedy, "fact": fact}
             return JSONResponse(whole("error", {"error": error}), status, headers)

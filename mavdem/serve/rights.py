@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+from contextlib import suppress
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -76,13 +77,13 @@ class Rights:
     def check_site(self, request: HTTPConnection) -> None:
         """Raises ``Refusal`` for what another site's page asks for, or under a name that is not this machine's."""
         host = request.headers.get("host", "")
-        if self.is_local and urlsplit(f"//{host}").hostname not in LOOPBACK:
+        if self.is_local and _host_name(host) not in LOOPBACK:
             raise Refusal(Fact(Request.OTHER_SITE, address=host))
         if request.scope["method"] in ("GET", "HEAD"):
             return
         origin = request.headers.get("origin")
         site = request.headers.get("sec-fetch-site", SAME_SITE[0])
-        if site not in SAME_SITE or (origin is not None and urlsplit(origin).netloc != host):
+        if site not in SAME_SITE or (origin is not None and origin.partition("://")[2] != host):
             raise Refusal(Fact(Request.OTHER_SITE, address=origin or site))
 
 
@@ -93,6 +94,13 @@ def rights_of(host: str, token: str, is_behind_proxy: bool) -> Rights:
     if not token and not is_behind_proxy and host not in LOOPBACK:
         raise Unreadable(Fact(Start.TOKEN_NEEDED, address=host))
     return Rights(token, is_local=not token and not is_behind_proxy)
+
+
+def _host_name(host: str) -> str | None:
+    """The name in a Host header; None of one that is no address."""
+    with suppress(ValueError):
+        return urlsplit(f"//{host}").hostname
+    return None
 
 
 def _bearer(request: HTTPConnection) -> str:

@@ -143,11 +143,12 @@ class Form:
 async def received(request: HttpRequest, library: Library) -> Form:
     """Returns the form of a request, whole and on the disk; raises ``Refusal``, and leaves nothing behind."""
     kind, options = parse_options_header(request.headers.get("content-type"))
-    if kind != b"multipart/form-data" or b"boundary" not in options:
+    boundary = options.get(b"boundary", b"")
+    if kind != b"multipart/form-data" or not 0 < len(boundary) <= 70:  # RFC 2046 allows no more
         raise Refusal(Fact(Request.UPLOAD_WITHOUT_LOG))
     announced = request.headers.get("content-length", "")
     library.room_for(int(announced) if announced.isdecimal() else 0)
-    form = Form(library, options[b"boundary"])
+    form = Form(library, boundary)
     try:
         await _stream(request, form, library)
         parts = [part for part in form.parts if part.size]

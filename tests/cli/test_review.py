@@ -23,6 +23,8 @@ def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
     assert [*document["lights"]] == [*Light]
     assert [*document["axes"]] == ["roll", "pitch", "yaw"]
     assert document["axes"]["yaw"]["loop"] is None and document["axes"]["yaw"]["refusal"]["code"]
+    assert document["axes"]["roll"]["step_response"] is None
+    assert document["spectra"] == document["noise"]["spectra"]
     assert document["model"] is None and document["headline"]["code"]
 
 
@@ -37,7 +39,7 @@ def test_the_library_returns_what_is_printed(tmp_path):
     assert other.headline.code is Reason.NO_SUCH_VEHICLE
     assert {light.code for light in other.lights.values()} == {Unjudged.NOT_JUDGED}
     assert other.model is other.wind is None and other.events == ()
-    assert other.loops["roll"].refusal == other.headline
+    assert other.loops["roll"].refusal == other.headline and not other.spectra
     assert str(other).count("\n") < 15 and other.lights["log"].level is Level.UNKNOWN
     other.page(tmp_path / "page.html")
     assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()

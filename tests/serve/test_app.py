@@ -225,7 +225,9 @@ def test_another_site_is_refused(served):
     ):
         refused = served.ask("DELETE", f"/api/flights/{id}", **headers)
         assert (refused.status, refused.code) == (403, Request.OTHER_SITE), headers
-    assert served.ask("GET", "/", Host="evil.example").status == 403
+    for host in ("evil.example", "[::", "[x]", ""):
+        assert served.ask("GET", "/", Host=host).status == 403, host
+    assert served.ask("DELETE", f"/api/flights/{id}", Origin="http://[").status == 403
     same = {"Origin": served.address, "Sec_Fetch_Site": "same-origin"}
     assert served.ask("DELETE", f"/api/flights/{id}", **same).status == 204
 
@@ -268,6 +270,7 @@ def test_what_is_no_upload_is_refused(served):
         (whole.replace(log(), b""), kind, 400),
         (whole[:-10], kind, 400),
         (b"nothing of a form", kind, 400),
+        (whole, "multipart/form-data; boundary=" + "x" * 400, 400),
         (form([], [("field", "x" * 100_000)]), kind, 413),
     ):
         assert served.ask("POST", "/api/logs", body, Content_Type=content_type).status == status
