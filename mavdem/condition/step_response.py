@@ -29,7 +29,6 @@ from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.margins import Complex, transfer
-from mavdem.condition.loop.response import is_corrected
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
@@ -182,15 +181,22 @@ def rate_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | 
         return found
     sampled, pieces = found
     gain = _angle_gain(signals)
-    with_angle = [list(piece[:3]) for piece in pieces]
     if len(used) < 3:
         with_angle = [[*piece, np.cumsum(piece[1]) / sampled] for piece in pieces]
-    elif len(used) > 3:
-        asked_rate, _, angle, wanted = np.concatenate(pieces, axis=1)
-        if not is_corrected(asked_rate, wanted, angle, gain, 1 / sampled):
-            with_angle = [[r + gain * (asked - angle), p, angle] for r, p, angle, asked in pieces]
+    elif len(used) > 3 and not _is_corrected(sampled, pieces, gain):
+        with_angle = [[r + gain * (asked - angle), p, angle] for r, p, angle, asked in pieces]
+    else:
+        with_angle = [list(piece) for piece in pieces]
     fit = _fitted(sampled, with_angle, gain, SECONDS["rate"])
     return _described(signals.axis, "rate", sampled, fit, _coherence(used[:2], parts, MINIMUM_RATE))
+
+
+def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
+    """Whether the rate's setpoint has the correction of the attitude's error in it, by ``gain``, 1/s."""
+    asked, _, angle, wanted = np.concatenate(pieces, axis=1)
+    terms = np.column_stack([sampled * np.gradient(wanted), gain * (wanted - angle)])
+    share = np.linalg.lstsq(terms, asked)[0][1]
+    return bool(share > 0.5)
 
 
 def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | Fact:

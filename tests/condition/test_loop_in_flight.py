@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recorded_flights import shared
 
+import mavdem
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.loops import loops_of_log
@@ -204,3 +206,10 @@ def test_a_controller_of_half_the_gain_does_not_move_the_plant(log):
     other, _ = plant_in_loop(signals, half).mean_effect()
     assert other == pytest.approx(mean, rel=0.1)
     assert loop_of(plant, Record.of(flights)).gains[0] > 0
+
+
+@pytest.mark.slow
+def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
+    flight = mavdem.read_flight(shared("sitl_events/ap_quiet10.BIN"))
+    measured = mavdem.learn(flight).loop().measured
+    assert measured is not None and measured.agreement > 90

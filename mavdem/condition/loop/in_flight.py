@@ -6,23 +6,23 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mavdem.alignment.align import mean_rate
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
 from mavdem.condition.loop.margins import loops_of, transfer
-from mavdem.condition.loop.response import is_corrected
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
     LATE,
     NAMES,
+    OUTPUT,
     PLANT,
+    RATE,
     Axis,
     KnownController,
 )
-from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, spectra
+from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, Spectra, spectra
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.identifiability import PARAMETERS
@@ -50,6 +50,7 @@ TOO_LATE = 3.0
 """Standard deviations beforehand, of how late outputs and setpoints are: beyond, the model makes up for something else.
 On the flights that chose it, the phase margin then errs three times as much at 25 Hz."""
 LEAST_STEERED = 0.1  # of the rate's variance, by what was asked
+SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 
 
 def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
@@ -64,7 +65,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     record = Record.of(flights)
     controller = known_controller(record)
     directions = demand_directions(controller, record)
-    streams, limited, rounding = _streams(signals, boot, flights, controller, directions)
+    streams, limited, rounding = _streams(signals, boot, controller, record, directions)
     starts = np.array(list(_windows(flights, streams)))
     shares = [limited.values[_inside(limited, start)].mean() for start in starts]
     free = starts[np.array(shares, float) <= MOST_LIMITED]
@@ -76,7 +77,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
         seen = spectra(streams, free)
         if seen.rate < SLOW_MOTION_RATE:
             raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
-        axis = Axis(seen, known, rounding)
+        axis = Axis(_used(seen, known), known, rounding)
         mean, sd = axis.prior
         try:
             found = identified(axis)
@@ -92,11 +93,11 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
 def _streams(
     signals: Signals,
     boot: int,
-    flights: Sequence[Flight],
     controller: Controller,
+    record: Record,
     directions: Array,
 ) -> tuple[list[Messages], Messages, float]:
-    """Rate, output as a demand, setpoint and what was asked; whether an output was at a limit; its steps."""
+    """Rate, output as a demand, each setpoint with what was asked; whether an output was at a limit; its steps."""
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
 
@@ -106,7 +107,7 @@ def _streams(
 
     outputs = here(Signal(drive.time, drive.boot, drive.outputs))
     share = directions / (directions @ directions)
-    demand = (outputs.values - Record.of(flights).inputs.mean(axis=0)) @ share
+    demand = (outputs.values - record.inputs.mean(axis=0)) @ share
     angle = here(attitude.angles)
     asked = {one.unit: here(one.signal) for one in signals.setpoints}
     asked = {unit: one for unit, one in asked.items() if np.diff(one.values).any()}
@@ -114,20 +115,14 @@ def _streams(
         raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
     setpoint = asked["rad/s"]
     turned = controller.angle * np.interp(setpoint.time, *angle)
-    values = setpoint.values
+    candidates = [setpoint.values]
     if controller.derivative_of_error and "rad" in asked:
-        even = np.linspace(setpoint.time[0], setpoint.time[-1], len(values))
-        even = even[(even >= flights[0].time[0]) & (even <= flights[-1].time[-1])]
-        rate, wanted, turn = (np.interp(even, *one) for one in (setpoint, asked["rad"], angle))
-        step = 1 / mean_rate(setpoint.time)
-        if not is_corrected(rate, wanted, turn, controller.angle, step):
-            values = values + controller.angle * np.interp(setpoint.time, *asked["rad"]) - turned
-    streams = [
-        here(attitude.rates),
-        Messages(outputs.time, demand),
-        Messages(setpoint.time, values),
-        Messages(setpoint.time, values + turned),
-    ]
+        # ArduPilot's ATTITUDE_TARGET lacks the correction of the angle's error, its RATE has it
+        wanted = controller.angle * np.interp(setpoint.time, *asked["rad"])
+        candidates.append(setpoint.values + wanted - turned)
+    streams = [here(attitude.rates), Messages(outputs.time, demand)]
+    for values in candidates:
+        streams += [Messages(setpoint.time, one) for one in (values, values + turned)]
     limited = controller.limited(drive.scale.fraction(outputs.values), drive.scale.stop)
     rounding = drive.scale.step / float(np.linalg.norm(directions))
     return streams, Messages(outputs.time, limited.astype(np.float64)), rounding
@@ -158,6 +153,21 @@ def _known(controller: Controller) -> KnownController:
         controller.angle,
         controller.cycle,
     )
+
+
+def _used(found: Spectra, known: KnownController) -> Spectra:
+    """Of rate, output and that setpoint which explains the output better by the controller."""
+    slow = found.frequency < SLOW
+    back = known.back(found.frequency)
+    forward = known.forward(found.frequency)
+    left = {}
+    for setpoint in range(2, len(found.late), 2):
+        unlike = np.zeros((len(back), len(found.late)), complex)
+        unlike[:, RATE], unlike[:, OUTPUT], unlike[:, setpoint] = back, 1.0, -forward
+        power = np.einsum("ja,jab,jb->j", unlike, found.mean, unlike.conj()).real
+        left[setpoint] = float((found.counts * power)[slow].sum())
+    best = min(left, key=lambda one: left[one])
+    return found.of((RATE, OUTPUT, best, best + 1))
 
 
 def _check(plant: Physical, directions: Array, controller: Controller) -> None:

@@ -47,7 +47,7 @@ def measured_response(
     """Returns the response that a ``record`` measures, beside ``closed`` (F′,) ``at`` Hz (F′,); None without setpoints.
 
     A demand of 1 moves the inputs by ``per_demand`` (r,). ArduPilot's ATTITUDE_TARGET lacks the attitude controller's
-    correction of the rate, which is added then.
+    correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
     """
     usual = [
         f"{controller.axis} rate setpoint",
@@ -60,7 +60,7 @@ def measured_response(
     asked = record.setpoints[:, [record.setpoint_names.index(name) for name in names]]
     seen = record.outputs[:, [rate_column(record), 0]]
     table = np.column_stack([seen, record.inputs @ per_demand / (per_demand @ per_demand), asked])
-    parts = list[Array]()
+    plain, corrected = list[Array](), list[Array]()
     for rows in np.split(table, record.starts[1:]):
         known = np.isfinite(rows).all(axis=1)
         edges = np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2)
@@ -68,26 +68,18 @@ def measured_response(
             rate, angle, demand, *given = rows[first:last].T
             setpoint, *wanted = map(evenly, given)
             if np.ptp(setpoint):  # not as of a heading that is held
-                parts.append(np.array([setpoint, rate, demand, angle, *wanted]))
-    if sum(2 * part.shape[1] // size - 1 for part in parts) < FEWEST:
+                plain.append(np.array([setpoint, rate, demand]))
+                for one in wanted:
+                    asked_for = setpoint + controller.angle * (one - angle)
+                    corrected.append(np.array([asked_for, rate, demand]))
+    if sum(2 * part.shape[1] // size - 1 for part in plain) < FEWEST:
         return None
-    if len(names) > 1:
-        setpoint, _, _, angle, wanted = np.concatenate(parts, axis=1)
-        if not is_corrected(setpoint, wanted, angle, controller.angle, record.dt):
-            for part in parts:
-                part[0] += controller.angle * (part[4] - part[3])
-    return _compared(record.dt, size, [part[:3] for part in parts], controller, at, closed)
-
-
-def is_corrected(rate: Array, wanted: Array, angle: Array, gain: float, dt: float) -> bool:
-    """Returns whether a ``rate`` setpoint has the correction of the angle's error in it, by ``gain``, 1/s.
-
-    ArduPilot's RATE has it; its ATTITUDE_TARGET has only how fast the ``wanted`` angle changes. All are (N,), every
-    ``dt`` s.
-    """
-    terms = np.column_stack([np.gradient(wanted, dt), gain * (wanted - angle)])
-    share = np.linalg.lstsq(terms, rate)[0][1]
-    return bool(share > 0.5)
+    ways = [
+        _compared(record.dt, size, parts, controller, at, closed)
+        for parts in (plain, corrected)
+        if parts
+    ]
+    return max(ways, key=lambda one: one.fit)
 
 
 def _compared(

@@ -11,7 +11,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.condition.loop.controllers import FASTEST, LOOP_RATES, USUAL_RATES, controller_of
 from mavdem.condition.loop.loop import Loop
-from mavdem.condition.loop.response import evenly, is_corrected
+from mavdem.condition.loop.response import evenly
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.model import Drag
@@ -257,10 +257,9 @@ def _again(loop: Loop, segment: slice) -> Again | None:
         return Again(flown, np.column_stack([0 * rate, rate])) if is_steered else None
     # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
     corrected = loop.controller.angle * (angles[0] - flown.outputs[:, 0])
-    flown_angle = flown.outputs[:, 0]
-    inside = not loop.controller.derivative_of_error or is_corrected(
-        rate, angles[0], flown_angle, loop.controller.angle, record.dt
-    )
+    ahead = np.gradient(angles[0], record.dt)
+    apart = [np.std(rate - one) for one in (ahead, corrected + ahead, corrected)]
+    inside = not loop.controller.derivative_of_error or np.argmin(apart) > 0
     return Again(flown, np.column_stack([angles[0], rate - inside * corrected]))
 
 
