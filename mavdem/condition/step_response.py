@@ -290,7 +290,7 @@ def _without_feedback(
     mirrored = np.fft.rfft(np.append(outer, outer[::-1]))
     frequency = np.fft.rfftfreq(2 * len(outer), 1 / sampled)
     s = 2j * np.pi * np.maximum(frequency, frequency[1] / 100)
-    closed = np.exp(-np.outer(s, np.arange(1, len(weights) + 1) / sampled)) @ weights
+    closed = np.fft.rfft(np.append(0.0, weights), 2 * len(outer))
     return np.fft.irfft(mirrored / (1 + angle_gain * closed / s), 2 * len(outer))[: len(outer)]
 
 
