@@ -5,6 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.alignment.learnability import learnability_of
+from mavdem.assessment.evidence import Evidence
+from mavdem.condition.condition import condition_of
 from mavdem.ingest.telemetry import Log, Telemetry, selected
 
 Array = NDArray[np.float64]
@@ -175,3 +178,11 @@ def px4_rotors(*rotors):
 def log_of(telemetry):
     """A log of that vehicle alone."""
     return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
+
+
+def evidence_of(signals, **known):
+    """What a log of these ``signals`` alone shows, of which something else may be ``known``."""
+    found = Evidence(
+        log_of(signals.telemetry), signals, learnability_of(signals), condition_of(signals)
+    )
+    return replace(found, **known)

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+from frames import geometry
 from refusals import prose
 
 from mavdem.analysis.figures import LogAnalysis, VehicleFigures
@@ -16,12 +17,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.lights import Light
 from mavdem.ingest import Log
 
-MOTORS = (
-    "motor 1 (front right)",
-    "motor 2 (rear left)",
-    "motor 3 (front left)",
-    "motor 4 (rear right)",
-)
+MOTORS = geometry().names
 NAN = float("nan")
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from failures import judged as simulated
+from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
 from pytest import approx
 from recorded_flights import recorded
@@ -19,13 +20,7 @@ from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 
 FAILS = 30.0
-NAMES = (
-    "motor 1 (front right)",
-    "motor 2 (rear left)",
-    "motor 3 (front left)",
-    "motor 4 (rear right)",
-)
-PLACES = np.array([[1, 1], [-1, -1], [1, -1], [-1, 1]]) / np.sqrt(2)
+NAMES = geometry().names
 OPPOSITE = (1, 0, 3, 2)
 
 
@@ -69,7 +64,7 @@ def driven(made, motor, output, since=FAILS):
 
 def lost(motor, rate=10.0):
     """Motor ``motor``, from 0, loses its thrust in flight, and its autopilot fights."""
-    made = falling(leaning(flight(rate), PLACES[motor], 120.0, 100.0))
+    made = falling(leaning(flight(rate), QUAD[motor], 120.0, 100.0))
     return driven(driven(made, motor, 2000.0), OPPOSITE[motor], 1100.0)
 
 
@@ -103,7 +98,7 @@ def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(moto
 
 
 def test_names_none_where_the_controller_threw_it_over_or_swung_it():
-    thrown = leaning(lost(1), PLACES[0], 120.0, 100.0)
+    thrown = leaning(lost(1), QUAD[0], 120.0, 100.0)
     assert judged(thrown)[1].subject == ""
     swung = driven(lost(1), 0, 2000.0, FAILS - 1.0)
     time = swung.messages["SERVO_OUTPUT_RAW"]["time"]
@@ -117,7 +112,7 @@ def test_names_none_where_places_are_unknown():
 
 
 def test_names_motors_without_output():
-    made = falling(leaning(flight(), PLACES[2], 120.0, 100.0))
+    made = falling(leaning(flight(), QUAD[2], 120.0, 100.0))
     events, ending = judged(driven(made, 2, 1000.0))
     assert events[MotionEvent.MOTOR_OFF].subject == ending.subject == NAMES[2]
     assert ending.figures["cause"].code is FailedFirst.MOTOR_OFF_FIRST
@@ -127,7 +122,7 @@ def test_names_motors_without_output():
 
 
 def test_names_a_motor_whose_output_stands_still():
-    made = falling(leaning(flight(50.0), PLACES[0], 120.0, 100.0))
+    made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
     time = made.messages["SERVO_OUTPUT_RAW"]["time"]
     made = with_pulses(made, pulses(made) + 100.0 * np.sin(40.0 * time))
     _, ending = judged(driven(made, 0, 1500.0))
@@ -206,14 +201,16 @@ def turned(direction, angle):
 
 @pytest.mark.parametrize(("angle", "name"), [(27.0, NAMES[1]), (33.0, "")])
 def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, name):
-    made = leaning(lost(1), turned(PLACES[1], angle), 60.0, 100.0)
+    made = leaning(lost(1), turned(QUAD[1], angle), 60.0, 100.0)
     assert judged(made)[1].subject == name
 
 
 @pytest.mark.parametrize(("force", "hit"), [(29.0, False), (31.0, True)])
 def test_three_times_the_weight_is_felt_where_something_is_hit(force, hit):
-    events, _ = judged(felt(lost(1), FAILS + 2.0, force))
+    events, ending = judged(felt(lost(1), FAILS + 2.0, force))
     assert (MotionEvent.HIT in events) is hit
+    assert not hit or events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.05)
+    assert (ending.code, ending.subject) == (Ending.CONTROL_LOST, NAMES[1])
 
 
 @pytest.mark.parametrize(("seconds", "caught"), [(4.0, False), (6.0, True)])
@@ -262,10 +259,6 @@ def test_what_hits_something_first_is_not_said_to_have_lost_a_motor():
     assert ending.code is Ending.CRASHED
     assert ending.time == approx(FAILS - 0.2, abs=0.05)
     assert ending.subject == ""
-    events, ending = judged(felt(lost(1), FAILS + 2.0))
-    assert ending.code is Ending.CONTROL_LOST
-    assert ending.subject == NAMES[1]
-    assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.05)
 
 
 def thrust_lost(motor):

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, log_of, with_pulses
+from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, evidence_of, with_pulses
 from pytest import approx
 from recorded_flights import LOGS, recorded
 from scipy.signal import lfilter
 
-from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
-from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.grounding import grounded_air, grounds_of
 from mavdem.assessment.margins import margins_light, margins_of
 from mavdem.assessment.tracking import ERROR, tracking_light
@@ -33,11 +31,7 @@ IGNORED = {"rates": 7, "attitude": 128}  # bits of ATTITUDE_TARGET
 
 
 def evidence(telemetry, **known):
-    signals = Signals(telemetry)
-    judged = learnability_of(signals), condition_of(signals)
-    none = (None, None, None)
-    found = Evidence(log_of(telemetry), signals, *judged, (), none, (), None, {})
-    return replace(found, **known)
+    return evidence_of(Signals(telemetry), **known)
 
 
 def noise(seed=1):

@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, log_of
+from hover import Hover, changed, columns, evidence_of
 from pytest import approx
 from recorded_flights import recorded
 
-from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, FIELD_CHANGE, estimator_light
-from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
 from mavdem.assessment.power import (
     CELL,
@@ -22,7 +20,7 @@ from mavdem.assessment.power import (
     power_light,
 )
 from mavdem.assessment.wind import MUCH_LEAN, wind_light
-from mavdem.condition.condition import Steady, condition_of
+from mavdem.condition.condition import Steady
 from mavdem.condition.wind_of_log import air_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
@@ -39,9 +37,7 @@ SAG = np.where(FLYING, -0.01, 0.0)
 
 def evidence(telemetry, ending=None):
     signals = Signals(telemetry)
-    log = log_of(telemetry)
-    known = learnability_of(signals), condition_of(signals)
-    return Evidence(log, signals, *known, (), air_of(signals), (), ending, {})
+    return evidence_of(signals, air=air_of(signals), ending=ending)
 
 
 def measured(message, parameters=None, **fields):

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import X_QUAD_PARAMETERS, Hover, log_of, with_pulses
+from hover import X_QUAD_PARAMETERS, Hover, evidence_of, with_pulses
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
-from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.motors import motors_light
-from mavdem.condition.condition import condition_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
@@ -26,18 +24,7 @@ def evidence(pulses=lambda time: 0.0, **known):
     flying = (time >= 6.0) & (time < HOVER.landed)
     sent = np.where(flying, 1500.0 + noise + pulses(time), 1000.0)
     signals = Signals(with_pulses(telemetry, sent), inputs="motors")
-    found = Evidence(
-        log_of(signals.telemetry),
-        signals,
-        None,
-        condition_of(signals),
-        motor_alarms(signals),
-        (None, None, None),
-        (),
-        None,
-        {},
-    )
-    return replace(found, **known)
+    return evidence_of(signals, alarms=motor_alarms(signals), **known)
 
 
 def weak(begin, end=np.inf):

@@ -5,9 +5,9 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from frames import geometry
 from pytest import approx
 
-from mavdem.alignment.drive import MotorGeometry
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
 from mavdem.health.assessment import (
     DETECTABLE_RISE,
@@ -28,20 +28,11 @@ from mavdem.health.balance import (
 )
 
 VEHICLES = 40
-MOTORS = (
-    "motor 1 (front right)",
-    "motor 2 (rear left)",
-    "motor 3 (front left)",
-    "motor 4 (rear right)",
-)
+MOTORS = geometry().names
 
 
-def quad(positions=(), spins=()):
-    return motor_signatures(MotorGeometry((1, 2, 3, 4), (1, 2, 3, 4), positions, spins=spins))
-
-
-PLACES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-QUAD_X = quad(PLACES, (1, 1, -1, -1))
+QUAD_X = motor_signatures(geometry())
+UNKNOWN = motor_signatures(geometry(positions=(), spins=()))
 OFFSET = np.array([0.01, -0.02, 0.005])
 LEAN_EFFECT = np.array([[0.9, 0.1], [-0.1, 0.8], [0.3, -0.2]])
 ERROR = 0.003
@@ -225,7 +216,7 @@ def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
     vehicle = MadeUpVehicle(1)
     once, other, flight = vehicle.flights(3)
     again = replace(once, name="from the ground", date=once.date + timedelta(seconds=20))
-    turned = replace(other, signatures=quad(PLACES, (-1, -1, 1, 1)))
+    turned = replace(other, signatures=motor_signatures(geometry(spins=(-1, -1, 1, 1))))
     three = replace(other, motors=MOTORS[:3])
     for baseline in ([], [once], [once, again], [once, turned], [once, three]):
         (found,) = assess([flight], baseline)
@@ -244,7 +235,7 @@ def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
     [
         ({"balance": None}, HealthUnknown.BALANCE_UNKNOWN),
         ({"signatures": None}, HealthUnknown.BALANCE_UNKNOWN),
-        ({"signatures": quad()}, HealthUnknown.GEOMETRY_UNKNOWN),
+        ({"signatures": UNKNOWN}, HealthUnknown.GEOMETRY_UNKNOWN),
         (
             {"balance": MadeUpVehicle(1).flight().balance._replace(lean=np.full(2, np.nan))},
             HealthUnknown.LEAN_UNKNOWN,

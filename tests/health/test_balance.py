@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from frames import geometry
 from numpy.testing import assert_allclose
 from recorded_flights import shared
 
@@ -20,15 +21,10 @@ from mavdem.health.balance import (
     motor_signatures,
 )
 from mavdem.ingest import read_log
-from mavdem.ingest.motors import MotorGeometry, motor_geometry
+from mavdem.ingest.motors import motor_geometry
 
-
-def quad(positions=(), spins=()):
-    return motor_signatures(MotorGeometry((1, 2, 3, 4), (1, 2, 3, 4), positions, spins=spins))
-
-
-PLACES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-QUAD_X = quad(PLACES, (1, 1, -1, -1))
+QUAD_X = motor_signatures(geometry())
+UNKNOWN = motor_signatures(geometry(positions=(), spins=()))
 MEAN = np.array([0.03, -0.02, 0.01])
 EFFECT = np.array([[0.8, 0.0], [0.1, -0.4], [0.3, -0.2]])
 
@@ -86,13 +82,13 @@ def test_what_cannot_be_seen_is_not_known():
     time, commands, lean = flown(1)
     steady = figures(time, commands, np.full((len(time), 2), 0.02))
     assert np.isnan(steady.lean_effect).all() and np.isfinite(steady.mean).all()
-    without_spins = quad(PLACES)
+    without_spins = motor_signatures(geometry(spins=()))
     assert np.isfinite(figures(time, commands, lean, without_spins).mean).tolist() == [
         True,
         True,
         False,
     ]
-    assert figures(time, commands, lean, quad()) is None
+    assert figures(time, commands, lean, UNKNOWN) is None
     assert figures(*flown(1, seconds=15.0)) is None
 
 
@@ -141,7 +137,7 @@ def test_axes_and_names_are_those_of_the_layout(layout):
     count = len(layout.motors)
     signatures = motor_signatures(layout)
     assert signatures.axes == ("thrust", "roll", "pitch", "yaw")
-    assert quad().axes == ("thrust",)
+    assert UNKNOWN.axes == ("thrust",)
     for axis, row in zip(signatures.axes[1:], signatures.weights[1:], strict=True):
         assert_allclose(row, layout.effect(axis))
     # A motor can be named where places and spins are known and differ.

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from frames import FRAMES, geometry
 from recorded_flights import recorded
 
-from mavdem.alignment.drive import MotorGeometry
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
 from mavdem.facts import Level
@@ -12,21 +12,6 @@ from mavdem.facts.motors import Trim
 from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.trim import UNEVEN, trim_of, trim_of_signals
 from mavdem.ingest.motors import PlaceBasis
-
-ROOT = np.sqrt(0.5)
-HEXAGON = np.radians([90, -90, -30, 150, 30, -150])
-OCTAGON = np.radians(np.arange(22.5, 360, 45))
-FRAMES = {
-    4: ([(ROOT, ROOT), (-ROOT, -ROOT), (ROOT, -ROOT), (-ROOT, ROOT)], (1, 1, -1, -1)),
-    6: ([(np.cos(at), np.sin(at)) for at in HEXAGON], (-1, 1, -1, 1, 1, -1)),
-    8: ([(np.cos(at), np.sin(at)) for at in OCTAGON], (1, -1) * 4),
-}
-
-
-def layout(motors=4, spins=None):
-    places, usual = FRAMES[motors]
-    numbers = tuple(range(1, motors + 1))
-    return MotorGeometry(numbers, numbers, tuple(places), spins=usual if spins is None else spins)
 
 
 def flown(mean, lean=(0.0, 0.0), error=0.003):
@@ -48,7 +33,7 @@ def flown(mean, lean=(0.0, 0.0), error=0.003):
     ],
 )
 def test_the_pattern_is_named(mean, code, figures):
-    found = trim_of(flown(mean), layout())
+    found = trim_of(flown(mean), geometry())
     assert found.code is code and not found.subject
     assert found.level is (Level.GOOD if code is Trim.TRIM_EVEN else Level.WATCH)
     named = {name: found.figures[name] for name in figures}
@@ -61,7 +46,7 @@ def test_the_pattern_is_named(mean, code, figures):
 @pytest.mark.parametrize("motors", FRAMES)
 def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
     """Of more than four motors neighbours help the weak one, and other causes are as likely."""
-    plan = layout(motors)
+    plan = geometry(motors)
     signatures = motor_signatures(plan).weak_motor[:, 1:]
     for name, signature in zip(plan.names, 0.4 * signatures, strict=True):
         found = trim_of(flown(signature), plan)
@@ -93,29 +78,23 @@ def test_real_vehicles_whose_motors_were_named_wrongly(name, code):
 
 def test_what_cannot_be_told_from_even_is_no_alarm():
     half = 1.645 * 0.01
-    assert trim_of(flown((0, 0, UNEVEN + 0.99 * half), error=1e-2), layout()).level is Level.GOOD
-    sure = trim_of(flown((0, 0, UNEVEN + 1.1 * np.sqrt(3) * half), error=1e-2), layout())
+    assert trim_of(flown((0, 0, UNEVEN + 0.99 * half), error=1e-2), geometry()).level is Level.GOOD
+    sure = trim_of(flown((0, 0, UNEVEN + 1.1 * np.sqrt(3) * half), error=1e-2), geometry())
     assert sure.level is Level.WATCH
     # Steady wind leans the vehicle, and asks for torque too.
-    wind = trim_of(flown((0.0, 0.12, 0.0), lean=(0, -9)), layout())
+    wind = trim_of(flown((0.0, 0.12, 0.0), lean=(0, -9)), geometry())
     assert (wind.code, wind.level) == (Trim.TRIM_UNSURE, Level.UNKNOWN)
     # What is known to 8 % is even.
     known = UNEVEN / 1.645 / np.sqrt(3)
     for share, code in ((0.99, Trim.TRIM_EVEN), (1.01, Trim.TRIM_UNSURE)):
-        assert trim_of(flown((0, 0, 0), error=share * known), layout()).code is code
+        assert trim_of(flown((0, 0, 0), error=share * known), geometry()).code is code
 
 
 def test_nothing_is_said_of_little_flight_or_without_the_places():
     twisted = (0.0, 0.0, 0.16)
-    short = trim_of(None, layout())
+    short = trim_of(None, geometry())
     assert (short.code, short.level) == (Trim.TRIM_UNKNOWN, Level.UNKNOWN)
-    unknown = trim_of(None, layout(spins=()))
+    unknown = trim_of(None, geometry(spins=()))
     assert (unknown.code, unknown.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, Level.UNKNOWN)
-    assumed = MotorGeometry(
-        (1, 2, 3, 4),
-        (1, 2, 3, 4),
-        layout().positions,
-        places_by=PlaceBasis.X_QUAD,
-        spins=(1, 1, -1, -1),
-    )
+    assumed = geometry(places_by=PlaceBasis.X_QUAD)
     assert trim_of(flown(twisted), assumed).figures["assumed"]
