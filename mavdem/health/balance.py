@@ -290,20 +290,24 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     distribution, by the healthy flights' scatter and its prior; to its scale come the errors of the effects of lean
     and of the flight's own mean.
     """
-    balances = [known_balance(other) for other in (flight, *healthy)]
-    effect, variance = lean_effects(balances)
-    lean = np.array([balance.lean for balance in balances])
-    level = np.array([balance.mean for balance in balances]) - np.einsum("fal,fl->fa", effect, lean)
-    error = (
-        np.einsum("fal,fl->fa", variance, lean**2)
-        + np.array([balance.error for balance in balances]) ** 2
-    )
+    level, error = level_balances([known_balance(other) for other in (flight, *healthy)])
+    lean = float(np.linalg.norm(known_balance(flight).lean))
     centre = level[1:].mean(axis=0)
     count = len(healthy)
     freedom = SCATTER_FREEDOM + count - 1
     scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level[1:] - centre) ** 2).sum(axis=0)) / freedom
     scale = np.sqrt(scatter + error[0] + (scatter + error[1:].mean(axis=0)) / count)
-    return Deviation(level[0] - centre, scale, freedom, float(np.linalg.norm(lean[0])))
+    return Deviation(level[0] - centre, scale, freedom, lean)
+
+
+def level_balances(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
+    """Returns (f, 3) the balances without what the lean explains, and the variances of their errors."""
+    effect, variance = lean_effects(flights)
+    lean = np.array([flight.lean for flight in flights])
+    mean = np.array([flight.mean for flight in flights])
+    error = np.array([flight.error for flight in flights])
+    level = mean - np.einsum("fal,fl->fa", effect, lean)
+    return level, error**2 + np.einsum("fal,fl->fa", variance, lean**2)
 
 
 def known_balance(flight: HealthFigures) -> BalanceFigures:

