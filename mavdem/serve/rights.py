@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-from contextlib import suppress
+import re
 from dataclasses import dataclass
-from urllib.parse import urlsplit
 
 from starlette.requests import HTTPConnection
 
@@ -22,7 +21,7 @@ from mavdem.serve.library import Entry
 
 COOKIE = "mavdem"
 FEWEST_LETTERS = 16  # of a token: 64 bits in hexadecimal digits
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
+LOOPBACK = ("127.0.0.1", "localhost", "::1", "[::1]")
 SAME_SITE = ("same-origin", "none")
 """Values of Sec-Fetch-Site of what a page of this server, or the user by a typed address, asks for."""
 
@@ -77,7 +76,7 @@ class Rights:
     def check_site(self, request: HTTPConnection) -> None:
         """Raises ``Refusal`` for what another site's page asks for, or under a name that is not this machine's."""
         host = request.headers.get("host", "")
-        if self.is_local and _host_name(host) not in LOOPBACK:
+        if self.is_local and re.sub(r":\d*$", "", host).lower() not in LOOPBACK:
             raise Refusal(Fact(Request.OTHER_SITE, address=host))
         if request.scope["method"] in ("GET", "HEAD"):
             return
@@ -94,13 +93,6 @@ def rights_of(host: str, token: str, is_behind_proxy: bool) -> Rights:
     if not token and not is_behind_proxy and host not in LOOPBACK:
         raise Unreadable(Fact(Start.TOKEN_NEEDED, address=host))
     return Rights(token, is_local=not token and not is_behind_proxy)
-
-
-def _host_name(host: str) -> str | None:
-    """The name in a Host header; None of one that is no address."""
-    with suppress(ValueError):
-        return urlsplit(f"//{host}").hostname
-    return None
 
 
 def _bearer(request: HTTPConnection) -> str:
