@@ -40,14 +40,18 @@ def noise(seed=1):
     return lfilter([0.2, 0.4, 0.2], [1.0, -0.3, 0.1], values)
 
 
-def closed_loop(margin, hertz=10.0):
-    """A rate and its setpoint, of ω² / (s² + 2 ζ ω s + ω²), which has about so many degrees of phase margin."""
-    omega = 2 * np.pi * hertz
-    damping = np.tan(np.radians(margin)) / 2
+def followed(setpoint, damping, omega):
+    """What follows a setpoint by ω² / (s² + 2 ζ ω s + ω²)."""
     pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * omega * 0.01)
     denominator = [1.0, -2 * pole.real, abs(pole) ** 2]
+    return lfilter([0.0, sum(denominator)], denominator, setpoint)
+
+
+def closed_loop(margin):
+    """A rate at 10 Hz and its setpoint, of a loop that has about so many degrees of phase margin."""
     setpoint = noise()
-    return lfilter([0.0, sum(denominator)], denominator, setpoint) + 0.05 * noise(2), setpoint
+    rate = followed(setpoint, np.tan(np.radians(margin)) / 2, 20 * np.pi)
+    return rate + 0.05 * noise(2), setpoint
 
 
 def asked(telemetry, rate=None, angle=None):
@@ -207,12 +211,9 @@ def test_an_error_counts_beside_what_was_asked(size, error, level):
 
 @pytest.mark.parametrize(("damping", "level"), [(0.3, Level.WATCH), (0.45, Level.GOOD)])
 def test_overshoot_is_that_of_a_step(damping, level):
-    omega = 9.0
-    pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * omega * 0.01)
-    denominator = [1.0, -2 * pole.real, abs(pole) ** 2]
     steps = 0.1 * np.sign(np.sin(0.7 * TIME) + np.sin(1.9 * TIME))
-    answer = lfilter([0.0, sum(denominator)], denominator, steps)
-    found = evidence(asked(changed(HOVER.telemetry(), "ATTITUDE", roll=answer), angle=steps))
+    answer = changed(HOVER.telemetry(), "ATTITUDE", roll=followed(steps, damping, 9.0))
+    found = evidence(asked(answer, angle=steps))
     expected = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
     light = tracking_light(found)
     if light.figures["axis"] == "roll":

@@ -9,7 +9,13 @@ from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.estimator import DOUBT_SECONDS, EKF_THRESHOLD, FIELD_CHANGE, estimator_light
+from mavdem.assessment.estimator import (
+    DOUBT_SECONDS,
+    EKF_THRESHOLD,
+    FIELD_CHANGE,
+    REPORTS,
+    estimator_light,
+)
 from mavdem.assessment.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
 from mavdem.assessment.power import (
     CELL,
@@ -132,8 +138,7 @@ def test_levels_of_the_supply(usual, least, code, level):
 
 def filtered(flags=831, **ratios):
     """The hover with a filter's report: its ratios are 0.1, and others for some seconds."""
-    names = ("velocity", "pos_horiz", "pos_vert", "compass")
-    fields = {f"{name}_variance": np.full(len(TIME), 0.1) for name in names}
+    fields = {name: np.full(len(TIME), 0.1) for name in REPORTS["EKF_STATUS_REPORT"]}
     for name, (value, seconds) in ratios.items():
         fields[f"{name}_variance"][(TIME > 30.0) & (30.1 + seconds > TIME)] = value
     glitch = np.where((TIME > 30.0) & (TIME < 33.0), flags, 831)
@@ -142,8 +147,7 @@ def filtered(flags=831, **ratios):
 
 def idle_filter():
     """The hover with a filter that does not run: all its ratios are 0."""
-    names = ("velocity", "pos_horiz", "pos_vert", "compass")
-    return measured("EKF_STATUS_REPORT", **{f"{name}_variance": 0 * TIME for name in names})
+    return measured("EKF_STATUS_REPORT", **dict.fromkeys(REPORTS["EKF_STATUS_REPORT"], 0 * TIME))
 
 
 BEYOND = EKF_THRESHOLD + 0.05
