@@ -40,6 +40,7 @@ from mavdem.alignment.drive import (
     message_counts,
     motors_or_obstacle,
     preferred_message,
+    recorded,
     series,
 )
 from mavdem.ingest.flight_modes import mode_name
@@ -273,8 +274,7 @@ class VehicleSignals:
     @cached_property
     def landed_state(self) -> Signal | None:
         """MAV_LANDED_STATE as the autopilot reported it in EXTENDED_SYS_STATE; 0 where that is undefined."""
-        columns = self.telemetry.messages.get("EXTENDED_SYS_STATE")
-        return None if columns is None else series(columns, floats(columns, "landed_state"))
+        return recorded(self.telemetry, "EXTENDED_SYS_STATE", "landed_state")
 
     @cached_property
     def climb_rate(self) -> Signal | None:
