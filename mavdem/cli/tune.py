@@ -94,11 +94,6 @@ def tune_command(
     """
     log = read_source(source, params)
     telemetry = choose_vehicle(log.vehicles, vehicle)
-    names = [
-        "tune.html",
-        "gains.params",
-        *(["gains.param"] if telemetry.autopilot == "ARDUPILOTMEGA" else []),
-    ]
     if out is not None:
         check_folder(out)
     signals = Signals(telemetry, inputs=inputs)
@@ -144,6 +139,9 @@ def tune_command(
         judgement = judgement._replace(next_step=step)
     document |= judgement._asdict()
     document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
+    names = ["tune.html"]
+    if gains:
+        names += ["gains.params", *["gains.param"] * (telemetry.autopilot == "ARDUPILOTMEGA")]
     if out is not None:
         texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
         with files_in(out, names) as paths:
