@@ -1,9 +1,6 @@
 """A flight under way reaches a recording sample for sample, and nothing that shows it holds up who learns from it."""
 
 import os
-import resource
-import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -385,32 +382,40 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
     assert texts(path)[0].startswith("not drawn: ") and len(drawn(path)["motors"][0]) >= 1
 
 
-@pytest.mark.slow
-def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
-    path = tmp_path / "flight.rrd"
-    killed = tmp_path / "killed.rrd"
-    sending = SinkThread(RecordingFile(path), uuid4())  # not started: each turn is taken here
+FULL_DISK = """
+import resource, shutil, signal, sys
+from contextlib import closing
+from test_live_view import CHANNELS, ROW, LiveView, RecordingFile, until
+
+path, killed = sys.argv[1:]
+sink = RecordingFile(path)
+sink.period = 0.01
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+with closing(LiveView([sink])) as view:
+    view.change(CHANNELS)
+    (thread,) = view._threads
 
     def send():
-        for i in range(500):
-            row = ViewRow(50.0 + DT * i, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS)
-            sending.put(row)
-        sending.turn()
-        return sending.trouble
+        thread.held = True
+        for _ in range(500):
+            view.put(*ROW)
+        thread.held = False
 
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    try:
-        assert not send()
-        shutil.copy(path, killed)  # as a process that is killed leaves it
-        resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 3000, limits[1]))
-        # What fails while it is flushed is noticed by a later flush, or Rerun no longer answers.
-        trouble = next(filter(None, (send() for _ in range(1000))))
-        if "does not respond" in trouble:  # a slow machine: it is cut when the failure shows
-            sending.sink.delivered(arrived=False)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, before)
+    send()
+    until(lambda: sink.whole)
+    shutil.copy(path, killed)  # as a process that is killed leaves it
+    resource.setrlimit(resource.RLIMIT_FSIZE, (sink.path.stat().st_size + 3000,) * 2)
+    # What fails while it is flushed is noticed by a later flush, or Rerun no longer answers.
+    until(lambda: send() or view.troubles)
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
+    path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
+    command = [sys.executable, "-c", FULL_DISK, str(path), str(killed)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run(command, env=environment, check=True, timeout=5 * PATIENCE)
     assert len(drawn(killed)["motors"][0]) == 500
     assert len(drawn(path)["motors"][0]) == 500
 
