@@ -1,7 +1,7 @@
 """The frames in the bytes of a link, and the messages in them that a model needs, one at a time.
 
-A frame counts as in files: with a correct checksum; where there is damage, garbage or another dialect, ``find_frames``
-decides what came before the next good one. Nothing is lost by waiting for that.
+A frame counts as in files: with a correct checksum; frames of another dialect, or damaged ones, where they fill the
+bytes between two good ones exactly.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
 from mavdem.alignment.signals import IGNORED
 from mavdem.ingest.mavlink import framing
-from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
+from mavdem.ingest.mavlink.definitions import definitions, parameter_values
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.vocabulary import euler_angles
@@ -55,6 +55,7 @@ class Frame(NamedTuple):
     sequence: int
     verdict: int  # ``GOOD``, ``UNKNOWN`` or ``FAILED`` of ``framing``
     payload: bytes  # as sent, without the zeros that MAVLink 2 truncates
+    content: bytes  # all of it
 
 
 class FrameReader:
@@ -63,73 +64,62 @@ class FrameReader:
     def __init__(self) -> None:
         self.unread = 0  # number of those of other dialects, and damaged ones
         self._rest = b""
-        message_readers(), seeds()  # slow the first time
+        self._searched = 0  # bytes of that in which no good frame begins
+        message_readers()  # slow the first time
 
     def feed(self, piece: bytes) -> list[Frame]:
         """Returns the frames that the next bytes complete, in order; good ones do not depend on how bytes are cut."""
         data = self._rest + piece
-        start = 0
-        read: list[Frame] = []
-        while start < len(data):
-            frame, end = _frame_at(data, start)
-            if frame is not None and frame.verdict == framing.GOOD:
-                read.append(frame)
-                start = end
-            elif end < len(data) and (decided := self._search(data, start, read)) is not None:
-                start = decided
-            else:
-                break  # incomplete, or alone: what follows decides
-        self._rest = data[start:]
-        self.unread += sum(frame.verdict != framing.GOOD for frame in read)
+        begin = 0
+        place = self._searched
+        read = list[Frame]()
+        while (length := _announced(data, place)) <= len(data) - place:
+            frame = _frame_of(data[place : place + length]) if length else None
+            if frame is None or frame.verdict != framing.GOOD:
+                place += 1
+                continue
+            others = _filling(data[begin:place])
+            self.unread += len(others)
+            read += [*others, frame]
+            begin = place = place + length
+        begin = max(begin, place - MAX_UNDECIDED)
+        self._rest = data[begin:]
+        self._searched = place - begin
         return read
 
-    def _search(self, data: bytes, start: int, read: list[Frame]) -> int | None:
-        """Adds the frames up to the last good one, as a file's are found; returns where they end, None if unknown."""
-        table = framing.concatenated(
-            list(framing.find_frames(np.frombuffer(data, np.uint8)[start:], seeds()))
-        )
-        good = np.flatnonzero(table.verdict == framing.GOOD)
-        if len(good):
-            table = table[: int(good[-1]) + 1]
-            until = int(table.end[-1])
-        elif len(data) - start <= MAX_UNDECIDED:
-            return None
-        else:
-            table = table[table.end <= len(data) - start - framing.LONGEST_FRAME]
-            until = len(data) - start - framing.LONGEST_FRAME
-        columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
-        for begin, length, *header in zip(
-            start + table.payload, table.length, *columns, strict=True
-        ):
-            read.append(Frame._make([*map(int, header), data[begin : begin + length]]))
-        return start + until
+
+def _announced(data: bytes, start: int) -> int:
+    """Bytes of the frame whose header is at ``start``; 0 if none is, and the most where that does not show yet."""
+    header = data[start : start + 3]
+    return (framing.announced_length(*header) or 0) if len(header) == 3 else framing.LONGEST_FRAME
 
 
-def _frame_at(data: bytes, start: int) -> tuple[Frame | None, int]:
-    """The frame announced by the header at ``start``, None without a complete one, and where it ends or would end."""
-    header = data[start : start + framing.HEADER]
-    if header[0] not in (framing.MARKER_1, framing.MARKER_2):
-        return None, start
-    if len(header) < 3:
-        return None, len(data)
-    length = framing.announced_length(*header[:3])
-    if length is None:
-        return None, start
-    if (end := start + length) > len(data):
-        return None, end
-    first, size = (4, framing.HEADER) if header[0] == framing.MARKER_2 else (2, framing.HEADER_1)
-    sequence, system, component = header[first : first + 3]
-    message_id = int.from_bytes(header[first + 3 : size], "little")
-    payload = start + size
-    behind = start + size + header[1]
+def _filling(data: bytes) -> list[Frame]:
+    """The frames of other dialects, or damaged ones, that fill the bytes between two good ones exactly."""
+    frames = list[Frame]()
+    while data:
+        length = _announced(data, 0)
+        if not 0 < length <= len(data):
+            return []
+        frames.append(_frame_of(data[:length]))
+        data = data[length:]
+    return frames
+
+
+def _frame_of(content: bytes) -> Frame:
+    """The frame that bytes are, by their header."""
+    first, size = (4, framing.HEADER) if content[0] == framing.MARKER_2 else (2, framing.HEADER_1)
+    sequence, system, component, *number = content[first:size]
+    message_id = int.from_bytes(bytes(number), "little")
+    behind = size + content[1]
     definition = definitions().get(message_id)
     verdict = framing.UNKNOWN
     if definition is not None:
-        expected = framing.frame_checksum(data[start + 1 : behind], definition.seed)
-        verdict = (
-            framing.GOOD if data[behind] | data[behind + 1] << 8 == expected else framing.FAILED
-        )
-    return Frame(message_id, system, component, sequence, verdict, data[payload:behind]), end
+        sent = int.from_bytes(content[behind : behind + 2], "little")
+        agrees = sent == framing.frame_checksum(content[1:behind], definition.seed)
+        verdict = framing.GOOD if agrees else framing.FAILED
+    payload = content[size:behind]
+    return Frame(message_id, system, component, sequence, verdict, payload, content)
 
 
 class Message(NamedTuple):

@@ -33,6 +33,7 @@ from mavdem.live.decisions import Setup, judged
 from mavdem.live.gusts import LiveGusts
 from mavdem.live.history import LiveHistory, SessionStatus, horizons
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
+from mavdem.live.messages import Frame
 from mavdem.live.rate_request import (
     MAX_TRIES,
     REPLY_SECONDS,
@@ -56,7 +57,7 @@ MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the statu
 MAX_MODELS = 16
 # Of the last fit; where it takes longer, the model before is kept, or twice as long without one
 FIT_SECONDS = 3.0
-# Of analysis between two looks at the link, and of pieces searched at once
+# Of analysis between two looks at the link, and of arrival that is analysed at once
 STEP_SECONDS = 0.02
 TOGETHER_SECONDS = 0.01
 # What waits, from so many s behind on: fits first, then pictures, never rows
@@ -69,11 +70,11 @@ SHED = {
 
 
 class _Piece(NamedTuple):
-    """Bytes, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s."""
+    """Frames, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s."""
 
     arrival: float
     stamp: float
-    data: bytes
+    frames: list[Frame]
 
 
 @dataclass
@@ -235,7 +236,8 @@ class LiveSession:
         resumed = {Missing.MESSAGES: first.arrival - self._heard}
         self._arrival = first.arrival
         self._heard = together[-1].arrival
-        for row in self.stream.feed(first.stamp, b"".join(piece.data for piece in together)):
+        frames = [frame for piece in together for frame in piece.frames]
+        for row in self.stream.take(first.stamp, frames):
             self._take(row)
         self.history.advance(self.stream.now, self.stream.boot)
         landing = self.stream.landing()
@@ -357,10 +359,10 @@ class LiveSession:
             self._lost = True
             self._log(error.fact.but(reopening=True))
             return []
+        pieces = [(stamp, self.stream.frames.feed(data)) for stamp, data in received]
         try:
-            for stamp, data in received:
-                if self.recording is not None:
-                    self.recording.take(stamp, data)
+            for stamp, frames in pieces if self.recording is not None else ():
+                self.recording.take(stamp, frames)
         except OSError as error:
             self.recording = None
             self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=False))
@@ -370,8 +372,8 @@ class LiveSession:
         self._emptied = began if len(received) < MAX_PIECES else first
         # The wall clock may be set meanwhile: nothing arrived before everything had been read.
         return [
-            _Piece(min(max(now - wall + stamp, first), now), stamp, data)
-            for stamp, data in received
+            _Piece(min(max(now - wall + stamp, first), now), stamp, frames)
+            for stamp, frames in pieces
         ]
 
     def _take(self, row: AlignedRow) -> None:
@@ -533,7 +535,7 @@ class LiveSession:
             while request.unconfirmed and not self._lost and (left := until - time.monotonic()) > 0:
                 for piece in self._receive(min(left, 0.05)):
                     if time.monotonic() < until:
-                        self.stream.feed(piece.stamp, piece.data)
+                        self.stream.take(piece.stamp, piece.frames)
                 for message in self.stream.replies():
                     request.take(message)
         if request.restore():

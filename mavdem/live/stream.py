@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
@@ -111,7 +111,7 @@ class LiveStream:
         self.axis = axis
         self._wanted = inputs
         self._can_ask = not asked
-        self._frames = FrameReader()
+        self.frames = FrameReader()  # in the bytes of the link
         self._senders = Senders(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
@@ -158,9 +158,13 @@ class LiveStream:
 
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
+        return self.take(stamp, self.frames.feed(data))
+
+    def take(self, stamp: float, frames: Sequence[Frame]) -> list[AlignedRow]:
+        """Takes the next ``frames`` of the link, received at ``stamp``, UNIX s; returns the rows that they complete."""
         self._received = stamp
         rows = list[AlignedRow]()
-        for frame in self._frames.feed(data):
+        for frame in frames:
             rows += self._take(frame)
             sender = self._senders.of(frame)
             if sender is not self.followed and sender.name in self._senders.rivals:
@@ -207,7 +211,7 @@ class LiveStream:
             lost=followed.lost if followed else 0,
             missing=followed.missing_seconds if followed else 0.0,
             late=sum(stream.late for stream in self._streams.values()),
-            unread=self._frames.unread,
+            unread=self.frames.unread,
             alarms=tuple(self.alarms.latest),
             alarm=(*self._watchdog.alarms, *self.alarms.standing),
             watched=self.watched,

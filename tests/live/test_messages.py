@@ -29,10 +29,13 @@ def by_the_file_reader(content: bytes) -> list[Frame]:
     table = frames_in(content)
     columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
     headers = zip(*(column.tolist() for column in columns), strict=True)
-    payloads = zip(table.payload.tolist(), table.length.tolist(), strict=True)
+    places = zip(
+        *(part.tolist() for part in (table.payload, table.length, table.start, table.end)),
+        strict=True,
+    )
     return [
-        Frame(*header, content[start : start + length])
-        for header, (start, length) in zip(headers, payloads, strict=True)
+        Frame(*header, content[payload : payload + length], content[start:end])
+        for header, (payload, length, start, end) in zip(headers, places, strict=True)
     ]
 
 
