@@ -14,7 +14,7 @@ from mavdem.cli.open import INCOMPATIBLE, load
 @pytest.mark.parametrize(
     ("log", "shown", "application"),
     [
-        ("ardupilot_wind5_steps", "/outputs/roll/", "dropped"),
+        ("ardupilot_wind5_steps", "/flight/0/", "dropped"),
         ("ardupilot_default_rates", "/report", "mavdem"),
     ],
 )
