@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from types import MappingProxyType
@@ -21,7 +21,6 @@ from mavdem.analysis.findings import known_wind
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.grounding import grounded_air, grounds_of
 from mavdem.assessment.judgement import Judgement, judge, unjudged
 from mavdem.assessment.log import simulated_of
 from mavdem.assessment.motion import motion_events
@@ -32,7 +31,7 @@ from mavdem.assessment.responses import LoopResponse, responses_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.spectra import Spectrum
-from mavdem.condition.wind_of_log import air_of
+from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.condition.wind_velocity import WindVelocity, torque_explained
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
@@ -231,8 +230,6 @@ def assess_signals(
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
     events += [*losses_of(changes), *(change.fact for change in changes if not change.weak)]
-    if grounds_of(analysis.condition, events, ending):
-        air = grounded_air(air)
     evidence = Evidence(
         log,
         signals,
@@ -244,8 +241,18 @@ def assess_signals(
         ending,
         loops,
     )
+    if evidence.grounds:
+        evidence = replace(evidence, air=grounded_air(air))
     judgement = judge(evidence, analysis.findings.purposes)
     return Assessment(log, judgement, evidence, analyses)
+
+
+def grounded_air(air: Air) -> Air:
+    """Returns what is known of the ``air`` with facts that are grounded."""
+    wind, own, reason = air
+    if wind is not None:
+        wind = replace(wind, reasons={of: fact.grounded for of, fact in wind.reasons.items()})
+    return wind, own, reason and reason.grounded
 
 
 def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:

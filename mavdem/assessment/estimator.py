@@ -10,7 +10,7 @@ import numpy as np
 from mavdem.alignment.drive import Signal, floats, recorded, series
 from mavdem.alignment.phases import longest
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import flown, reported, worst
+from mavdem.assessment.limits import worst
 from mavdem.assessment.reported import FIX_3D
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
@@ -55,7 +55,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         *innovations,
         *_fixes(evidence),
         *_compass(evidence),
-        *reported(evidence, OF_ESTIMATOR),
+        *evidence.reported(OF_ESTIMATOR),
     ]
     airborne = evidence.verdict.figures.airborne
     return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
@@ -67,7 +67,7 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
     limit = 1.0
     if telemetry.autopilot != "PX4":
         limit = telemetry.parameters.get("FS_EKF_THRESH", 0.0) or EKF_THRESHOLD
-    for part in flown(evidence, _innovations(telemetry)):
+    for part in evidence.flown(_innovations(telemetry)):
         ratios = part.values[:, : len(MEASURED)]
         beyond = ratios >= limit
         velocity, position, _, compass = beyond.T
@@ -114,7 +114,7 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
     """Of GPS, where it ever had a fix in flight."""
     telemetry = evidence.signals.telemetry
     report = recorded(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
-    for part in flown(evidence, report):
+    for part in evidence.flown(report):
         fix, satellites, dilution = part.values.T
         fixed = fix >= FIX_3D
         if not fixed.any():
@@ -131,7 +131,7 @@ def _compass(evidence: Evidence) -> Iterator[Fact]:
     """Of its field, where it is another in the first flight than on the ground before."""
     for message in ("SCALED_IMU", "RAW_IMU"):
         field = recorded(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")
-        for flight in flown(evidence, field):
+        for flight in evidence.flown(field):
             assert field is not None
             before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
             usual = _size(field.values[before])

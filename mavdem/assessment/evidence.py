@@ -1,19 +1,40 @@
-"""Evidence: what lights and headline of one vehicle are judged by, read from the log once."""
+"""Evidence: what lights and headline of one vehicle are judged by, read from the log once.
+
+What was measured counts in flight only: off the ground, and until the vehicle was lost, whose end is no fault of all
+else.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from math import inf
 
+import numpy as np
+
+from mavdem.alignment import phases
+from mavdem.alignment.align import Segment
+from mavdem.alignment.drive import Signal
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.signals import Signals
-from mavdem.condition.condition import Condition
+from mavdem.analysis.overrides import overrides_of
+from mavdem.assessment.axis_margins import AxisMargins, margins_of
+from mavdem.condition.condition import Condition, settled_parts
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import Air
-from mavdem.facts import Fact
+from mavdem.facts import Code, Fact, Level
+from mavdem.facts.assessment import Override
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import Log
+from mavdem.ingest.telemetry import Array
+
+INJECTED = frozenset({"Autotune", "Systemid"})
+"""ArduPilot's modes that move the vehicle themselves, to and over what its gains allow."""
+GROUNDING = (Override.OSCILLATION, Override.SATURATION, MotionEvent.MOTOR_AT_ITS_STOP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,3 +61,66 @@ class Evidence:
     events: tuple[Fact, ...] = ()
     ending: Fact | None = None
     loops: Mapping[str, Loop | Fact] = field(default_factory=dict)
+
+    @cached_property
+    def margins(self) -> tuple[AxisMargins, ...]:
+        """What is known of the margins of roll, pitch and yaw."""
+        return margins_of(self.signals, self.settled(INJECTED), self.loops)
+
+    @cached_property
+    def grounds(self) -> tuple[Fact, ...]:
+        """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor was at its stop.
+
+        Facts about such a vehicle are shown :attr:`~mavdem.facts.Fact.grounded`.
+        """
+        found = [*overrides_of(self.condition, ()), *self.events]
+        grounding = (fact for fact in found if fact.code in GROUNDING)
+        return tuple(filter(None, (self.ending, *grounding)))
+
+    def flights(self, boot: int) -> phases.Intervals:
+        """Returns where the vehicle flew in a ``boot``."""
+        flown = phases.off_ground(phases.flying(self.signals, boot), self.signals, boot)
+        return phases.both(flown, self._before_loss(boot))
+
+    def flown(self, signal: Signal | None) -> Iterator[Signal]:
+        """Yields what of a ``signal`` was measured in each flight."""
+        if signal is None:
+            return
+        for boot in np.unique(signal.boot):
+            here = signal.boot == boot
+            for flight in self.flights(int(boot)):
+                rows = here & phases.during(signal.time, [flight])
+                if rows.any():
+                    yield Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
+
+    def averaged(self, signal: Signal | None) -> Array:
+        """Returns the means over 2 s of a ``signal`` in flight."""
+        means = [phases.average(part) for part in self.flown(signal)]
+        return np.concatenate([np.zeros(0), *means])
+
+    def settled(self, without: frozenset[str]) -> tuple[Segment, ...]:
+        """Returns settled flight in other modes than those."""
+        found = list[Segment]()
+        for part in settled_parts(self.signals):
+            changes = [*self.signals.modes(part.boot), (inf, "")]
+            left_out = [
+                (start, end) for (start, name), (end, _) in pairwise(changes) if name in without
+            ]
+            spans = phases.both([(part.start, part.end)], phases.outside(left_out))
+            spans = phases.both(spans, self._before_loss(part.boot))
+            found += [Segment(part.boot, *span) for span in spans]
+        return tuple(found)
+
+    def reported(self, codes: Container[Code]) -> Iterator[Fact]:
+        """Yields what the autopilot warned of in flight, of these kinds."""
+        for event in self.events:
+            if event.code in codes and event.level in (Level.WATCH, Level.BAD):
+                time = np.array([event.time])
+                if phases.during(time, self.flights(event.figures["boot"])).any():
+                    yield event
+
+    def _before_loss(self, boot: int) -> phases.Intervals:
+        ending = self.ending
+        if ending is None or ending.figures.get("boot", boot) != boot:
+            return [(-inf, inf)]
+        return [(-inf, ending.time or inf)]

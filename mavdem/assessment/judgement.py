@@ -8,7 +8,6 @@ from typing import NamedTuple
 from mavdem.analysis.findings import Finding, next_step
 from mavdem.assessment.estimator import estimator_light
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.grounding import grounds_of
 from mavdem.assessment.log import log_light
 from mavdem.assessment.margins import margins_light
 from mavdem.assessment.motors import motors_light
@@ -56,7 +55,7 @@ class Judgement(NamedTuple):
 def judge(evidence: Evidence, purposes: Sequence[Finding] = ()) -> Judgement:
     """Returns the judgement by the ``evidence``; ``purposes`` are those of a model, graded."""
     lights = {str(light): LIGHTS[light](evidence) for light in Light}
-    if grounds_of(evidence.condition, evidence.events, evidence.ending):
+    if evidence.grounds:
         lights = {name: light.grounded for name, light in lights.items()}
     headline = headline_of(evidence, lights)
     of_model = next_step(purposes) if purposes else None

@@ -1,10 +1,13 @@
-"""Limits: from where on a figure is watched, and from where on it is bad."""
+"""Limits: from where on a figure is watched, and from where on it is bad; and which of several facts is the worst."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
+
+SEVERITY = (Level.UNKNOWN, Level.GOOD, Level.WATCH, Level.BAD)
 
 
 class Limits(NamedTuple):
@@ -18,3 +21,8 @@ class Limits(NamedTuple):
         if figure > self.bad:
             return Level.BAD
         return Level.WATCH if figure > self.watch else Level.GOOD
+
+
+def worst(facts: Iterable[Fact]) -> Fact:
+    """Returns the worst of the facts, the first of such."""
+    return max(facts, key=lambda fact: SEVERITY.index(fact.level))

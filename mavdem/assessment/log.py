@@ -10,7 +10,6 @@ from mavdem.alignment import phases
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import flown
 from mavdem.facts import Fact, Level
 from mavdem.facts.log import LogLight, Simulation
 
@@ -36,7 +35,7 @@ def log_light(evidence: Evidence) -> Fact:
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.verdict.reason)
     rates = usual_rate(attitude), usual_rate(drive)
-    gaps = [np.diff(part.time).max(initial=0.0) for part in flown(evidence, attitude.angles)]
+    gaps = [np.diff(part.time).max(initial=0.0) for part in evidence.flown(attitude.angles)]
     longest = max(gaps, default=0.0)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST

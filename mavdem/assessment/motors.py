@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from mavdem.analysis.overrides import SATURATED
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import worst
+from mavdem.assessment.limits import worst
 from mavdem.condition.condition import HoverFigures
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import MotorsLight, Trim

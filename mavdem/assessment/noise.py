@@ -10,7 +10,6 @@ import numpy as np
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import flights
 from mavdem.assessment.responses import LoopResponse
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.loop import Loop
@@ -79,7 +78,7 @@ def noise_of(evidence: Evidence, responses: Responses) -> Noise:
     if signals.attitude is None:
         return Noise({}, {})
     boots = np.unique(signals.attitude.boot).tolist()
-    spans = [Segment(boot, *span) for boot in boots for span in flights(evidence, boot)]
+    spans = [Segment(boot, *span) for boot in boots for span in evidence.flights(boot)]
     spectra = spectra_of_flight(signals, spans)
     parameters = signals.telemetry.parameters
     noise = Noise(spectra, {name: peaks_of(one) for name, one in spectra.items()})

@@ -11,8 +11,7 @@ from mavdem.alignment import phases
 from mavdem.alignment.drive import Signal, recorded
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import averaged, flown, reported, worst
-from mavdem.assessment.limits import Limits
+from mavdem.assessment.limits import Limits, worst
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
@@ -37,7 +36,7 @@ OF_POWER = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BOARD_VO
 
 def power_light(evidence: Evidence) -> Fact:
     """Returns the worse of battery and supply in flight; unknown where neither was measured."""
-    found = [*_battery(evidence), *_supply(evidence), *reported(evidence, OF_POWER)]
+    found = [*_battery(evidence), *_supply(evidence), *evidence.reported(OF_POWER)]
     airborne = evidence.verdict.figures.airborne
     return worst(found) if found else Fact(PowerLight.POWER_UNMEASURED, airborne=airborne)
 
@@ -46,7 +45,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     """Of the lowest mean over 2 s, and of what was lasting: the voltage that it was below for ``LOW_SECONDS``."""
     signals = evidence.signals
     voltage = signals.voltage
-    means = np.sort(averaged(evidence, voltage))
+    means = np.sort(evidence.averaged(voltage))
     if voltage is None or not len(means):
         return
     parameters = signals.telemetry.parameters
@@ -61,7 +60,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     critical = max(CELL.bad * each, *(parameters.get(name, 0.0) for name in CRITICAL_LEVELS))
     low = max(critical, CELL.watch * each, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
     load = recorded(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
-    resistance, current = _resistance([*flown(evidence, load)])
+    resistance, current = _resistance([*evidence.flown(load)])
     figures: dict[str, Any] = {
         "voltage": means[0],
         "cells": cells,
@@ -76,7 +75,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
         yield Fact(PowerLight.BATTERY_HELD, Level.GOOD, **figures)
     else:
         yield Fact(PowerLight.CELLS_UNKNOWN, **figures)
-    remaining = averaged(evidence, recorded(signals.telemetry, "SYS_STATUS", "battery_remaining"))
+    remaining = evidence.averaged(recorded(signals.telemetry, "SYS_STATUS", "battery_remaining"))
     least = parameters.get("BAT_LOW_THR", 0.0)
     if np.any(left := remaining[remaining > 0] / 100) and left.min() < least:
         yield Fact(PowerLight.CHARGE_LOW, Level.WATCH, share=left.min(), share_limit=least)
@@ -87,7 +86,7 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
     messages = ("POWER_STATUS", "HWSTATUS")
     found = (recorded(evidence.signals.telemetry, name, "Vcc") for name in messages)
     measured = next((one for one in found if one is not None and np.ptp(one.values) > 0), None)
-    volts = averaged(evidence, measured) / 1000
+    volts = evidence.averaged(measured) / 1000
     if not len(volts):
         return
     least = float(volts.min())

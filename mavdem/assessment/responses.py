@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import AXES
-from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import INJECTED, settled
+from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.margins import Complex, OpenLoop
 from mavdem.condition.step_response import (
@@ -44,7 +43,7 @@ class LoopResponse(NamedTuple):
 
 def responses_of(evidence: Evidence) -> Mapping[str, Mapping[str, LoopResponse]]:
     """Returns the responses of "rate" and "attitude" of roll, pitch and yaw, but for injected tests."""
-    parts = settled(evidence, INJECTED)
+    parts = evidence.settled(INJECTED)
     found = dict[str, Mapping[str, LoopResponse]]()
     for axis in AXES:
         signals = evidence.signals.about(axis)

@@ -9,9 +9,8 @@ import numpy as np
 from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
-from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import INJECTED, settled, worst
-from mavdem.assessment.limits import Limits
+from mavdem.assessment.evidence import INJECTED, Evidence
+from mavdem.assessment.limits import Limits, worst
 from mavdem.condition.loop.response import LEAST_COHERENCE
 from mavdem.condition.resonance import WINDOW_SECONDS, spectra
 from mavdem.facts import Fact, Level
@@ -35,7 +34,7 @@ WATCHED_OVERSHOOT = 0.3
 def tracking_light(evidence: Evidence) -> Fact:
     """Returns the light on tracking: the worse of roll and pitch, or what to log."""
     signals = evidence.signals
-    parts = settled(evidence, INJECTED | FREE_MODES)
+    parts = evidence.settled(INJECTED | FREE_MODES)
     axes = (_tracking(signals.about(axis), parts) for axis in TILT_AXES)
     found = [fact for fact in axes if fact is not None]
     if not found:

@@ -7,8 +7,7 @@ import numpy as np
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, within
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flown import SEVERITY
-from mavdem.assessment.limits import Limits
+from mavdem.assessment.limits import SEVERITY, Limits
 from mavdem.condition.condition import settled_parts, vibration_of
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight

@@ -13,8 +13,6 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import Options
 from mavdem.analysis.figures import ALL
 from mavdem.assessment.assess import assess_signals
-from mavdem.assessment.grounding import grounds_of
-from mavdem.assessment.margins import margins_of
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import (
     folder_named,
@@ -101,12 +99,12 @@ def tune_command(
     assessment = assess_signals(log, signals, AXES[0], options, progress=progress)
     evidence = assessment.evidence
     assert evidence is not None
-    grounds = grounds_of(evidence.condition, evidence.events, evidence.ending)
+    grounds = evidence.grounds
     if (oscillation := evidence.condition.oscillation) is not None:
         grounds = (*grounds, lowered(oscillation, telemetry.parameters))
     notch = assessment.noise.notch if filters and not grounds else None
     settings = dict(notch.figures.get("settings", ())) if notch else {}
-    measured = {one.axis: one.facts[0] for one in margins_of(evidence) if one.injected}
+    measured = {one.axis: one.facts[0] for one in evidence.margins if one.injected}
     found = dict[str, Advice | Fact]()
     for one in AXES if axis == ALL else (axis,):
         loop = evidence.loops[one]

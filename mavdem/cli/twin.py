@@ -12,8 +12,8 @@ import numpy as np
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.loops import loops_of_axes
-from mavdem.assessment.grounding import grounds_of_log
+from mavdem.analysis import Options
+from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import (
     Number,
     json_option,
@@ -26,7 +26,6 @@ from mavdem.cli.output import check_file, print_result, printable, progress, say
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.twin import BANDS, Twin, again_of, alike, torque, twin_of
-from mavdem.condition.wind_of_log import air_of
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Twins
@@ -89,12 +88,14 @@ def twin_command(
         check_file(path, "--out", (".toml", *LEFT_OUT))
     log = read_source(source, params)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    with progress("Learning the vehicle", measured=False):
-        found = loops_of_axes(log, signals)
-    if grounds_of_log(signals):
-        found = {
-            axis: one.grounded if isinstance(one, Fact) else one for axis, one in found.items()
-        }
+    evidence = assess_signals(
+        log, signals, AXES[0], Options(whole=False), progress=progress
+    ).evidence
+    assert evidence is not None
+    found = {
+        axis: one.grounded if isinstance(one, Fact) and evidence.grounds else one
+        for axis, one in evidence.loops.items()
+    }
     if isinstance(found["roll"], Fact):
         raise NotLearnable(found["roll"])
     loops = {axis: one for axis, one in found.items() if isinstance(one, Loop)}
@@ -105,7 +106,7 @@ def twin_command(
     ]
     hover = hover_of(signals.about("roll", "motors"), log.components)
     px4 = signals.telemetry.autopilot == "PX4"
-    twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), air_of(signals)[0], mass)
+    twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), evidence.air[0], mass)
     for path in out:
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):

@@ -7,7 +7,6 @@ from typing import Any
 from mavdem.alignment.drive import AXES
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop
-from mavdem.assessment.margins import margins_of
 from mavdem.assessment.responses import LoopResponse
 from mavdem.condition import spectra as measured
 from mavdem.condition.peaks import Peak
@@ -225,7 +224,7 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
 
 def axes_of(assessment: Assessment) -> dict[str, Any]:
     """Returns what is known of each axis."""
-    margins = () if assessment.evidence is None else margins_of(assessment.evidence)
+    margins = () if assessment.evidence is None else assessment.evidence.margins
     resonances = {one.axis: one.response or one.peak for one in margins}
     axes = {}
     nothing = LoopResponse(assessment.headline)

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.analysis.findings import Findings
-from mavdem.assessment.flown import worst
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
+from mavdem.assessment.limits import worst
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level

@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
-from mavdem.assessment.flown import worst
+from mavdem.assessment.limits import worst
 from mavdem.assessment.power import power_light
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.vibration import vibration_light

@@ -17,8 +17,6 @@ from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.grounding import grounds_of
-from mavdem.assessment.margins import margins_of
 from mavdem.assessment.noise import BEFORE, GYRO, Responses
 from mavdem.condition.condition import settled_parts
 from mavdem.condition.inventory import inventory
@@ -199,17 +197,18 @@ def _estimate(found: StepResponse, key: str) -> str:
 
 def _advice(evidence: Evidence) -> dict[str, Advice]:
     """Gains to set of roll and pitch, where their loops are known."""
-    grounds = grounds_of(evidence.condition, evidence.events, evidence.ending)
     loops = {axis: evidence.loops.get(axis) for axis in TILT_AXES}
     return {
-        axis: advise(loop, doubts=grounds) for axis, loop in loops.items() if isinstance(loop, Loop)
+        axis: advise(loop, doubts=evidence.grounds)
+        for axis, loop in loops.items()
+        if isinstance(loop, Loop)
     }
 
 
 def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
     said = dict[str, list[str]]()
-    for one in margins_of(evidence):
+    for one in evidence.margins:
         facts = [one.loop] if isinstance(one.loop, Fact) else []
         for fact in one.facts or facts:
             said.setdefault(str(fact.but(names=(one.axis,))), []).append(one.axis)

@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
-from mavdem.assessment.grounding import grounded_air, grounds_of
-from mavdem.assessment.margins import margins_light, margins_of
+from mavdem.assessment.assess import grounded_air
+from mavdem.assessment.margins import margins_light
 from mavdem.assessment.tracking import ERROR, tracking_light
-from mavdem.condition.condition import condition_of, settled_parts
+from mavdem.condition.condition import settled_parts
 from mavdem.condition.oscillation import Oscillation
 from mavdem.condition.resonance import response_of
 from mavdem.facts import Fact, Level
@@ -85,7 +85,7 @@ def test_a_resonance_is_seen_by_the_response_to_the_setpoint(margin, code, level
     found = evidence(flight(*closed_loop(margin)))
     light = margins_light(found)
     assert (light.code, light.level, light.figures["axis"]) == (code, level, "roll")
-    seen = margins_of(found)[0].response
+    seen = found.margins[0].response
     assert seen is not None
     if level is Level.BAD:
         assert seen.frequency == approx(10.0, abs=1.0) and seen.coherence > 0.9
@@ -252,14 +252,14 @@ def test_nothing_after_the_vehicle_was_lost_counts():
 
 
 def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_is_grounded():
-    condition = condition_of(Signals(HOVER.telemetry()))
     lost = Fact(Ending.CRASHED, time=20.0)
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH)
     caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)
     swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
-    assert not grounds_of(condition, [caught], None)
-    assert grounds_of(condition, [caught, stop], lost) == (lost, stop)
-    (found,) = grounds_of(replace(condition, oscillation=swinging), [], None)
+    sound = evidence(HOVER.telemetry(), events=(caught,))
+    assert not sound.grounds
+    assert replace(sound, events=(caught, stop), ending=lost).grounds == (lost, stop)
+    (found,) = replace(sound, condition=replace(sound.condition, oscillation=swinging)).grounds
     assert found.code is Override.OSCILLATION
     doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
     assert grounded_air((None, None, doubt)) == (None, None, doubt.grounded)

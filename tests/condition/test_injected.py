@@ -9,7 +9,7 @@ from recorded_flights import recorded
 
 from mavdem.alignment.align import recorded_parts
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.margins import AxisMargins
+from mavdem.assessment.axis_margins import AxisMargins
 from mavdem.condition.injected import injected_loop
 from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.margins import OpenLoop, transfer

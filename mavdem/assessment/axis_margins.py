@@ -1,0 +1,135 @@
+"""Margins of an axis: of its loops where they are identified, or else resonances that the log shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+
+from mavdem.alignment.align import Segment, recorded_parts
+from mavdem.alignment.drive import AXES
+from mavdem.alignment.signals import Signals
+from mavdem.condition.injected import injected_loop
+from mavdem.condition.loop.loop import TARGETS, Loop, Target, margin_rating
+from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.resonance import Resonance, peak_of, response_of
+from mavdem.confidence import LEVEL
+from mavdem.facts import Fact, Level
+from mavdem.facts.margins import MarginsLight
+
+LEAST = TARGETS["sharp"]
+USUAL = TARGETS["default"]
+"""The least margins that are advised, surely below which a loop is bad; and the usual ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class AxisMargins:
+    """What is known of the margins of one axis."""
+
+    axis: str
+    loop: Loop | Fact | None
+    """Identified, or why not."""
+    response: Resonance | None
+    """The largest response of the rate to its setpoint."""
+    peak: Resonance | None
+    """A peak of the rate's own spectrum, which the motors share."""
+    injected: OpenLoop | None = None
+    """The rate loop by system identification, without a model of the vehicle."""
+
+    @cached_property
+    def facts(self) -> list[Fact]:
+        """What is known of it: of the loops or else of the spectrum, and of the response."""
+        found = []
+        if self.injected is not None:
+            found.append(_of_injected(self.axis, self.injected))
+        elif isinstance(self.loop, Loop) and self.loop.agrees is not False:
+            found.append(_of_loop(self.loop))
+        elif self.peak is not None:
+            found.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
+        if self.response is not None:
+            found.append(_of_response(self.response))
+        return [fact for fact in found if fact.level is not Level.UNKNOWN]
+
+
+def margins_of(
+    signals: Signals, parts: Sequence[Segment], loops: Mapping[str, Loop | Fact]
+) -> tuple[AxisMargins, ...]:
+    """Returns what is known of the margins of roll, pitch and yaw, by ``parts`` of settled flight and the ``loops``."""
+    return tuple(
+        AxisMargins(
+            one.axis,
+            loops.get(one.axis),
+            response_of(one, parts),
+            peak_of(one, parts),
+            injected_loop(one, recorded_parts(one)),
+        )
+        for one in map(signals.about, AXES)
+    )
+
+
+def _of_loop(loop: Loop) -> Fact:
+    """Good with the margins of the default, and surely the least; bad surely without these."""
+    sure = loop.sure_of(LEAST)
+    rating = margin_rating(loop)
+    level = Level.WATCH
+    if sure >= LEVEL and rating.level is not Level.BAD:
+        level = Level.GOOD
+    elif sure <= 1 - LEVEL:
+        level = Level.BAD
+    return Fact(
+        MarginsLight.LOOP_MARGINS, level, subject=rating.subject, axis=loop.axis, **rating.figures
+    )
+
+
+def _of_injected(axis: str, loop: OpenLoop) -> Fact:
+    """Good with the usual margins, bad without the least."""
+    level = Level.WATCH
+    if _has(loop, USUAL):
+        level = Level.GOOD
+    elif not _has(loop, LEAST):
+        level = Level.BAD
+    return Fact(
+        MarginsLight.LOOP_MEASURED,
+        level,
+        axis=axis,
+        frequency=loop.crossover,
+        phase_margin=loop.phase_margin,
+        gain_margin=loop.gain_margin if isfinite(loop.gain_margin) else None,
+        ms=loop.ms,
+    )
+
+
+def _has(loop: OpenLoop, target: Target) -> bool:
+    """Whether the loop has the margins, as far as it was seen."""
+    return (
+        loop.phase_margin >= target.phase_margin
+        and loop.gain_margin >= target.gain_margin
+        and loop.ms <= target.ms
+    )
+
+
+def _of_response(found: Resonance) -> Fact:
+    """Unknown where the response was not seen far enough, or not surely enough."""
+    assert found.ms_interval is not None
+    low, high = found.ms_interval
+    code = MarginsLight.RESONATES
+    level = Level.UNKNOWN
+    if low > USUAL.ms:
+        level = Level.BAD if low > LEAST.ms else Level.WATCH
+    elif high < USUAL.ms and found.whole:
+        code = MarginsLight.NO_RESONANCE
+        level = Level.GOOD
+    return _of_resonance(code, level, found)
+
+
+def _of_resonance(code: MarginsLight, level: Level, found: Resonance) -> Fact:
+    return Fact(
+        code,
+        level,
+        axis=found.axis,
+        ratio=found.peak,
+        frequency=found.frequency,
+        coherence=found.coherence,
+        rate=found.highest,
+    )
