@@ -284,16 +284,6 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     return change
 
 
-def drag(vehicle: VehicleSpec) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Returns linear (1/s, in hover) and quadratic (1/m) drag along body x and y: a = −(linear + quadratic |v|) v."""
-    body = airframe(vehicle)
-    rotor = body.rotor_drag * vehicle.rotor_drag * 4 * body.hover_speed
-    hull = AIR_DENSITY * body.drag_area / 2
-    return vehicle.drag_linear or (rotor / body.mass,) * 2, vehicle.drag_quadratic or (
-        hull / body.mass,
-    ) * 2
-
-
 def turned(attitude: Quaternion, half: Three) -> Quaternion:
     """An attitude after a small rotation about the body's axes by half angles, rad; not quite of unit length."""
     (a, b, c, d) = attitude

@@ -139,13 +139,6 @@ LIMITS = {
 """The JSON schema's limits, in words."""
 
 
-def in_words(scenario: Scenario) -> list[str]:
-    """Returns what a scenario sets, a line each: its description, its own values, and those of each section."""
-    values = scenario.model_dump(mode="json", exclude_defaults=True)
-    described = [values.pop("description")] if scenario.description else []
-    return described + [f"{key.capitalize()}: {_toml(value)}." for key, value in values.items()]
-
-
 def in_toml(scenario: Scenario) -> str:
     """Returns a scenario file with every value, its meaning and its range; read again it is the same scenario."""
     sections = {

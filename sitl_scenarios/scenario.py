@@ -50,7 +50,7 @@ Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
 
 class Propeller(Section):
-    """A propeller that chips in flight: it gives less thrust, takes less torque, and shakes the vehicle."""
+    """A propeller that chips in flight: it gives less thrust, and takes less torque."""
 
     motor: int = Field(0, ge=0, le=4)
     """Motor that turns it, counted from 1 as the autopilot does; 0: none"""
@@ -60,8 +60,6 @@ class Propeller(Section):
     """Share of its thrust that is left, at the same speed"""
     torque: Left = 0.82
     """Share of its torque that is left; where blades get shorter, thrust goes with R⁴ and torque with R⁵."""
-    unbalance: float = Field(20.0, ge=0, le=1000)
-    """Mass that is missing times its distance from the shaft, g mm: a force that turns with the rotor."""
 
 
 class Load(Section):
@@ -431,12 +429,8 @@ class StreamSpec(Section):
     """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}; 0: not until it is asked for."""
     only_when_asked: bool = False
     """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
-    drag_calibrated: bool = False
-    """Whether the autopilot's drag parameters are set, and WIND, WIND_COV are the true wind; if not, they are 0."""
     system: int = Field(1, ge=1, le=250)
     """Its MAVLink system id"""
-    version: Literal[1, 2] = 2
-    """Of MAVLink's frames"""
 
 
 class Faults(Section):

@@ -1,63 +1,19 @@
-"""Sensors: the autopilot's estimates of the motion, with noise and delay, and what an unbalanced propeller adds."""
+"""Sensors: the autopilot's estimates of the motion, with noise and delay, and what rotors and frame add."""
 
 from __future__ import annotations
 
 from collections import deque
 from itertools import chain, count
-from math import cos, exp, hypot, pi, radians, sin, sqrt
+from math import cos, exp, pi, radians, sin, sqrt
 from operator import add
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sitl_scenarios.dynamics import SPINS, Four, State, Three, frame, turned
-from sitl_scenarios.motion import Motion
-from sitl_scenarios.plan import BOOT_SECONDS
-from sitl_scenarios.scenario import SHAKING, Propeller, Scenario, Sensors, VehicleSpec
+from sitl_scenarios.dynamics import Four, State, Three, turned
+from sitl_scenarios.scenario import SHAKING, Scenario, Sensors
 from sitl_scenarios.vehicles import airframe
 
 FRAME_DAMPING = 0.02  # damping ratio of a frame: of carbon and glass fibre 0.01 to 0.03
-
-
-class Unbalance:
-    """What a chipped propeller shakes: a force u ω² that turns with the rotor, at its hub.
-
-    The body gives way with F/m and M/(I ω), too fast for attitude and position; gyro and accelerometer feel it.
-    The gyro's rates pass a first-order low-pass and are sampled once a ``cycle``, s, so that they alias as real ones.
-    """
-
-    def __init__(self, vehicle: VehicleSpec, propeller: Propeller, cycle: float) -> None:
-        body = airframe(vehicle)
-        places = frame(vehicle.frame, body.arm)
-        self._motor = propeller.motor - 1
-        self._product = 1e-6 * propeller.unbalance if propeller.motor else 0.0  # kg m
-        self._arm = places.forward[self._motor], places.right[self._motor], -body.hub_height
-        # A rotor that turns counter-clockwise seen from above turns negatively about the axis that points down.
-        self._turns = -SPINS[self._motor]
-        self._inertia = body.inertia
-        self._cycle = cycle
-        self._phase = 0.0
-
-    def at(self, rotors: Four, thrust: Four) -> Three:
-        """What the gyro adds to the rates, rad/s; called once a cycle.
-
-        ``rotors``: their speeds, rad/s. ``thrust``: shares that are left; a whole propeller is balanced.
-        """
-        speed = rotors[self._motor]
-        if not self._product or thrust[self._motor] == 1.0 or not speed:
-            return 0.0, 0.0, 0.0
-        self._phase = (self._phase + self._turns * speed * self._cycle) % (2 * pi)
-        force = self._product * speed * speed
-        # The rate is a quarter of a turn behind the moment; the low-pass takes amplitude, and its phase is no matter.
-        fx = force * sin(self._phase)
-        fy = -force * cos(self._phase)
-        x, y, z = self._arm
-        moment = -z * fy, z * fx, x * fy - y * fx
-        passes = 1 / hypot(1.0, speed / (2 * pi * 20.0))  # Hz of ArduPilot's INS_GYRO_FILTER
-        return tuple(
-            passes * one / (inertia * speed)
-            for one, inertia in zip(moment, self._inertia, strict=True)
-        )
 
 
 class RotorNoise:
@@ -102,17 +58,6 @@ class RotorNoise:
         return tuple(total + now for now, _ in self._frame)
 
 
-def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
-    """(N, 3) what the accelerometer feels of an unbalanced propeller: forward, right and down, RMS, m/s²."""
-    propeller = scenario.propeller
-    felt = np.zeros((len(motion), 3))
-    if propeller.motor:
-        force = 1e-6 * propeller.unbalance * motion.rotor_speeds[:, propeller.motor - 1] ** 2
-        chipped = motion.time >= BOOT_SECONDS + propeller.start
-        felt[:, :2] = (chipped * force / (airframe(scenario.vehicle).mass * sqrt(2)))[:, np.newaxis]
-    return felt
-
-
 class Sensing:
     """The way from states to what is known: an exact delay, between cycles, and noise, white from cycle to cycle."""
 
@@ -130,8 +75,8 @@ class Sensing:
             0.0,
         )
 
-    def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> State:
-        """What is known, not of the rotors, in ``state``, the gyro ``shaken``, rad/s; one call each cycle."""
+    def estimate(self, state: State) -> State:
+        """What is known, not of the rotors, in ``state``; one call each cycle."""
         self._seen.append(state)
         last = len(self._seen) - 1
         new = self._seen[max(last - self._whole, 0)]
@@ -149,5 +94,5 @@ class Sensing:
             tuple(map(add, position, noise[:3])),
             tuple(map(add, velocity, noise[3:6])),
             (a * size, b * size, c * size, d * size),
-            tuple(map(add, map(add, rates, noise[9:]), shaken)),
+            tuple(map(add, rates, noise[9:])),
         )

@@ -26,7 +26,7 @@ from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
 from sitl_scenarios.motion import Array, Motion, joined
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
-from sitl_scenarios.sensors import RotorNoise, Sensing, Unbalance
+from sitl_scenarios.sensors import RotorNoise, Sensing
 from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
@@ -60,12 +60,10 @@ class Simulation:
         self._now = 0
         self._arming: int = self._boot
         self._more = scenario.flights - 1
-        spec = scenario.vehicle
         # Of the first arming, whatever the number of flights.
         self._damage = [
             (self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)
         ]
-        self._unbalance = Unbalance(spec, scenario.propeller, self.cycle)
         self._shaking = RotorNoise(scenario, self.cycle / self._steps)
         self.armed = False
         self._commanded = False
@@ -123,8 +121,7 @@ class Simulation:
         state = self._state
         air = self._weather.at(flown + self._boot, self._state.position)
         battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
-        shaken = self._unbalance.at(state.rotors, self._body.condition.thrust)
-        estimate = self._sensing.estimate(state._replace(rates=self._gyro.rates), shaken)
+        estimate = self._sensing.estimate(state._replace(rates=self._gyro.rates))
         reference = self._plan.at(flown * self.cycle)
         landed = (
             1

@@ -30,7 +30,6 @@ from mavdem.files import atomic_writes
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
     in_toml,
-    in_words,
     load,
     names,
     scenario_of,
@@ -40,7 +39,6 @@ from sitl_scenarios.files import (
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.motion import Holding
 from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
@@ -139,11 +137,9 @@ def fly_command(
         )
     chosen = _chosen(scenario, seed, duration, vehicle, changed)
     if describe:
-        words = [printable(line) for line in in_words(chosen)]
         if as_json:
-            values = chosen.model_dump(mode="json")
-            return print_json({"scenario": scenario, "words": words, "values": values})
-        return say("\n".join([*(f"# {line}" for line in words), "", in_toml(chosen)]))
+            return print_json({"scenario": scenario, "values": chosen.model_dump(mode="json")})
+        return say(in_toml(chosen))
     if (udp is None) == (out is None and rrd is None):
         raise click.UsageError(
             "Name files with --out and --rrd, or a ground station to fly live with --udp: choose one."
@@ -228,9 +224,6 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
-    holding = Holding(scenario)
-    holding.add(motion)
-    report |= _say_cautions(holding)
     if out is not None:
         say_aside(
             f"Wrote {report['frames']} frames to {printable(out)}, and the true states to {printable(truth)}."
@@ -241,12 +234,6 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     if rrd is not None:
         say_aside(f"Wrote {printable(rrd)}; open it with `rerun {printable(rrd)}`.")
     return report
-
-
-def _say_cautions(holding: Holding) -> dict[str, Any]:
-    for caution in (cautions := holding.cautions()):
-        say_aside(f"Caution: {caution}.")
-    return {"cautions": cautions}
 
 
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
@@ -274,14 +261,11 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
     if (ran := outcome.flown / outcome.took if outcome.took else speed) < 0.95 * speed:
         say_aside(f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}.")
-    if outcome.unheard:
-        say_aside(
-            f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part."
-        )
-    counted = {"frames": outcome.sent, "commands": outcome.commands, "unheard": outcome.unheard}
-    times = {
+    return {
+        "udp": udp,
+        "frames": outcome.sent,
+        "commands": outcome.commands,
         "flown": round(outcome.flown, 3),
         "took": round(outcome.took, 3),
         "stopped": outcome.stopped,
     }
-    return {"udp": udp, **counted, **times, **_say_cautions(outcome.holding)}

@@ -39,7 +39,7 @@ DOCUMENTS = {
     "live": Published(Live, 4, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),
     "twin": Published(Twin, 4, "`--json` of twin"),
-    "fly": Published(Fly, 2, "`--json` of fly"),
+    "fly": Published(Fly, 3, "`--json` of fly"),
     "reproduce": Published(Reproduce, 3, "numbers.json, and `--json` of reproduce"),
     "error": Published(
         Failure, 2, "`--json` of any command that ends without a document of its own"

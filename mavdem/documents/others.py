@@ -61,8 +61,6 @@ class Fly(Document):
     """all scenarios; with --list only"""
     scenario: str | None = None
     """name or file of the scenario"""
-    words: list[str] | None = None
-    """the scenario in words; with --describe only"""
     values: dict[str, Any] | None = None
     """all keys of the scenario's file; with --describe only"""
     seed: int | None = None
@@ -79,14 +77,10 @@ class Fly(Document):
     """recording for Rerun"""
     took: Seconds = None
     """time that it took"""
-    cautions: list[Said] | None = None
-    """what the vehicle could not do, one sentence each"""
     udp: str | None = None
-    """ground station; with the next four for a live flight only"""
+    """ground station; with the next three for a live flight only"""
     commands: int | None = None
     """number of commands received"""
-    unheard: int | None = None
-    """number of datagrams that were dropped"""
     flown: Seconds = None
     """time that was simulated"""
     stopped: bool | None = None

@@ -68,9 +68,6 @@ class Autopilot:
     # its STATUSTEXT when asked to disarm in the air, and its MAV_RESULT
     denied_in_air: tuple[str, int]
     unknown_message: int  # MAV_RESULT when it is asked for a message that it does not have
-    version: int  # AUTOPILOT_VERSION.flight_sw_version
-    capabilities: int  # MAV_PROTOCOL_CAPABILITY: the encoding of its parameters and MAVLink 2
-    drag: str  # the beginning of its parameters of drag
     # values of others, which a scenario may change, by MAV_PARAM_TYPE
     parameters: Mapping[int, Mapping[str, float]]
     # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast

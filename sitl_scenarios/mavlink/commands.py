@@ -1,7 +1,7 @@
 """Commands: what a ground station asks of a simulated vehicle, and what the vehicle answers.
 
-Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html,
-https://mavlink.io/en/services/mission.html; where the autopilots differ, ``sitl_scenarios.mavlink.autopilots``.
+Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html;
+where the autopilots differ, ``sitl_scenarios.mavlink.autopilots``.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from sitl_scenarios.simulation import Simulation
 
 BROADCAST_ID = 0  # Target system or component of messages to all
 UNDERSTOOD = frozenset(
-    {"COMMAND_LONG", "COMMAND_INT", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ"}
-    | {"REQUEST_DATA_STREAM", "MISSION_REQUEST_LIST"}
+    {"COMMAND_LONG", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "REQUEST_DATA_STREAM"}
 )
 """Messages that are answered; each names its target."""
 
@@ -41,7 +40,6 @@ class Command(IntEnum):
     COMPONENT_ARM_DISARM = 400
     GET_MESSAGE_INTERVAL = 510
     SET_MESSAGE_INTERVAL = 511
-    REQUEST_MESSAGE = 512
 
 
 # What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
@@ -64,16 +62,17 @@ class CommandHandler:
 
     def answer(self, received: Any) -> None:
         """Does what a message asks for; the reply goes out with the transmitter's next block."""
-        whom = {
-            "target_system": received.get_srcSystem(),
-            "target_component": received.get_srcComponent(),
-        }
         match received.get_type():
-            case "COMMAND_LONG" | "COMMAND_INT":
-                command = int(received.command)
-                result = self._result(command, float(received.param1), float(received.param2))
+            case "COMMAND_LONG":
+                result = self._result(received.command, received.param1, received.param2)
                 self.accepted += result == Result.ACCEPTED
-                self._transmitter.ask("COMMAND_ACK", command=command, result=result, **whom)
+                self._transmitter.ask(
+                    "COMMAND_ACK",
+                    command=received.command,
+                    result=result,
+                    target_system=received.get_srcSystem(),
+                    target_component=received.get_srcComponent(),
+                )
             case "PARAM_REQUEST_LIST":
                 self._transmitter.tell_parameters()
             case "PARAM_REQUEST_READ":
@@ -89,9 +88,6 @@ class CommandHandler:
                     (name for one in chosen for name in groups.get(one, ())),
                     1 / rate if rate else inf,
                 )
-            case "MISSION_REQUEST_LIST":
-                # There never is a mission.
-                self._transmitter.ask("MISSION_COUNT", mission_type=received.mission_type, **whom)
 
     def _result(self, command: int, first: float, second: float) -> int:
         """Obeys a command with its first two parameters; returns the MAV_RESULT."""
@@ -105,9 +101,7 @@ class CommandHandler:
             case Command.SET_MESSAGE_INTERVAL:
                 return self._set_interval(first, second)
             case Command.GET_MESSAGE_INTERVAL:
-                return self._request("MESSAGE_INTERVAL", first)
-            case Command.REQUEST_MESSAGE:
-                return self._request(_name(first), second)
+                return self._tell_interval(first)
 
     def _arm(self, arm: float, force: float) -> int:
         if round(arm) not in (0, 1):
@@ -143,25 +137,15 @@ class CommandHandler:
         if changed:
             self._report(f"A ground station asked for {', '.join(changed)}.")
 
-    def _request(self, name: str, argument: float) -> int:
-        """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL reports."""
-        transmitter = self._transmitter
-        if name in transmitter.schedule.usual:
-            transmitter.once.add(name)
-        elif name == "MESSAGE_INTERVAL" and isfinite(argument) and 0 <= argument < 2**16:
-            about = _name(argument)
-            interval = (
-                transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
-            )
-            microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
-            transmitter.ask(name, message_id=int(argument), interval_us=microseconds)
-        elif name == "AUTOPILOT_VERSION":
-            autopilot = transmitter.autopilot
-            transmitter.ask(
-                name, capabilities=autopilot.capabilities, flight_sw_version=autopilot.version
-            )
-        else:
-            return transmitter.autopilot.unknown_message
+    def _tell_interval(self, message: float) -> int:
+        """Says at what interval the message of that id is sent: 0 of one that it does not have, -1 of one at rest."""
+        if not 0 <= message < 2**16:
+            return self._transmitter.autopilot.unknown_message
+        schedule = self._transmitter.schedule
+        name = _name(message)
+        interval = schedule.interval(name) if name in schedule.usual else 0.0
+        microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
+        self._transmitter.ask("MESSAGE_INTERVAL", message_id=int(message), interval_us=microseconds)
         return Result.ACCEPTED
 
 

@@ -18,14 +18,13 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, IN_AIR, LANDING, ON_GROUND, STANDBY
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, drag, euler, pulse
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, euler, pulse
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.sensors import vibration
-from sitl_scenarios.vehicles import AIR_DENSITY, CHARGED, GRAVITY
+from sitl_scenarios.vehicles import CHARGED, GRAVITY
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = 2  # MAV_TYPE
@@ -34,10 +33,7 @@ QUADROTOR = 2  # MAV_TYPE
 SENSORS = 0b1111
 FENCE = 1 << 20
 """MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
-# Of BATTERY_STATUS
-LIPO = 1
-UNKNOWN_TEMPERATURE = 32767
-UNUSED = 65535  # a cell, or a channel, that is not there
+UNUSED = 65535  # a channel that is not there
 # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
 RC_CHANNELS = 18
 UNKNOWN_RSSI = 255
@@ -84,7 +80,6 @@ def written(
     modes = np.array(autopilot.modes)[states - ON_GROUND]
     base = modes[:, 0] + ARMED * motion.armed
     custom = modes[:, 1]
-    millivolts = np.round(1000 * CHARGED * motion.battery)
     rates = by_column("rollspeed pitchspeed yawspeed", motion.known_rates)
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
     outputs[:, : len(SPINS)] = motion.outputs
@@ -107,18 +102,10 @@ def written(
             sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
             fields = {f"onboard_control_sensors_{kind}": bits for kind, bits in sensors.items()}
             fields |= {
-                "voltage_battery": millivolts,
+                "voltage_battery": np.round(1000 * CHARGED * motion.battery),
                 "current_battery": -1,
                 "battery_remaining": -1,
             }
-        case "BATTERY_STATUS":
-            # The whole battery's voltage in the first place, as where no cell is measured by itself.
-            voltages = np.full((len(boot), 10), UNUSED)
-            voltages[:, 0] = millivolts
-            fields = dict.fromkeys(
-                ("current_battery", "current_consumed", "energy_consumed", "battery_remaining"), -1
-            )
-            fields |= {"type": LIPO, "temperature": UNKNOWN_TEMPERATURE, "voltages": voltages}
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
         case "ATTITUDE":
@@ -166,13 +153,6 @@ def written(
                 )
                 % 36000
             )
-        case "WIND":
-            north, east, down = (scenario.stream.drag_calibrated * motion.wind).T
-            angle = np.degrees(np.arctan2(-east, -north))
-            fields = {"direction": angle, "speed": np.hypot(north, east), "speed_z": down}
-        case "WIND_COV":
-            known = scenario.stream.drag_calibrated * motion.wind
-            fields = {"time_usec": boot} | by_column("wind_x wind_y wind_z", known)
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
             fields = {"time_usec": boot % 2**32}
@@ -188,10 +168,6 @@ def written(
             commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
             controls = np.pad(commands, ((0, 0), (0, CHANNELS - len(SPINS))))
             fields = {"time_usec": boot, "controls": controls, "mode": base}
-        case "VIBRATION":
-            # As ArduPilot means it: the accelerometer's RMS above 5 Hz.
-            felt = by_column("vibration_x vibration_y vibration_z", vibration(scenario, motion))
-            fields = {"time_usec": boot} | felt
     return payload(name, len(boot), **fields)
 
 
@@ -234,9 +210,7 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
         name: value for known in autopilot.parameters.values() for name, value in known.items()
     }
     values |= own
-    values |= _drag(autopilot.drag, scenario) | parameters_of(scenario, cycle)
-    if not stream.drag_calibrated:
-        values.pop("EKF2_DRAG_CTRL", None)
+    values |= parameters_of(scenario, cycle)
     kinds = {name: kind for kind, known in autopilot.parameters.items() for name in known}
     return {
         name: Parameter(
@@ -244,15 +218,3 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
         )
         for name in sorted(values)
     }
-
-
-def _drag(name: str, scenario: Scenario) -> dict[str, float]:
-    """The parameters of drag: linear (1/s), the mean of both axes, and the ballistic coefficients (kg/m²) of each."""
-    if not scenario.stream.drag_calibrated:
-        return {}
-    linear, (x, y) = drag(scenario.vehicle)
-    ballistic = {
-        f"{name}_BCOEF_{axis}": AIR_DENSITY / 2 / k if k else 0.0
-        for axis, k in (("X", x), ("Y", y))
-    }
-    return {f"{name}_MCOEF": sum(linear) / 2} | ballistic

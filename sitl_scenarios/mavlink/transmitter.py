@@ -107,8 +107,7 @@ class Transmitter:
     """An autopilot's sending side: what is due by its schedule, what changes, and what it was asked for.
 
     What it sends by itself does not depend on how a flight is cut into blocks. ``parameters`` are by name; ``schedule``
-    and ``clock``, s at the end of the last block, are on the boot clock; ``system`` is the MAVLink system id; ``once``
-    are streamed messages that are sent once more, with the next block.
+    and ``clock``, s at the end of the last block, are on the boot clock; ``system`` is the MAVLink system id.
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
@@ -196,7 +195,6 @@ class Transmitter:
         self._first = first
         self._sequence = 0
         self._state = DISARMED
-        self.once: set[str] = set()
         self.clock = first - boot
         self.schedule = self._scheduled(self.clock)
         self.parameters = parameters(self._scenario, self.autopilot, self._cycle)
@@ -243,9 +241,7 @@ class Transmitter:
             [("PARAM_VALUE", np.arange(len(listed)), np.concatenate(listed))] if listed else []
         )
         placed += self._streams(motion, clock)
-        version = self._scenario.stream.version
-        placed = [row for row in placed if version == 2 or named(row[0]).message_id <= 255]
-        return self._framed(placed, motion.time, version) if placed else _nothing()
+        return self._framed(placed, motion.time) if placed else _nothing()
 
     def _changes(self, motion: Motion) -> list[Placed]:
         """STATUSTEXT where the state changes."""
@@ -264,18 +260,15 @@ class Transmitter:
         placed: list[Placed] = []
         for name in self._rates:
             rows = self.schedule.due(name, clock)
-            if name in self.once:
-                rows = np.union1d(rows, [0])
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
                 sampled = rows_of_motion(motion, rows)
                 placed.append(
                     (name, rows, written(name, sampled, boot, self.autopilot, self._scenario))
                 )
-        self.once.clear()
         return placed
 
-    def _framed(self, placed: list[Placed], time: NDArray[np.float64], version: int) -> Batch:
+    def _framed(self, placed: list[Placed], time: NDArray[np.float64]) -> Batch:
         rows = np.concatenate([rows for _, rows, _ in placed])
         order = np.argsort(rows, kind="stable")
         sequence = np.empty(len(rows), dtype=np.int64)
@@ -287,7 +280,7 @@ class Transmitter:
         for name, own, payloads in placed:
             numbers = (sequence[begin : begin + len(own)] % 256).astype(np.uint8)
             begin += len(own)
-            data, frames = composed_frames(payloads, named(name), sender, numbers, version=version)
+            data, frames = composed_frames(payloads, named(name), sender, numbers)
             batches.append(Batch(time[own], data, frames))
         return joined(batches).taken(order, time[rows[order]])
 

@@ -11,7 +11,7 @@ from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main
 from mavdem.ingest import read_log
-from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of
+from sitl_scenarios.files import in_toml, load, names, scenario_of
 
 SHORT = ["--duration", "20"]
 
@@ -65,8 +65,7 @@ def test_the_list_is_one_a_line_name_first(capsys):
 @pytest.mark.parametrize("name", names())
 def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)
-    text = "\n".join(f"# {sentence}" for sentence in in_words(scenario)) + "\n" + in_toml(scenario)
-    assert scenario_of(tomllib.loads(text)) == scenario
+    assert scenario_of(tomllib.loads(in_toml(scenario))) == scenario
 
 
 @pytest.mark.parametrize(
@@ -115,7 +114,6 @@ def test_describing_prints_every_value_with_what_it_means_and_may_be(capsys, tmp
     said = capsys.readouterr().out
     (tmp_path / "mine.toml").write_text(said)
     assert load(tmp_path / "mine.toml").seed == 9
-    assert "# Faults: {loss = 0.02" in said and "reboot = 80" in said
     values = [line for line in said.splitlines() if " = " in line and line[0] != "#"]
     assert all("  # " in line for line in values if "kind" not in line)
     assert fly(capsys, "lossy_link", "--describe")["values"]["faults"]["loss"] == 0.02

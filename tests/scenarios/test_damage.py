@@ -16,7 +16,6 @@ from sitl_scenarios.dynamics import SPINS, Damage, damages, frame, pulse
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, VehicleSpec
-from sitl_scenarios.sensors import vibration
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
@@ -26,9 +25,7 @@ IRIS = AIRFRAMES["iris"]
 QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
 BREAKS = {
     "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=18.0, weak_thrust=0.8)},
-    "chipped": {
-        "propeller": Propeller(motor=3, start=18.0, thrust=0.85, torque=0.7, unbalance=0.0)
-    },
+    "chipped": {"propeller": Propeller(motor=3, start=18.0, thrust=0.85, torque=0.7)},
     "shifted": {"load": Load(start=18.0, forward=5.0, right=-15.0)},
 }
 
@@ -79,33 +76,6 @@ def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(
     speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
     effects = known["roll_effect_weak"] / known["roll_effect"]
     np.testing.assert_allclose(effects, left * arms / IRIS.arm[1] * speeds, rtol=0.02)
-
-
-def test_an_unbalanced_propeller_shakes_gyro_and_accelerometer():
-    propeller = Propeller(motor=2, start=18.0, thrust=0.9, torque=0.88, unbalance=20.0)
-    scenario = Scenario(duration=40.0, sensors=QUIET, propeller=propeller)
-    motion = fly(scenario)
-    felt = vibration(scenario, motion)
-    before = (motion.time > 10) & (motion.time < 19.9)
-    after = (motion.time > 28.0) & (motion.time < 34.0)
-    assert not felt[before].any()
-    speed = motion.rotor_speeds[after, 1].mean()
-    force = 20e-6 * speed**2
-    assert felt[after].mean(0) == pytest.approx([*[force / IRIS.mass / 2**0.5] * 2, 0.0], rel=0.01)
-    # About the heading: by the arm, and through the gyro's low-pass of 20 Hz.
-    amplitude = (
-        force
-        * np.hypot(*IRIS.arm)
-        / (IRIS.inertia[2] * speed)
-        / np.hypot(1, speed / (2 * np.pi * 20))
-    )
-    turning = motion.known_rates[after, 2] - motion.rates[after, 2]
-    assert turning.std() == pytest.approx(amplitude / 2**0.5, rel=0.05)
-    # At the rotor's own frequency, as sampled.
-    spectrum = np.abs(np.fft.rfft(turning * np.hanning(len(turning))))
-    peak = np.fft.rfftfreq(len(turning), motion.time[1])[np.argmax(spectrum)]
-    alias = abs((speed / (2 * np.pi) + 125) % 250 - 125)
-    assert peak == pytest.approx(alias, abs=1.0)
 
 
 def brief(name: str, duration: float, **vehicle: object) -> Scenario:

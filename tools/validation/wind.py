@@ -43,7 +43,7 @@ def scenario(name: str, vehicle: Values, rng: np.random.Generator) -> Scenario:
     values["sensors"]["misalignment"] = rng.normal(0, 0.7, 2).tolist()
     stream = drawn(TABLES["wind"]["stream"], rng)
     stream["rates"] = {"LOCAL_POSITION_NED": stream.pop("position")}
-    values["stream"] |= stream | {"drag_calibrated": False}
+    values["stream"] |= stream
     return scenario_of(values | {"seed": int(rng.integers(1_000_000))})
 
 
