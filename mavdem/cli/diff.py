@@ -92,7 +92,8 @@ def diff_command(
     first_said = [Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said]
     blocks = difference_blocks(found, parameters)
     with files_in(folder, [PAGE]) as (path,):
-        page = comparison_page(reviews["A"], reviews["B"], found, parameters)
+        called = Path(before).name, Path(after).name
+        page = comparison_page(called, (reviews["A"], reviews["B"]), found, parameters)
         path.write_text(page, "utf-8", "replace")
     say_aside(f"The page is {folder / PAGE}.")
     print_result(document | {"headlines": headlines}, [*first_said, *blocks], as_json)

@@ -13,6 +13,7 @@ from mavdem.cli.output import printable, say_aside
 from mavdem.cli.track import MOST
 from mavdem.dem.parallel import spare_cores
 from mavdem.extras import require
+from mavdem.facts import Fact
 from mavdem.fleet.workers import Limits
 
 SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
@@ -108,4 +109,7 @@ def serve_command(
     def say(address: str) -> None:
         say_aside(f"Serving {printable(folder)} at {address}; Ctrl-C ends it.")
 
-    serve(options, say, is_shown=has_screen and not no_browser)
+    def warn(fact: Fact) -> None:
+        say_aside(printable(f"mavdem: {fact.advised}"))
+
+    serve(options, say, warn, is_shown=has_screen and not no_browser)

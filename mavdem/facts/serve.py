@@ -20,6 +20,7 @@ class Request(Code):
     QUOTA_REACHED = auto()
     BAD_REQUEST = auto()
     NOT_STARTED = auto()
+    SESSION_FAILED = auto()
 
 
 class Start(Code):

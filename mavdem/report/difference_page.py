@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -28,19 +27,18 @@ COLOURS = {"A": PREDICTED, "B": TRUTH}
 
 
 def comparison_page(
-    a: Review,
-    b: Review,
+    names: tuple[str, str],
+    reviews: tuple[Review, Review],
     found: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
     back: tuple[str, str] | None = None,
 ) -> str:
-    """Returns the HTML of two flights by the documents of their reviews, as ``report.json`` has them.
+    """Returns the HTML of two flights, called ``names``, by documents as ``report.json`` has them.
 
     ``found`` is their difference, and ``parameters`` those that changed; ``back`` is name and address of the page that
     leads here.
     """
-    both = {"A": a, "B": b}
-    names = [PurePath(one.get("source") or name).name for name, one in both.items()]
+    both = dict(zip(COLOURS, reviews, strict=True))
     steps = tuple(filter(None, (_steps(both, axis) for axis in AXES)))
     changed = [[one.name, f"{one.before:.4g}", f"{one.after:.4g}"] for one in parameters]
     chapters = [

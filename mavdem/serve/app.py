@@ -80,6 +80,7 @@ STATUS = {
     Request.DISK_FULL: 507,
     Request.QUOTA_REACHED: 507,
     Request.NOT_STARTED: 503,
+    Request.SESSION_FAILED: 503,
 }
 """Of what is refused; 400 of other requests, and 415 of what is no log."""
 
@@ -317,9 +318,9 @@ class Server:
         first, second = (self._flown(name, entry) for name, entry in (("A", a), ("B", b)))
         parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
         found = vehicle_difference(first, second)
-        reviews = (self.library.results_of(one) / REPORT for one in (a, b))
-        first, second = (json.loads(path.read_text()) if path.is_file() else {} for path in reviews)
-        page = comparison_page(first, second, found, parameters, ("Flights", "/"))
+        reviews = self._review(a) or {}, self._review(b) or {}
+        names = a.name, b.name
+        page = comparison_page(names, reviews, found, parameters, ("Flights", "/"))
         return HTMLResponse(without_policy(page, **self._known(request)))
 
     def _flown(self, name: str, entry: Entry) -> list[FlightRow]:
@@ -432,12 +433,14 @@ class Server:
 
     def _flight(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
-        review = None
-        path = self.library.results_of(entry) / REPORT
-        if entry.stage == Stage.DONE and path.is_file():
-            review = json.loads(path.read_bytes())
         listed = Flight.model_validate(entry).as_dict()
-        return JSONResponse({"flight": listed, "review": review})
+        return JSONResponse({"flight": listed, "review": self._review(entry)})
+
+    def _review(self, entry: Entry) -> dict[str, Any] | None:
+        """The document of a flight's review; None before it is done, and of a flight of `mavdem track`."""
+        path = self.library.results_of(entry) / REPORT
+        review: dict[str, Any] | None = json.loads(path.read_bytes()) if path.is_file() else None
+        return review
 
     async def _change(self, request: HttpRequest) -> Response:
         self._need(self.rights.may_write(request), Use.WRITE)

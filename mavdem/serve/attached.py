@@ -8,6 +8,10 @@ from threading import Event, Thread
 
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
+from mavdem.errors import Refusal, fact_of
+from mavdem.facts import Fact
+from mavdem.facts.serve import Request
+from mavdem.facts.session import LinkFact
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
@@ -24,20 +28,29 @@ AXIS = "roll"
 class Attached:
     """Sessions on a link, one after the other, in a thread; nothing is ever sent to a vehicle.
 
-    A session ends when a vehicle that was heard is silent for a minute, or when the server ends.
+    A session ends when a vehicle that was heard is silent for a minute, or when the server ends. The last one ends
+    where something fails, as on a full disk: ``warn`` is called with the reason, and what was recorded is kept.
 
     Attributes:
-        page: HTML of what the running session has so far.
+        problem: why no session runs any longer; None while one does.
 
     Raises:
         Unreadable: the link cannot be opened.
     """
 
-    def __init__(self, link: str, library: Library, notify: Callable[[], None]) -> None:
-        self.page = ""
+    def __init__(
+        self,
+        link: str,
+        library: Library,
+        notify: Callable[[], None],
+        warn: Callable[[Fact], None],
+    ) -> None:
+        self.problem: Fact | None = None
+        self._page = ""
         self._link = Link(link)
         self._library = library
         self._notify = notify
+        self._warn = warn
         self._is_ending = Event()
         self._silent = 0
         self._frames = 0
@@ -53,10 +66,22 @@ class Attached:
         self._thread.join()
         self._link.close()
 
+    @property
+    def page(self) -> str:
+        """HTML of what the running session has so far; raises ``Refusal`` where none runs."""
+        if self.problem is not None:
+            raise Refusal(self.problem)
+        return self._page
+
     def _run(self) -> None:
-        with LearningProcess() as executor:
-            while not self._is_ending.is_set():
-                self._attend(executor)
+        try:
+            with LearningProcess() as executor:
+                while not self._is_ending.is_set():
+                    self._attend(executor)
+        except Exception as error:  # whatever it is: nobody waits for this thread
+            because = fact_of(error)
+            self.problem = Fact(Request.SESSION_FAILED, name=self._link.name, because=because)
+            self._warn(self.problem)
 
     def _attend(self, executor: LearningProcess) -> None:
         """One session."""
@@ -64,33 +89,43 @@ class Attached:
         recording = RawRecording(part)
         began = datetime.now(UTC)
         ignored: Callable[[object], None] = lambda _: None  # noqa: E731
+
+        def check(fact: Fact) -> None:
+            if fact.code is LinkFact.STREAM_RECORDING_ENDED:
+                raise OSError(fact.figures["error"])
+
         session = LiveSession(
             self._link,
             LiveStream(AXIS, None, None, asked=False),
             Settings(),
             ignored,
             ignored,
-            ignored,
+            check,
             executor,
             recording,
         )
         self._silent = self._frames = 0
-        self._show(session, "")
-        run(session, self._is_over, None, PAGE_SECONDS, self._show)
-        session.end()
-        if recording.frames:
-            self._library.entered(part, f"{began:%Y-%m-%d_%H-%M-%S}.tlog")
-            self._notify()
-        else:
-            part.unlink()
+        try:
+            try:
+                self._show(session, "")
+                run(session, self._is_over, None, PAGE_SECONDS, self._show)
+            finally:
+                session.end()
+        finally:
+            if recording.frames:
+                self._library.entered(part, f"{began:%Y-%m-%d_%H-%M-%S}.tlog")
+                self._notify()
+            else:
+                part.unlink()
 
     def _is_over(self) -> bool:
         return self._is_ending.is_set() or self._silent >= SILENT_PAGES
 
     def _show(self, session: LiveSession, _: str) -> str:
-        frames = 0 if session.recording is None else session.recording.frames
+        self._library.room_for(0)  # while there is room to keep the recording
+        frames = session.recording.frames
         self._silent = self._silent + 1 if frames == self._frames > 0 else 0
         self._frames = frames
         known = session.history, session.status, session.account()
-        self.page = live_page(session.link.name, AXIS, *known, None)
+        self._page = live_page(session.link.name, AXIS, *known, None)
         return ""

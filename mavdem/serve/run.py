@@ -48,12 +48,14 @@ class Options(NamedTuple):
     link: str | None = None
 
 
-def serve(options: Options, say: Callable[[str], None], is_shown: bool) -> None:
+def serve(
+    options: Options, say: Callable[[str], None], warn: Callable[[Fact], None], is_shown: bool
+) -> None:
     """Runs a server until it is asked to end.
 
-    ``say`` is called with the server's own address when
-    it listens, and ``is_shown`` opens it in a browser. Raises ``Unreadable``: it cannot listen, or that is not safe, or
-    the folder cannot be written to.
+    ``say`` is called with the server's own address when it listens, ``warn`` with what its owner must know, and
+    ``is_shown`` opens it in a browser. Raises ``Unreadable``: it cannot listen, or that is not safe, or the folder
+    cannot be written to.
     """
     rights = rights_of(options.host, options.token, options.is_behind_proxy)
     listening = _listening(options.host, options.port)
@@ -65,7 +67,7 @@ def serve(options: Options, say: Callable[[str], None], is_shown: bool) -> None:
     # A viewer listens on this machine only, so whoever opens one must sit there.
     can_show = options.host in LOOPBACK and not options.is_behind_proxy and not missing("view")
     show = viewers.show if can_show else None
-    live = Attached(options.link, library, work.notify) if options.link else None
+    live = Attached(options.link, library, work.notify, warn) if options.link else None
     app = Server(library, rights, work, options.sample, show, live).app
     config = uvicorn.Config(
         app,

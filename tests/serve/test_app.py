@@ -147,7 +147,8 @@ def test_a_flight_is_changed_found_and_deleted(served):
 
 def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served):
     a, b = (served.add(f"{name}.ulg", name) for name in ("One.", "Two."))
-    assert served.ask("GET", f"/compare?a={a}&b={b}").status == 200
+    compared = served.ask("GET", f"/compare?a={a}&b={b}")
+    assert compared.status == 200 and "<h1>One..ulg and Two..ulg</h1>" in compared.text
     assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
     with served.library.store() as store:
         assert {row.headline for row in store.healthy} == {"One."}

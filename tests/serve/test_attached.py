@@ -1,12 +1,16 @@
-"""A server that is attached to a link: the page of the session, and its log in the library."""
+"""A server that is attached to a link: the page of the session, its log in the library, and what ends it."""
 
+import errno
 import socket
 import time
 
+import pytest
 from command_line import FLIGHT
 from serving import serving
 
+from mavdem.facts.serve import Request
 from mavdem.ingest import read_log
+from mavdem.live.raw_recording import RawRecording
 from mavdem.serve import attached
 from mavdem.serve.attached import Attached
 from mavdem.serve.library import Library
@@ -20,22 +24,35 @@ def free_port():
         return probe.getsockname()[1]
 
 
-def test_a_session_has_a_page_and_leaves_its_log(tmp_path, monkeypatch):
+@pytest.fixture
+def heard(tmp_path, monkeypatch):
+    """What begins a session that hears a vehicle; and its library, what it warns of, and the logs that came."""
     monkeypatch.setattr(attached, "PAGE_SECONDS", 0.1)
     monkeypatch.setattr(attached, "SILENT_PAGES", 5)
     library = Library(tmp_path)
     come = []
+    warned = []
     port = free_port()
-    live = Attached(f"udpin:127.0.0.1:{port}", library, lambda: come.append(True))
-    live.start()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
-        for first in range(0, len(FRAMES), 1000):
-            vehicle.sendto(FRAMES[first : first + 1000], ("127.0.0.1", port))
-            time.sleep(0.001)
+    live = Attached(f"udpin:127.0.0.1:{port}", library, lambda: come.append(True), warned.append)
+
+    def begin():
+        live.start()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+            for first in range(0, len(FRAMES), 1000):
+                vehicle.sendto(FRAMES[first : first + 1000], ("127.0.0.1", port))
+                time.sleep(0.001)
+        return live
+
+    yield begin, library, warned, come
+    live.stop()
+
+
+def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
+    begin, library, warned, come = heard
+    live = begin()
     while not come:  # it is silent
         time.sleep(0.05)
-    assert f"udpin:127.0.0.1:{port}" in live.page and "1:1" in live.page
-    live.stop()
+    assert "udpin:127.0.0.1:" in live.page and "1:1" in live.page and not warned
     (entry,), _ = library.find("1", [], 10)
     (telemetry,) = read_log(library.path_of(entry)).vehicles
     assert entry.name.endswith(".tlog") and (telemetry.system, telemetry.component) == (1, 1)
@@ -43,3 +60,26 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, monkeypatch):
         assert (
             server.ask("GET", "/live").status == 404 and "/live" not in server.ask("GET", "/").text
         )
+
+
+@pytest.mark.parametrize("fails", ["take", "close"])
+def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, fails):
+    """In the terminal and on the page; what was recorded before is kept."""
+    begin, library, warned, come = heard
+    does = getattr(RawRecording, fails)
+
+    def full(recording, *given):
+        if recording.frames or fails == "close":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        does(recording, *given)
+
+    monkeypatch.setattr(RawRecording, fails, full)
+    live = begin()
+    while not warned:
+        time.sleep(0.05)
+    assert warned[0].code is Request.SESSION_FAILED and "No space left" in warned[0].sentence
+    assert come and library.find("1", [], 10)[1] == 1
+    monkeypatch.setattr(live, "start", lambda: None)
+    with serving(tmp_path / "other", live=live) as server:
+        answer = server.ask("GET", "/live")
+        assert answer.status == 503 and "No space left" in answer.text

@@ -177,7 +177,7 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
         given = Options(
             tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
         )
-        serve(given, print, is_shown=False)
+        serve(given, print, print, is_shown=False)
     assert refused.value.fact.code is Start.ADDRESS_NOT_FREE
     assert not (tmp_path / "two").exists()
 
