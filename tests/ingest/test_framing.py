@@ -13,10 +13,8 @@ from mavlink_streams import NOW, beginning, flight, frame, frames_in, heartbeat,
 from numpy.typing import NDArray
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
-from pymavlink.generator.mavcrc import x25crc
 from whole_logs import read
 
-from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import columns, definitions
 from mavdem.ingest.mavlink.framing import FAILED, GOOD, Bytes, Frames
 from mavdem.ingest.mavlink.vehicles import MAX_STAMP_JUMP
@@ -89,19 +87,6 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
         2,
     ]
     assert GOOD not in frames_in(content).verdict
-
-
-@given(st.binary(min_size=300, max_size=2000), st.data())
-def test_checksums_are_pymavlinks(content, data):
-    behind = np.frombuffer(content + bytes(framing.MAX_CHECKSUM_BYTES), dtype=np.uint8)
-    count = np.array(data.draw(st.lists(st.integers(5, 264), min_size=1, max_size=40)))
-    start = np.array(
-        data.draw(
-            st.lists(st.integers(0, len(content) - 1), min_size=len(count), max_size=len(count))
-        )
-    )
-    theirs = [x25crc(behind[a : a + b].tolist()).crc for a, b in zip(start, count, strict=True)]
-    assert framing._by_words(behind, start, count).tolist() == theirs
 
 
 def theirs(content: bytes, folder: Path) -> list[Any]:

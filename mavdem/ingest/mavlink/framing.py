@@ -1,4 +1,4 @@
-"""MAVLink frames in bytes: one scan, block by block, checksums by column, a table of frames.
+"""MAVLink frames in bytes: one scan, block by block, and a table of frames.
 
 A frame is good when its checksum agrees. Bytes FD and FE also occur inside payloads and time stamps, so a marker is
 only a candidate. Candidates are accepted in this order:
@@ -18,88 +18,31 @@ https://mavlink.io/en/guide/message_signing.html (signature of 13 bytes).
 from __future__ import annotations
 
 from array import array
-from binascii import crc_hqx
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from fastcrc.crc16 import mcrf4xx
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.ingest.telemetry import Flags
 
 Bytes = NDArray[np.uint8]
-Registers = NDArray[np.uint16]
 Places = NDArray[np.int64]
 Seeds = NDArray[np.int32]  # CRC_EXTRA by message id, -1 for none
 
-# Words of two bytes; frames between two of these lengths are checked in one table
-TIERS = (0, 8, 16, 32, 64, 140)
-MAX_CHECKSUM_BYTES = 2 * TIERS[-1]  # Bytes that a checksum may cover
-
-
-def checksums(data: Bytes, start: Places, count: Places, seed: Seeds) -> Registers:
-    """Checksums (N,) of ``count`` bytes from ``start`` on and the byte ``seed`` after them, each of shape (N,).
-
-    ``data`` must have ``MAX_CHECKSUM_BYTES`` after the last ``start``; no ``count`` may be above that.
-    """
-    return _after_byte(_by_words(data, start, count), seed.astype(np.uint16))
-
 
 def frame_checksum(content: bytes, seed: int) -> int:
-    """Returns the checksum of a frame's ``content`` and ``seed``, by the library's polynomial with bits reversed."""
-    register = crc_hqx((content + bytes((seed,))).translate(_MIRRORED), 0xFFFF)
-    return _MIRRORED[register >> 8] | _MIRRORED[register & 0xFF] << 8
+    """Returns the checksum of a frame's ``content`` and ``seed``, which is its CRC_EXTRA."""
+    return mcrf4xx(content + bytes((seed,)))
 
 
 def rows_of(data: Bytes, start: Places, width: int) -> Bytes:
     """Returns the ``width`` bytes from each ``start`` (N,) on, as a table (N, width)."""
     everywhere = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
     return everywhere[start].view(np.uint8).reshape(len(start), width)
-
-
-def _by_words(data: Bytes, start: Places, count: Places) -> Registers:
-    """Registers after ``count`` bytes; each step takes two bytes of all frames that are long enough."""
-    order = np.argsort(count.astype(np.uint16), kind="stable")
-    start = start[order]
-    count = count[order]
-    words = count // 2
-    sorted_registers = np.full(len(start), 0xFFFF, dtype=np.uint16)
-    for shortest, longest in pairwise(np.searchsorted(words, TIERS, side="right").tolist()):
-        if shortest == longest:
-            continue
-        tier = slice(shortest, longest)
-        most = int(words[longest - 1])
-        table = rows_of(data, start[tier], 2 * most).view("<u2")
-        register = sorted_registers[tier]
-        for step, first in enumerate(np.searchsorted(words[tier], np.arange(most), side="right")):
-            register[first:] = _WORD.take(register[first:] ^ table[first:, step], mode="wrap")
-    odd = np.flatnonzero(count % 2)
-    sorted_registers[odd] = _after_byte(sorted_registers[odd], data[start[odd] + count[odd] - 1])
-    registers = np.empty_like(sorted_registers)
-    registers[order] = sorted_registers
-    return registers
-
-
-def _after_byte(register: Registers, byte: NDArray[np.uint8] | Registers) -> Registers:
-    return np.asarray(
-        register >> 8 ^ _WORD[:: 1 << 8].take((register ^ byte) & 0xFF), dtype=np.uint16
-    )
-
-
-def _word_table() -> Registers:
-    """The register after two more bytes, indexed by register XOR the bytes as a little-endian word."""
-    register = np.arange(1 << 16, dtype=np.uint16)
-    for _ in range(16):
-        register = np.where(register & 1, register >> 1 ^ 0x8408, register >> 1).astype(np.uint16)
-    return register
-
-
-_WORD = _word_table()
-# Each byte with its bits in reverse order
-_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 MARKER_1: int = dialect.PROTOCOL_MARKER_V1
@@ -216,6 +159,7 @@ class _FrameBlock:
         self._bytes = np.zeros(end - begin + LONGEST_FRAME + gap + 2, dtype=np.uint8)
         there = data[begin : begin + len(self._bytes)]
         self._bytes[: len(there)] = there
+        self._content = self._bytes.tobytes()
         block = self._bytes[: end - begin]
         start = np.flatnonzero((block == MARKER_1) | (block == MARKER_2))
         header = rows_of(self._bytes, start, HEADER)
@@ -244,8 +188,12 @@ class _FrameBlock:
         seeds = seeds[known]
         behind = frames.payload + frames.length - self._begin
         sent = self._bytes[behind] | self._bytes[behind + 1].astype(np.uint16) << 8
-        body = frames.start - self._begin + 1
-        return frames[sent == checksums(self._bytes, body, behind - body, seeds)]
+        covered = (frames.start - self._begin + 1, behind, seeds)
+        expected = [
+            frame_checksum(self._content[first:last], seed)
+            for first, last, seed in zip(*(each.tolist() for each in covered), strict=True)
+        ]
+        return frames[sent == np.array(expected, dtype=np.uint16)]
 
 
 def _lengths(header: Bytes) -> Places:
