@@ -65,7 +65,6 @@ class Flaw(StrEnum):
 
     DAMAGE = auto()
     ANOTHER_DIALECT = auto()
-    DAMAGED_CHUNK = auto()
     UNDEFINED = auto()
     UNDECODABLE = auto()
     CUT_OFF = auto()

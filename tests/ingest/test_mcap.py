@@ -18,7 +18,7 @@ from ros2_files import TIMES as SHORT
 from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
 
 from mavdem.errors import Unreadable
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Repair, Source
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
@@ -220,10 +220,10 @@ def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     with Recorder(path, compression=compression, use_chunking=chunked, chunk_size=3000) as recorder:
         recorder.flight(TIMES[:50])
     recording = McapRecording(path.read_bytes())
-    ours = [(one.channel.topic, one.log_time, one.data) for one in recording.messages()]
+    ours = list(recording.messages())
     with path.open("rb") as file:
         read = NonSeekingReader(file).iter_messages(log_time_order=False)
-        assert ours == [(channel.topic, one.log_time, one.data) for _, channel, one in read]
+        assert ours == [one for *_, one in read]
     assert recording.repairs() == ()
 
 
@@ -340,7 +340,7 @@ def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path):
     path.write_bytes(wrong)
     (vehicle,) = read_mcap(path).vehicles
     assert (vehicle.messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
-    assert Flaw.DAMAGED_CHUNK in [fact.figures.get("flaw") for fact in vehicle.repairs]
+    assert Repair.CHUNKS_DAMAGED in [fact.code for fact in vehicle.repairs]
 
 
 def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):

@@ -15,19 +15,19 @@ characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the
 
 from __future__ import annotations
 
-import inspect
 import json
 import os
 import re
-from array import array
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache, reduce
 from math import nan
 from operator import or_
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap.records import Channel
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
@@ -49,7 +49,7 @@ from mavdem.ingest.mavlink.framing import (
     find_in_pieces,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
-from mavdem.ingest.mcap.records import Channel, McapRecording
+from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Facts, Log, repair
 
@@ -82,25 +82,32 @@ def mcap_stream(path: PathName) -> FrameStream:
     return stream
 
 
+class _Piece(NamedTuple):
+    """What a message of a recording holds of a stream of frames: a frame, several, or a part of one."""
+
+    place: int
+    log_time: int
+    data: bytes
+
+
 def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, int]:
     """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
-    carried: dict[Channel, _Carried | None] = {}
+    carried: dict[int, list[_Piece] | None] = {}
     for place, message in enumerate(recording.messages()):
-        channel = message.channel
-        if channel not in carried:
-            marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
-            bare = channel.schema == 0 and channel.encoding not in NO_FRAMES and marked
-            carried[channel] = _Carried() if channel.encoding == "mavlink" or bare else None
-        if (frames := carried[channel]) is not None:
-            frames.add(place, message.log_time, message.data)
-    parts = [frames.part() for frames in carried.values() if frames is not None]
+        number = message.channel_id
+        if number not in carried:
+            carries_frames = _carries_frames(recording.channels[number], message.data)
+            carried[number] = [] if carries_frames else None
+        if (pieces := carried[number]) is not None:
+            pieces.append(_Piece(place, message.log_time, message.data))
+    parts = [_part(pieces) for pieces in carried.values() if pieces is not None]
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     heard: set[FrameSender] = set()
     for part in parts:
         good = part.frames[part.frames.verdict == GOOD]
         heard |= set(map(FrameSender, good.system.tolist(), good.component.tolist()))
-    topics = _json_topics(recording.channels.values())
-    own = {channel: topic for channel, topic in topics.items() if topic.sender not in heard}
+    topics = _json_topics(recording)
+    own = {number: topic for number, topic in topics.items() if topic.sender not in heard}
     repairs = recording.repairs()
     unread = 0
     if own:
@@ -116,25 +123,20 @@ def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, 
     return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, repairs), 0
 
 
-class _Carried:
-    """The messages of a channel, each of which is a frame, several, or a part of one."""
+def _carries_frames(channel: Channel, data: bytes) -> bool:
+    is_bare = channel.schema_id == 0 and channel.message_encoding not in NO_FRAMES
+    return channel.message_encoding == "mavlink" or (
+        is_bare and data.startswith((bytes([MARKER_1]), bytes([MARKER_2])))
+    )
 
-    def __init__(self) -> None:
-        # Arrays, not lists, whose integers take five times the memory: there may be millions of messages.
-        self.content = bytearray()
-        self.ends, self.places, self.log_times = array("q"), array("q"), array("Q")
 
-    def add(self, place: int, log_time: int, data: bytes) -> None:
-        self.content += data
-        self.ends.append(len(self.content))
-        self.places.append(place)
-        self.log_times.append(log_time)
-
-    def part(self) -> RecordingPart:
-        data = np.frombuffer(self.content, dtype=np.uint8)
-        frames, holding = find_in_pieces(data, np.array(self.ends), seeds())
-        places, times = np.array(self.places), np.array(self.log_times)
-        return RecordingPart(data, frames, places[holding], times[holding])
+def _part(pieces: Sequence[_Piece]) -> RecordingPart:
+    data = np.frombuffer(b"".join(piece.data for piece in pieces), dtype=np.uint8)
+    ends = np.cumsum([len(piece.data) for piece in pieces], dtype=np.int64)
+    frames, holding = find_in_pieces(data, ends, seeds())
+    places = np.array([piece.place for piece in pieces], dtype=np.int64)
+    times = np.array([piece.log_time for piece in pieces], dtype=np.uint64)
+    return RecordingPart(data, frames, places[holding], times[holding])
 
 
 class JsonTopic(NamedTuple):
@@ -144,57 +146,51 @@ class JsonTopic(NamedTuple):
     name: str
 
 
-def _json_topics(channels: Iterable[Channel]) -> dict[Channel, JsonTopic]:
+def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
     """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
-    found: dict[JsonTopic, Channel] = {}
-    for channel in sorted(channels, key=lambda one: one.topic.startswith("/")):
+    found: dict[int, JsonTopic] = {}
+    names = {channel.topic for channel in recording.channels.values()}
+    for number, channel in recording.channels.items():
         topic = re.fullmatch(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)", channel.topic)
-        if topic is not None and channel.encoding in JSON:
+        repeats = channel.topic.startswith("/") and channel.topic[1:] in names
+        if topic is not None and channel.message_encoding in JSON and not repeats:
             ids = int(topic[1]), int(topic[2])
             if max(ids) <= 255:
-                found.setdefault(JsonTopic(FrameSender(*ids), topic[3]), channel)
-    return {channel: topic for topic, channel in found.items()}
+                found[number] = JsonTopic(FrameSender(*ids), topic[3])
+    return found
 
 
-def _json_part(
-    content: bytes, topics: Mapping[Channel, JsonTopic]
-) -> tuple[RecordingPart, int, Facts]:
-    """The JSON messages of these topics as frames, how many are none, and why.
-
-    None of a damaged chunk: no checksum shows a wrong digit there.
-    """
-    written = _Carried()
+def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[RecordingPart, int, Facts]:
+    """The JSON messages of these topics as frames, how many are none, and why."""
+    written: list[_Piece] = []
     last: dict[FrameSender, int] = {}
     unknown: Counter[str] = Counter()
     wrong: Counter[str] = Counter()
-    damaged = 0
-    for place, message in enumerate(McapRecording(content).messages()):
-        if message.channel not in topics:
+    recording = McapRecording(content)
+    for place, message in enumerate(recording.messages()):
+        if message.channel_id not in topics:
             continue
-        sender, name = topics[message.channel]
+        sender, name = topics[message.channel_id]
         definition = definition_named(name)
-        if not message.sound:
-            damaged += 1
-        elif definition is None:
+        if definition is None:
             unknown[name] += 1
+            continue
+        payload, number = read_body(message.data, definition)
+        # Without a number in its header, a message shows no loss.
+        last[sender] = (last.get(sender, -1) + 1) % 256 if number is None else number
+        if payload is None:
+            wrong[recording.channels[message.channel_id].topic] += 1
         else:
-            payload, number = read_body(message.data, definition)
-            # Without a number in its header, a message shows no loss.
-            last[sender] = (last.get(sender, -1) + 1) % 256 if number is None else number
-            if payload is None:
-                wrong[message.channel.topic] += 1
-            else:
-                frame = frame_of(payload, definition, sender, last[sender])
-                written.add(place, message.log_time, frame)
+            frame = frame_of(payload, definition, sender, last[sender])
+            written.append(_Piece(place, message.log_time, frame))
     names = [name for name, _ in unknown.most_common(5)]
     more = len(unknown) - len(names)
-    code = Repair.LOGGED_MESSAGES_LEFT_OUT
+    undecodable = {"flaw": Flaw.UNDECODABLE, "names": sorted(wrong)}
     left_out = (
-        *repair(code, count=damaged, flaw=Flaw.DAMAGED_CHUNK, name="JSON"),
-        *repair(code, count=wrong.total(), flaw=Flaw.UNDECODABLE, names=sorted(wrong)),
+        *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=wrong.total(), **undecodable),
         *repair(Repair.JSON_OF_NO_DIALECT, count=unknown.total(), names=names, more=more),
     )
-    return written.part(), unknown.total() + wrong.total(), left_out
+    return _part(written), unknown.total() + wrong.total(), left_out
 
 
 def _nothing_in(path: PathName, recording: McapRecording, messages: int) -> Fact:
@@ -218,8 +214,8 @@ _PARSER = json.JSONDecoder(strict=False)  # texts may contain control characters
 def read_body(body: bytes, definition: MessageDefinition) -> tuple[bytes | None, int | None]:
     """Returns the payload of the message in a body of either layout, and its sequence number; None without them.
 
-    It has one where it has the message's name and all values have the right type. A missing field is zero where it is
-    an extension or an integer, as on the wire, and else NaN. A parameter of value NaN becomes a float.
+    It has one where it has the message's name and all values have the right type. A missing field is zero, or NaN
+    where it is a float. A parameter of value NaN becomes a float.
     """
     message = _document(body)
     number = None
@@ -234,13 +230,11 @@ def read_body(body: bytes, definition: MessageDefinition) -> tuple[bytes | None,
             message["type"] = message["mavtype"]
     if not isinstance(message, dict) or message.keys().isdisjoint(definition.fields):
         return None, number
-    made = np.zeros(1, dtype=definition.wire)
+    made = _unsent(definition).copy()
     try:
         with np.errstate(over="raise", invalid="ignore"):
-            made[0] = tuple(
-                _value(message[name], kind, absent) if name in message else absent
-                for name, kind, absent in _fields(definition)
-            )
+            for name in message.keys() & set(definition.fields):
+                made[name] = _value(message[name], definition.wire[name], made[name][0].tolist())
     except (TypeError, ValueError, ArithmeticError):
         return None, number
     if definition.name == "PARAM_VALUE" and np.isnan(made["param_value"][0]):
@@ -250,14 +244,13 @@ def read_body(body: bytes, definition: MessageDefinition) -> tuple[bytes | None,
 
 
 @lru_cache(maxsize=1 << 10)
-def _fields(definition: MessageDefinition) -> list[tuple[str, np.dtype[Any], Any]]:
-    """Name, type and value where it was not sent, of each field."""
-    wire = definition.wire
-    empty = np.zeros(1, dtype=wire)
-    for name in set(definition.fields) - _extensions(definition.message_id):
-        if wire[name].base.kind == "f":
-            empty[name] = nan
-    return [(name, wire[name], empty[name].tolist()[0]) for name in wire.names or ()]
+def _unsent(definition: MessageDefinition) -> NDArray[Any]:
+    """The message without any of its fields: zeros, and NaN where it has floats."""
+    made = np.zeros(1, dtype=definition.wire)
+    for name in definition.fields:
+        if definition.wire[name].base.kind == "f":
+            made[name] = nan
+    return made
 
 
 def _document(body: bytes) -> Any:
@@ -267,15 +260,6 @@ def _document(body: bytes) -> Any:
         # Rust prints an infinity so, instead of JSON5's Infinity.
         repaired = re.sub(rb"(?<=[:,\[])\s*(-?)inf(?=\s*[,\]}])", rb"\1Infinity", body)
         return None if repaired == body else _document(repaired)
-
-
-@cache
-def _extensions(message_id: int) -> frozenset[str]:
-    """The extension fields: those pymavlink lets a caller leave out."""
-    taken = inspect.signature(dialect.mavlink_map[message_id].__init__).parameters.values()
-    return frozenset(
-        argument.name for argument in taken if argument.default is not inspect.Parameter.empty
-    )
 
 
 @cache
@@ -310,7 +294,6 @@ def _number(value: Any, kind: np.dtype[Any]) -> float:
     return int(value)
 
 
-@lru_cache(maxsize=1 << 12)
 def _flags(text: str) -> float:
     """The bits of names joined with |, or the value of a single name; names may also be numbers, also in quotes."""
     try:

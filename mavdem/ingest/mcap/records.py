@@ -1,8 +1,8 @@
 """MCAP files: their messages in the order of the file, also of cut and damaged ones as far as possible; and writing.
 
-The ``mcap`` package reads sound files and stops at the first wrong length. Here every length is checked, a damaged
-record is skipped up to the next place where records follow one another, a cut chunk is read up to the cut, and the
-unpacked size of the chunks is bounded. No index is needed. Source: https://mcap.dev/spec.
+The ``mcap`` package decodes records; it stops at the first wrong length. Here damage is skipped up to the next place
+where records follow one another, a damaged or cut chunk is left out, and the unpacked size of the chunks is bounded. No
+index is needed. Source: https://mcap.dev/spec.
 
 A stream is written as frames, in the channel ``mavlink/raw`` with the message encoding ``mavlink``: one message each,
 with the receive stamp as log time. BlueOS's JSON topics, ``mavlink/{system}/{component}/{MESSAGE}``, repeat them for
@@ -14,23 +14,23 @@ from __future__ import annotations
 import json
 import re
 import struct
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from itertools import repeat
 from math import isfinite
 from operator import add
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import lz4.frame
-import mcap.records
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import Writer
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
@@ -41,71 +41,14 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Facts, repair
 
 MAGIC = b"\x89MCAP0\r\n"
-LAST_OPCODE = max(Opcode)
-PRIVATE_OPCODES = 0x80
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
-# Channel, sequence, log time and publish time before a message's data
-MESSAGE_HEAD = struct.Struct("<HIQQ")
-_LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % LAST_OPCODE, re.DOTALL)
+_LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % max(Opcode), re.DOTALL)
 """The opcode of a record, none of which is as long as 4 GiB."""
-# First and last time of a chunk, its unpacked size, checksum, and length of the compression's name, before that
-CHUNK_HEAD = struct.Struct("<QQQII")
-CHUNK_LENGTH = struct.Struct("<Q")  # Of the packed records, before them
 CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default, or unpacked together
-MAX_CHUNK_BYTES = 1 << 28  # Unpacked bytes of one chunk
+MAX_CHUNK_BYTES = 1 << 26  # Unpacked bytes of one chunk
 MAX_BYTES = 1 << 24
 """Unpacked bytes of all chunks: so many, plus ``MAX_RATIO`` per byte of the file. JSON packs to a fiftieth. In memory,
 the smallest messages take ten times their bytes."""
-
-
-class Channel(NamedTuple):
-    """The ``topic`` of messages, the ``encoding`` of their data, and the number of their ``schema`` (0 for none)."""
-
-    topic: str
-    encoding: str
-    schema: int
-
-
-class Schema(NamedTuple):
-    """The type of messages, with its definition, ``text``."""
-
-    name: str
-    encoding: str
-    text: str
-
-
-class McapMessage(NamedTuple):
-    """One message; ``log_time`` is in UNIX ns, and ``sound`` False in a damaged chunk: the bytes may be wrong."""
-
-    channel: Channel
-    log_time: int
-    data: bytes
-    sound: bool
-
-
-class _Chunk(NamedTuple):
-    """Where a chunk's packed records lie in the file, their compression, unpacked size and checksum."""
-
-    start: int
-    end: int
-    compression: str
-    size: int
-    checksum: int
-
-    @classmethod
-    def at(cls, content: bytes, start: int, stop: int) -> _Chunk | None:
-        """The chunk whose record begins at ``start``; None where its head is cut."""
-        if start + CHUNK_HEAD.size > stop:
-            return None
-        _, _, size, checksum, length = CHUNK_HEAD.unpack_from(content, start)
-        named = start + CHUNK_HEAD.size + length
-        first = named + CHUNK_LENGTH.size
-        if first > stop:
-            return None
-        compression = content[start + CHUNK_HEAD.size : named].decode(errors="replace")
-        return cls(
-            first, first + CHUNK_LENGTH.unpack_from(content, named)[0], compression, size, checksum
-        )
 
 
 @dataclass
@@ -123,25 +66,18 @@ class McapRecording:
     cut: bool = False
     _allowance: int = 0
 
-    def messages(self) -> Iterator[McapMessage]:
-        """Every message whose channel is known, in the order of the file."""
+    def messages(self) -> Iterator[Message]:
+        """Every message whose channel is known, in the order of the file; of damaged chunks none."""
         self._allowance = MAX_BYTES + MAX_RATIO * len(self.content)
-        first = len(MAGIC) if self.content.startswith(MAGIC) else 0
-        records = list(self._records(self.content, first))
-        self.cut |= not records or records[-1][0] != Opcode.FOOTER
+        places = list(self._records())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
-        for opcode, start, stop in records:
+        for opcode, start, stop in places:
             if opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
-                self._note(opcode, self.content, start, stop)
-        # After damage, messages outside of chunks are the rest of a chunk that has lost its checksum.
-        sound = not (self.skipped and any(opcode == Opcode.CHUNK for opcode, _, _ in records))
-        for opcode, start, stop in records:
-            if opcode == Opcode.CHUNK:
-                yield from self._in_chunk(start, stop)
-            elif opcode == Opcode.MESSAGE:
-                message = self._message(self.content, start, stop, sound)
-                if message is not None:
-                    yield message
+                self._note(self._read(opcode, start, stop))
+        for record in self._whole_records(places):
+            self._note(record)
+            if isinstance(record, Message) and record.channel_id in self.channels:
+                yield record
 
     def repairs(self) -> Facts:
         """Each kind of damage."""
@@ -151,96 +87,89 @@ class McapRecording:
             *(repair(Repair.RECORDING_CUT) if self.cut else ()),
         )
 
-    def _records(self, content: bytes, place: int) -> Iterator[tuple[int, int, int]]:
-        """Opcode, start and end of the content of each record from ``place`` on; a chunk at the end may be cut."""
-        end = len(content)
+    def _records(self) -> Iterator[tuple[int, int, int]]:
+        """Opcode, start and end of the content of each record."""
+        end = len(self.content)
+        place = opcode = 0
         while place < end:
-            if place + RECORD_HEAD.size <= end:
-                opcode, length = RECORD_HEAD.unpack_from(content, place)
-                start = place + RECORD_HEAD.size
-                stop = place + RECORD_HEAD.size + length
-                if stop <= end and (0 < opcode <= LAST_OPCODE or opcode >= PRIVATE_OPCODES):
-                    yield opcode, start, stop
-                    place = stop
-                    continue
-                # A chunk whose two lengths agree extends beyond the end of the file.
-                cut = _Chunk.at(content, start, end) if opcode == Opcode.CHUNK else None
-                if cut is not None and cut.end == stop:
-                    self.cut = True
-                    yield opcode, start, end
-                    return
-            if content.startswith(MAGIC, place):
+            stop = _record_end(self.content, place)
+            if self.content.startswith(MAGIC, place):
                 place += len(MAGIC)
-                continue
-            following = _next_record(content, place + 1)
-            if following < end or content is not self.content:
-                self.skipped += following - place
+            elif stop:
+                opcode = self.content[place]
+                yield opcode, place + RECORD_HEAD.size, stop
+                place = stop
             else:
-                self.cut = True
-            place = following
+                following = _next_record(self.content, place + 1)
+                self.skipped += following - place if following < end else 0
+                place = following
+        self.cut = opcode != Opcode.FOOTER
 
-    def _in_chunk(self, start: int, stop: int) -> Iterator[McapMessage]:
-        chunk = _Chunk.at(self.content, start, stop)
-        if chunk is None:
-            return
-        cut = self.cut and stop == len(self.content) < chunk.end
-        most = min(self._allowance, MAX_CHUNK_BYTES)
-        packed = self.content[chunk.start : min(chunk.end, stop)]
-        records = _unpacked(chunk.compression, packed, most)
-        self._allowance -= len(records)
-        whole = len(records) == chunk.size and chunk.checksum in (0, zlib.crc32(records))
-        sound = cut or whole
-        self.damaged += not sound
-        for opcode, inner, end in self._records(records, 0):
-            if opcode == Opcode.MESSAGE:
-                message = self._message(records, inner, end, sound)
-                if message is not None:
-                    yield message
-            elif opcode == Opcode.CHANNEL or (opcode == Opcode.SCHEMA and sound):
-                # One wrong letter in a schema makes every message of a sound chunk wrong.
-                self._note(opcode, records, inner, end)
-
-    def _message(self, content: bytes, start: int, stop: int, sound: bool) -> McapMessage | None:
-        if start + MESSAGE_HEAD.size > stop:
-            return None
-        number, _, log_time, _ = MESSAGE_HEAD.unpack_from(content, start)
-        if number not in self.channels:
-            return None
-        return McapMessage(
-            self.channels[number], log_time, content[start + MESSAGE_HEAD.size : stop], sound
-        )
-
-    def _note(self, opcode: int, content: bytes, start: int, stop: int) -> None:
-        """Keeps a channel or a schema, if its record is whole."""
-        stream = ReadDataStream(BytesIO(content[start:stop]))
-        with suppress(McapError, struct.error, ValueError):
+    def _read(self, opcode: int, start: int, stop: int) -> McapRecord | None:
+        """The record in these bytes; None where it is damaged."""
+        stream = ReadDataStream(BytesIO(self.content[start:stop]))
+        record: McapRecord | None = None
+        with suppress(*DAMAGE):
             if opcode == Opcode.CHANNEL:
-                one = mcap.records.Channel.read(stream)
-                self.channels[one.id] = Channel(one.topic, one.message_encoding, one.schema_id)
-            else:
-                kind = mcap.records.Schema.read(stream)
-                text = kind.data.decode("utf-8", errors="replace")
-                self.schemas[kind.id] = Schema(kind.name, kind.encoding, text)
+                record = Channel.read(stream)
+            elif opcode == Opcode.SCHEMA:
+                record = Schema.read(stream)
+            elif opcode == Opcode.CHUNK:
+                record = Chunk.read(stream)
+            elif opcode == Opcode.MESSAGE:
+                record = Message.read(stream, stop - start)
+        return record
+
+    def _whole_records(self, places: list[tuple[int, int, int]]) -> Iterator[McapRecord | None]:
+        is_chunked = any(opcode == Opcode.CHUNK for opcode, *_ in places)
+        for opcode, start, stop in places:
+            if opcode == Opcode.CHUNK:
+                yield from self._in_chunk(start, stop)
+            # After damage, messages outside of chunks are the rest of a chunk that has lost its checksum.
+            elif opcode != Opcode.MESSAGE or not is_chunked:
+                yield self._read(opcode, start, stop)
+
+    def _in_chunk(self, start: int, stop: int) -> list[McapRecord]:
+        """The records of a chunk; none where it is damaged."""
+        chunk = self._read(Opcode.CHUNK, start, stop)
+        if isinstance(chunk, Chunk):
+            most = min(self._allowance, MAX_CHUNK_BYTES)
+            records = _unpacked(chunk.compression, chunk.data, most)
+            self._allowance -= len(records)
+            plain = replace(chunk, compression="", data=records)
+            with suppress(*DAMAGE):
+                if len(records) == chunk.uncompressed_size:
+                    return breakup_chunk(plain, validate_crc=True)
+        self.damaged += 1
+        return []
+
+    def _note(self, record: McapRecord | None) -> None:
+        if isinstance(record, Channel):
+            self.channels[record.id] = record
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+
+
+DAMAGE = (McapError, struct.error, ValueError, OverflowError)
+"""What the library raises where a record is damaged."""
+
+
+def _record_end(content: bytes, place: int) -> int:
+    """Where the record at a place ends; 0 where there is none."""
+    if place + RECORD_HEAD.size > len(content):
+        return 0
+    opcode, length = RECORD_HEAD.unpack_from(content, place)
+    stop = place + RECORD_HEAD.size + int(length)
+    return stop if opcode and stop <= len(content) else 0
 
 
 def _next_record(content: bytes, place: int) -> int:
-    """The first place from ``place`` on where records follow one another; the end without one."""
-    likely = (found.start() for found in _LIKELY_HEAD.finditer(content, place))
-    return next((at for at in likely if _follow_one_another(content, at)), len(content))
-
-
-def _follow_one_another(content: bytes, place: int) -> bool:
-    """Whether three records follow one another at a place, or fewer up to the end."""
-    for _ in range(3):
-        if place == len(content) or content.startswith(MAGIC, place):
-            return True
-        if place + RECORD_HEAD.size > len(content):
-            return False
-        opcode, length = RECORD_HEAD.unpack_from(content, place)
-        if not 0 < opcode <= LAST_OPCODE:
-            return False
-        place += RECORD_HEAD.size + length
-    return place <= len(content)
+    """The first place from ``place`` on where two records follow one another; the end without one."""
+    for found in _LIKELY_HEAD.finditer(content, place):
+        stop = _record_end(content, found.start())
+        if stop and (content.startswith(MAGIC, stop) or _record_end(content, stop)):
+            return found.start()
+    return len(content)
 
 
 def _unpacked(compression: str, packed: bytes, most: int) -> bytes:
@@ -248,7 +177,7 @@ def _unpacked(compression: str, packed: bytes, most: int) -> bytes:
     records = bytearray()
     opened: dict[str, Callable[[bytes], Any]] = {
         "": BytesIO,
-        "lz4": _lz4,
+        "lz4": lambda packed: lz4.frame.open(BytesIO(packed)),
         "zstd": zstandard.ZstdDecompressor().stream_reader,
     }
     if compression in opened:
@@ -258,10 +187,6 @@ def _unpacked(compression: str, packed: bytes, most: int) -> bytes:
             while piece := reader.read(min(CHUNK_BYTES, most - len(records))):
                 records += piece
     return bytes(records)
-
-
-def _lz4(packed: bytes) -> Any:
-    return lz4.frame.open(BytesIO(packed))
 
 
 MAX_STAMP = 2**64 // 1000 - 1

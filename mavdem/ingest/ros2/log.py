@@ -30,9 +30,9 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mcap.records import Channel, McapRecording
+from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
-from mavdem.ingest.ros2.messages import CDR, RosTopicReader, TopicColumns, decoder
+from mavdem.ingest.ros2.messages import CDR, TopicColumns, columns_of, decoder
 from mavdem.ingest.telemetry import (
     Array,
     Columns,
@@ -72,23 +72,23 @@ class RosTopic(NamedTuple):
     incoming: bool = False
 
 
-def flight_topics(recording: McapRecording) -> dict[Channel, RosTopic]:
-    """Returns the topic of each channel that is of a flight.
+def flight_topics(recording: McapRecording) -> dict[int, RosTopic]:
+    """Returns the topic of each channel, by its number, that is of a flight.
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
-    found: dict[Channel, RosTopic] = {}
+    found: dict[int, RosTopic] = {}
     nodes = set()
-    for channel in recording.channels.values():
-        if channel.encoding == CDR and channel.schema in recording.schemas:
-            schema = recording.schemas[channel.schema].name
+    for number, channel in recording.channels.items():
+        if channel.message_encoding == CDR and channel.schema_id in recording.schemas:
+            schema = recording.schemas[channel.schema_id].name
             topic = f"/{channel.topic.lstrip('/')}"
             is_px4 = re.fullmatch(r"px4_msgs/msg/\w+", schema)
             if known := _of_px4(topic) if is_px4 else _of_mavros(topic, schema):
-                found[channel] = known
+                found[number] = known
                 if is_px4 or schema.startswith("mavros_msgs/msg/"):
                     nodes.add(known.vehicle)
-    return {channel: topic for channel, topic in found.items() if topic.vehicle in nodes}
+    return {number: topic for number, topic in found.items() if topic.vehicle in nodes}
 
 
 def _of_px4(topic: str) -> RosTopic | None:
@@ -114,7 +114,7 @@ Fields = Mapping[str, NDArray[np.float64]]  # The numbers of a topic's messages 
 
 
 class MavrosTopic(NamedTuple):
-    """A topic: its MAVLink ``message``, its own ``schema``, and the fields with ``numbers`` and with ``texts``.
+    """A topic: its MAVLink ``message``, its own ``schema``, and the fields with ``numbers``.
 
     ``fields`` are rules of ``renamed``.
     """
@@ -122,7 +122,6 @@ class MavrosTopic(NamedTuple):
     message: str
     schema: str
     numbers: list[str]
-    texts: Sequence[str] = ()
     fields: Mapping[str, Sequence[tuple[float, str]]] = {}
 
 
@@ -186,27 +185,34 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     and schemas are known; it is read anew. Raises ``Unreadable`` without a message of a flight that can be decoded.
     """
     topics = flight_topics(recording)
-    decoders = {
-        number: decoder(recording.schemas[number])
-        for number in {channel.schema for channel in topics}
-    }
-    readers = {channel: _reader(topic) for channel, topic in topics.items()}
-    damaged = undefined = count = 0
-    first = np.inf
-    last = -np.inf
+    schemas = {number: recording.channels[number].schema_id for number in topics}
+    decoders = {number: decoder(recording.schemas[number]) for number in set(schemas.values())}
+    read: dict[int, dict[int, Any]] = {number: {} for number in topics}
+    undecodable: Counter[str] = Counter()
+    log_times = []
+    undefined = 0
     anew = McapRecording(recording.content)
     for place, message in enumerate(anew.messages()):
-        channel = message.channel
-        if channel not in readers:
-            undefined += channel.encoding == CDR and channel.schema not in recording.schemas
-        elif not message.sound:
-            # A ROS 2 message has no checksum of its own.
-            damaged += 1
-        elif readers[channel].add(place, message.data, decoders[channel.schema]):
-            count += 1
-            first = min(first, message.log_time)
-            last = max(last, message.log_time)
-    tables = [(topic, readers[channel].table()) for channel, topic in topics.items()]
+        number = message.channel_id
+        channel = anew.channels[number]
+        if number not in topics:
+            is_cdr = channel.message_encoding == CDR
+            undefined += is_cdr and channel.schema_id not in recording.schemas
+            continue
+        decode = decoders[schemas[number]]
+        try:
+            assert decode is not None
+            read[number][place] = decode(message.data)
+            log_times.append(message.log_time / 1e9)
+        except Exception:  # cut short, or of another type: the library may raise anything
+            undecodable[channel.topic] += 1
+    tables = []
+    for number, messages in read.items():
+        table = _table(topics[number], messages)
+        if table is None:
+            undecodable[anew.channels[number].topic] += len(messages)
+        else:
+            tables.append((topics[number], table))
     made = [
         (name, one)
         for name, own in _by_vehicle(tables)
@@ -214,24 +220,22 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     ]
     if not made:
         raise Unreadable(Fact(Source.ROS2_DAMAGED, path=source))
-    failed = {channel.topic: reader.failed for channel, reader in readers.items() if reader.failed}
     code = Repair.LOGGED_MESSAGES_LEFT_OUT
-    undecodable = {"count": sum(failed.values()), "names": sorted(failed)}
+    failed = {"count": undecodable.total(), "names": sorted(+undecodable)}
     repairs = (
         *anew.repairs(),
-        *repair(code, count=damaged, flaw=Flaw.DAMAGED_CHUNK, name="ROS 2"),
         *repair(code, count=undefined, flaw=Flaw.UNDEFINED),
-        *repair(code, flaw=Flaw.UNDECODABLE, **undecodable),
+        *repair(code, flaw=Flaw.UNDECODABLE, **failed),
     )
     vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
-    return log_of_vehicles(vehicles, count, anew.skipped, (first / 1e9, last / 1e9))
+    span = min(log_times), max(log_times)
+    return log_of_vehicles(vehicles, len(log_times), anew.skipped, span)
 
 
-def _reader(topic: RosTopic) -> RosTopicReader:
+def _table(topic: RosTopic, messages: Mapping[int, Any]) -> TopicColumns | None:
     if topic.bridge == PX4_BRIDGE:
-        return RosTopicReader((PX4_STAMP,), px4_topics.NEEDED[topic.name], ())
-    kind = MAVROS_TOPICS[topic.name]
-    return RosTopicReader((*MAVROS_STAMP, *kind.numbers), (), kind.texts)
+        return columns_of(messages, (PX4_STAMP,), px4_topics.NEEDED[topic.name])
+    return columns_of(messages, (*MAVROS_STAMP, *MAVROS_TOPICS[topic.name].numbers), ())
 
 
 def _by_vehicle(
@@ -307,7 +311,8 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
         for name, (whole, rest) in parts.items()
     }
     placed, repairs = _on_one_clock(tables, stamps)
-    autopilot = mavros_autopilot(sum((table.texts for table in tables.values()), Counter()))
+    states = tables["state"].columns["mode"] if "state" in tables else ()
+    autopilot = mavros_autopilot(Counter(states))
     messages: dict[str, Columns] = {
         MAVROS_TOPICS[name].message: {
             "time": columns["time"],
