@@ -254,8 +254,8 @@ def _on_boot_clock(
     # As a float, or in text, a damaged stamp may be anything.
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
-    on_clock, repairs = boot_clock([Sent("", np.arange(len(place)), seconds.copy)])
-    time, boot = on_clock[""].time, on_clock[""].boot.astype(np.int64)
+    on_clock, repairs = boot_clock([Sent("", np.arange(len(place)), seconds)])
+    time, boot = on_clock[""]
     placed: dict[str, Columns] = {}
     for name, table in tables.items():
         row = np.searchsorted(place, table.place)

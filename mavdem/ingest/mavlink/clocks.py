@@ -8,8 +8,8 @@ reboots and outliers; all other stamps are compared with it, which undoes their 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from mavdem.ingest.telemetry import Facts, Flags, repair
 Times = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Places = NDArray[np.integer]  # Places of messages in the stream, of any integer type
-Boots = NDArray[np.unsignedinteger]  # Numbers of boots, in the smallest type that holds them
 # Seconds from its neighbours, plus ten median steps, beyond which a stamp is an outlier
 MAX_OFFSET = 5.0
 MIN_RESET_STAMPS = 5
@@ -44,7 +43,7 @@ def outliers(seconds: Times) -> Flags:
     return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(np.abs(np.diff(seconds)))))
 
 
-def before_lower(time: Times, boot: Boots) -> Flags:
+def before_lower(time: Times, boot: Rows) -> Flags:
     """Stamps soon followed by a much lower one in the same boot: the upper ones of a clock that jumps up and down."""
     lower = np.zeros(len(time), dtype=np.bool_)
     for ahead in range(1, min(MIN_RESET_STAMPS, len(time))):
@@ -52,11 +51,6 @@ def before_lower(time: Times, boot: Boots) -> Flags:
             boot[:-ahead] == boot[ahead:]
         )
     return lower
-
-
-def without(rows: Flags, *columns: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    """Returns the columns without these rows; not copied where there are none."""
-    return tuple(column[~rows] for column in columns) if rows.any() else columns
 
 
 REFERENCES = (
@@ -70,25 +64,21 @@ REFERENCES = (
 # Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
 WRAP_GAP = 60.0
 STEP_BACK = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
-# Seconds that a clock may show after a reboot beyond the time that passed at the receiver
-BOOT_SLACK = 30.0
-# Seconds by which no clock runs ahead of the receiver's, or of the reference's stamps around it
+# Seconds by which no clock runs ahead of the reference's stamps around it
 AHEAD = 600.0
 # Median offset, s, of a type's stamps from the reference above which they are of another clock
 OTHER_EPOCH = 10.0
-BATCH = 1 << 16  # Messages placed or sorted together: bounds the memory of intermediate arrays
 
 
 class Sent(NamedTuple):
-    """The messages of one type: ``places`` (n,) in the stream, ascending, and a function for their stamps, if any.
+    """The messages of one type: ``places`` (n,) in the stream, ascending, and their ``stamps`` (n,), if any.
 
-    ``stamps`` returns (n,) s, zero for none, in an array of its own. ``period``, s, is where the counter wraps;
-    infinite for 64-bit counters.
+    Stamps are in seconds, zero for none. ``period``, s, is where the counter wraps; infinite for 64-bit counters.
     """
 
     message: str
     places: Places
-    stamps: Callable[[], Times] | None = None
+    stamps: Times | None = None
     period: float = np.inf
 
 
@@ -96,37 +86,35 @@ class PlacedStamps(NamedTuple):
     """``time`` (n,) s and ``boot`` (n,) of each message of one type."""
 
     time: Times
-    boot: Boots
+    boot: Rows
 
 
-def boot_clock(
-    sent: Sequence[Sent], received: Callable[[Places], Times] | None = None
-) -> tuple[dict[str, PlacedStamps], Facts]:
+def boot_clock(sent: Sequence[Sent]) -> tuple[dict[str, PlacedStamps], Facts]:
     """Places each of a component's messages on its boot clock: those of each type by name, and the repairs.
 
-    Messages before the first stamp have the first stamp; without any stamp all times are NaN. Stamps are read one type
-    at a time: those of all types of a long log take much memory. ``received`` returns when the messages at the places
-    (n,) were received, s of the receiver's clock; NaN where that is not known.
+    Messages before the first stamp have the first stamp; without any stamp all times are NaN.
     """
+    placed = {
+        kind.message: PlacedStamps(
+            np.full(len(kind.places), np.nan), np.zeros(len(kind.places), dtype=np.int64)
+        )
+        for kind in sent
+    }
     chosen = _reference(sent)
     if chosen is None:
-        return {kind.message: _unplaced(kind, np.dtype(np.uint8)) for kind in sent}, ()
-    places, seconds = _stamps(chosen)
-    receive_times = np.full(len(places), np.nan) if received is None else received(places)
-    reference, repairs = _placed_alone(chosen, places, seconds, receive_times)
-    placed = {}
+        return placed, ()
+    reference, repairs = _placed_alone(chosen, *_stamps(chosen))
     for kind in sent:
-        placed[kind.message] = _unplaced(kind, reference.boot.dtype)
-        (places, seconds) = _stamps(kind)
+        places, seconds = _stamps(kind)
         own = reference
         if kind is not chosen and len(places):
             own, further = _placed_against(reference, kind, places, seconds)
             repairs += further
         if len(places) and len(own.places):
-            rows = _last_at(kind.places, places)
             # A message whose stamp was ignored repeats the last time of its type: that of another type would look like
             # a time at which it was sent.
             at = _last_at(own.places, places)
+            rows = np.searchsorted(kind.places, places)
             placed[kind.message].time[rows] = own.time[at]
             placed[kind.message].boot[rows] = own.boot[at]
     _fill(sent, placed)
@@ -138,79 +126,61 @@ class _Kept(NamedTuple):
 
     places: Places
     time: Times
-    boot: Boots
+    boot: Rows
 
 
 def _stamps(kind: Sent) -> tuple[Places, Times]:
     """The places of the messages that have a stamp, and the stamps, s."""
-    seconds = np.empty(0) if kind.stamps is None else kind.stamps()
-    places = kind.places[: len(seconds)]
-    there = seconds > 0
-    if not there.all():
-        places = places[there]
-        seconds = seconds[there]
-    return places, seconds
+    if kind.stamps is None:
+        return kind.places[:0], np.empty(0)
+    there = kind.stamps > 0
+    return kind.places[there], kind.stamps[there]
 
 
 def _reference(sent: Sequence[Sent]) -> Sent | None:
-    stamped = {kind.message: kind for kind in sent if kind.stamps is not None}
+    stamped = {kind.message: kind for kind in sent if len(_stamps(kind)[0])}
     for message in REFERENCES:
         if message in stamped and len(_stamps(stamped[message])[0]) >= 3:
             return stamped[message]
-    counts = {message: len(_stamps(kind)[0]) for message, kind in stamped.items()}
-    some = [kind for message, kind in stamped.items() if counts[message]]
     return max(
-        some, key=lambda kind: (np.isfinite(kind.period), counts[kind.message]), default=None
+        stamped.values(),
+        key=lambda kind: (np.isfinite(kind.period), len(_stamps(kind)[0])),
+        default=None,
     )
 
 
-def _unplaced(kind: Sent, boot: np.dtype[Any]) -> PlacedStamps:
-    return PlacedStamps(np.full(len(kind.places), np.nan), np.zeros(len(kind.places), dtype=boot))
-
-
-def _last_at(places: Places, wanted: Places) -> Rows | slice:
-    """The row of the last of ``places`` at or before each wanted one, else the first; one contains all of the other."""
-    if len(places) == len(wanted):
-        return slice(None)
+def _last_at(places: Places, wanted: Places) -> Rows:
+    """The row of the last of ``places`` at or before each wanted one, else the first."""
     return np.asarray(np.maximum(np.searchsorted(places, wanted, side="right") - 1, 0))
 
 
 def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
     """Gives each message without a time that of the last message before it, of any type, or else the first time."""
-    kinds = [(kind.places, *placed[kind.message]) for kind in sent]
-    known = [without(np.isnan(time), places, time, boot) for places, time, boot in kinds]
-    known = [columns for columns in known if len(columns[0])]
-    if not known:
-        return
-    first = min(known, key=lambda columns: int(columns[0][0]))
-    for places, time, boot in kinds:
-        missing = np.flatnonzero(np.isnan(time))
-        wanted = places[missing]
-        latest = np.full(len(missing), -1, dtype=np.int64)
-        time[missing] = first[1][0]
-        boot[missing] = first[2][0]
-        for there, times, boots in known:
-            row = np.searchsorted(there, wanted, side="right") - 1
-            later = (row >= 0) & (there[row] > latest)
-            latest[later] = there[row[later]]
-            time[missing[later]] = times[row[later]]
-            boot[missing[later]] = boots[row[later]]
+    columns = [(kind.places, *placed[kind.message]) for kind in sent]
+    places, time, boot = (np.concatenate(column) for column in zip(*columns, strict=True))
+    known = np.flatnonzero(~np.isnan(time))
+    known = known[np.argsort(places[known], kind="stable")]
+    for own_places, own_time, own_boot in columns if len(known) else ():
+        missing = np.isnan(own_time)
+        last = known[_last_at(places[known], own_places[missing])]
+        own_time[missing] = time[last]
+        own_boot[missing] = boot[last]
 
 
-def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tuple[_Kept, Facts]:
+def _placed_alone(kind: Sent, places: Places, raw: Times) -> tuple[_Kept, Facts]:
     """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
     outlier = outliers(raw)
-    outlier[~outlier] = _ahead(raw[~outlier], received[~outlier])
-    places, raw, received = without(outlier, places, raw, received)
+    places = places[~outlier]
+    raw = raw[~outlier]
     wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= WRAP_GAP))
     turns = np.zeros(len(raw), dtype=np.int64)
     turns[wraps] = 1
     turns = np.cumsum(turns)
     time = raw + kind.period * turns if len(wraps) else raw
-    reboots = _reboots(time, raw, received)
-    boot = np.zeros(len(places), dtype=np.min_scalar_type(len(reboots)))
+    reboots = _reboots(time)
+    boot = np.zeros(len(places), dtype=np.int64)
     boot[reboots] = 1
-    boot = np.cumsum(boot, dtype=boot.dtype)
+    boot = np.cumsum(boot)
     if len(wraps):
         time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
     late = before_lower(time, boot)
@@ -221,39 +191,19 @@ def _placed_alone(kind: Sent, places: Places, raw: Times, received: Times) -> tu
     if len(reboots):
         at = time[reboots[0] - 1]
         repairs += repair(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboots), time=at)
-    return _Kept(*without(late, places, time, boot)), repairs
+    return _Kept(places[~late], time[~late], boot[~late]), repairs
 
 
-def _ahead(raw: Times, received: Times) -> Flags:
-    """Stamps far ahead of the last good one by the receiver's clock, which runs as fast: of damaged bytes, no wraps."""
-    ahead = np.zeros(len(raw), dtype=np.bool_)
-    good = 0
-    steps = np.diff(raw)
-    gaps = np.diff(received)
-    jumps = steps > AHEAD + 2 * np.abs(gaps)
-    passed, ran = (float(np.nansum(each[~jumps & (steps > 0)])) for each in (gaps, steps))
-    for row in range(1, len(raw)) if jumps.any() and passed / 2 < ran < 2 * passed else ():
-        ahead[row] = raw[row] - raw[good] > AHEAD + 2 * abs(received[row] - received[good])
-        good = good if ahead[row] else row
-    return ahead if 2 * np.count_nonzero(ahead) < len(ahead) else np.zeros_like(ahead)
-
-
-def _reboots(time: Times, raw: Times, received: Times) -> Rows:
-    """Rows at which the clock restarted: it fell, stays low, and shows no more than the time that has passed since."""
+def _reboots(time: Times) -> Rows:
+    """Rows at which the clock restarted: it fell, and stays low."""
     ahead = maximum_filter1d(
         time, MIN_RESET_STAMPS, origin=-(MIN_RESET_STAMPS // 2), mode="nearest"
     )
-    gaps = np.abs(np.diff(received, prepend=np.nan))
-    passed = float(np.nansum(gaps))
-    speed = max(float(np.clip(np.diff(time), 0, None).sum()) / passed, 1.0) if passed > 0 else 1.0
-    most = np.where(gaps > 0, BOOT_SLACK + 2 * speed * gaps, BOOT_SLACK if passed > 0 else np.inf)
-    possible = (raw <= most) | np.isnan(gaps)
     reboots = []
     peak = -np.inf
     if (ahead < np.maximum.accumulate(time) - STEP_BACK).any():
-        rows = zip(time.tolist(), ahead.tolist(), possible.tolist(), strict=True)
-        for row, (now, highest_ahead, may_be) in enumerate(rows):
-            if highest_ahead < peak - STEP_BACK and may_be:
+        for row, (now, highest_ahead) in enumerate(zip(time.tolist(), ahead.tolist(), strict=True)):
+            if highest_ahead < peak - STEP_BACK:
                 reboots.append(row)
                 peak = now
             peak = max(peak, now)
@@ -282,12 +232,12 @@ def _placed_against(
         repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
     ignored = np.count_nonzero(outlier)
     repairs += repair(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
-    return _Kept(*without(outlier, places, time, boot)), repairs
+    return _Kept(places[~outlier], time[~outlier], boot[~outlier]), repairs
 
 
 def _read_against(
     reference: _Kept, places: Places, seconds: Times, period: float
-) -> tuple[Times, Times, Boots]:
+) -> tuple[Times, Times, Rows]:
     """The time of each stamp, its offset from the interval of the reference's stamps around it, and its boot."""
     following = np.searchsorted(reference.places, places)
     before = np.maximum(following - 1, 0)

@@ -7,7 +7,7 @@ https://mavlink.io/en/guide/serialization.html.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from math import isfinite
 from typing import Any, NamedTuple
@@ -28,8 +28,6 @@ from mavdem.ingest.mavlink.framing import (
     rows_of,
 )
 from mavdem.ingest.telemetry import Columns, Fields
-
-BATCH = 1 << 14  # Messages decoded together: few enough to stay in the processor's cache
 
 WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
 WIRE_TYPES |= {
@@ -75,47 +73,20 @@ def seeds() -> Seeds:
     return table
 
 
-def columns(
-    data: Bytes,
-    start: NDArray[np.integer],
-    definition: MessageDefinition,
-    names: Sequence[str] = (),
-) -> Fields:
-    """Returns the payloads of frames of one message as contiguous columns by name: (N,), or (N, k) for an array field.
+def columns(data: Bytes, start: NDArray[np.integer], definition: MessageDefinition) -> Fields:
+    """Returns the payloads of frames of one message as columns by name: (N,), or (N, k) for an array field.
 
     The frames' markers are at ``start`` (N,) in ``data``. Bytes that were not sent are zero: trailing zeros in
     MAVLink 2, extensions in MAVLink 1. Bytes beyond the definition, extensions newer than the dialect, are left out.
-    Texts are bytes, ``S``. ``names`` are the fields, all unless given.
+    Texts are bytes, ``S``.
     """
-    placed: Any = definition.wire.fields
-    fields = {name: placed[name][:2] for name in tuple(names) or definition.fields}
-    # Read from the stretch of the payload that holds them.
-    first = min(offset for _, offset in fields.values())
-    width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
-    kinds = [kind for kind, _ in fields.values()]
-    offsets = [offset - first for _, offset in fields.values()]
-    wire = np.dtype(
-        {"names": list(fields), "formats": kinds, "offsets": offsets, "itemsize": width}
-    )
-    filled = {
-        name: np.empty((len(start), *kind.shape), dtype=kind.base)
-        for name, (kind, _) in fields.items()
-    }
-    for begin in range(0, len(start), BATCH):
-        places = start[begin : begin + BATCH].astype(np.int64)
-        payload = places + np.where(data[places] == MARKER_1, HEADER_1, HEADER) + first
-        inside = int(np.searchsorted(payload, len(data) - width, side="right"))
-        table = rows_of(data, payload[:inside], width)
-        if inside < len(payload):
-            # The definition may extend beyond the end of the stream; the bytes read instead were not sent.
-            rest = data[np.minimum(payload[inside:, None] + np.arange(width), len(data) - 1)]
-            table = np.concatenate([table, rest])
-        sent = data[places + 1]
-        if int(sent.min()) < first + width:
-            table[np.arange(first, first + width) >= sent[:, None]] = 0
-        for name in fields:
-            filled[name][begin : begin + BATCH] = table.view(wire)[:, 0][name]
-    return filled
+    width = definition.wire.itemsize
+    payload = start.astype(np.int64) + np.where(data[start] == MARKER_1, HEADER_1, HEADER)
+    beyond = int(payload.max(initial=0)) + width - len(data)
+    table = rows_of(np.pad(data, (0, beyond)) if beyond > 0 else data, payload, width)
+    table[np.arange(width) >= data[start + 1][:, None]] = 0
+    messages = table.view(definition.wire)[:, 0]
+    return {name: np.ascontiguousarray(messages[name]) for name in definition.fields}
 
 
 def messages_in(data: bytes) -> list[Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.mavlink.clocks import PlacedStamps, Places, Sent, Times, boot_clock, far_off
+from mavdem.ingest.mavlink.clocks import Places, Sent, Times, boot_clock, far_off
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
     columns,
@@ -84,22 +84,19 @@ def assemble(stream: FrameStream) -> Log:
     }
     received = _received(stream.stamps)
 
-    def at(start: Places) -> Times:
-        return received[np.searchsorted(frames.start, start, side="right") - 1]
-
     unread = _unread(frames, ids_of, sent)
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
         count = sum(kind.frames for kind in unread if kind.cause is cause)
         repairs += repair(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
     repairs += repair(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
-    heard: list[tuple[Component, dict[str, _Columns], Facts]] = []
+    heard: list[tuple[Component, dict[str, Columns], Facts]] = []
     for ids, starts in sent.items():
-        messages, of_clock = _messages(data, starts, at)
+        messages, of_clock = _messages(data, starts)
         kind, autopilot = (
             identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
         )
-        counts = {name: columns.count for name, columns in messages.items()}
+        counts = {name: len(fields["time"]) for name, fields in messages.items()}
         if counts and RADIO_MESSAGES.issuperset(counts):
             kind = RADIO
         who = ids >> 8, ids & 0xFF, kind, autopilot
@@ -179,62 +176,24 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
     return enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
 
 
-def _messages(
-    data: Bytes, sent: Mapping[int, Starts], received: Callable[[Places], Times]
-) -> tuple[dict[str, _Columns], Facts]:
+def _messages(data: Bytes, sent: Mapping[int, Starts]) -> tuple[dict[str, Columns], Facts]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
-    kinds = [(definitions()[message_id], starts) for message_id, starts in sent.items()]
-    placed, repairs = boot_clock([_sent(data, *kind) for kind in kinds], received)
-    named = ((one.name, _Columns(data, starts, one, placed[one.name])) for one, starts in kinds)
-    return dict(named), repairs
+    decoded = {}
+    kinds = []
+    for message_id, starts in sent.items():
+        definition = definitions()[message_id]
+        fields = decoded[definition.name] = columns(data, starts, definition)
+        kinds.append(_sent(definition, starts, fields))
+    placed, repairs = boot_clock(kinds)
+    return {name: {**fields, **placed[name]._asdict()} for name, fields in decoded.items()}, repairs
 
 
-class _Columns(Columns):
-    """One message's columns, with ``time`` and ``boot``; its fields are decoded when one is first used."""
-
-    def __init__(
-        self, data: Bytes, starts: Starts, definition: MessageDefinition, placed: PlacedStamps
-    ) -> None:
-        self._data = data
-        self._starts = starts
-        self._definition = definition
-        self._placed = placed
-        self._fields: Fields | None = None
-        self._names = (
-            *(name for name in definition.fields if name not in ("time", "boot")),
-            "time",
-            "boot",
-        )
-        self.count = len(starts)
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        if name == "time":
-            return self._placed.time
-        if name == "boot":
-            return self._placed.boot.astype(np.int64)
-        if name not in self._definition.fields:
-            raise KeyError(name)
-        if self._fields is None:
-            self._fields = columns(self._data, self._starts, self._definition)
-        return self._fields[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
-def _sent(data: Bytes, definition: MessageDefinition, starts: Starts) -> Sent:
+def _sent(definition: MessageDefinition, starts: Starts, fields: Fields) -> Sent:
     for name, units in CLOCK_UNITS.items():
-        if name in definition.fields:
-            kind = definition.wire[name]
+        if name in fields:
+            kind = fields[name].dtype
             period = np.inf if kind.itemsize == 8 else 2.0 ** (8 * kind.itemsize) / units
-
-            def stamps(name: str = name, units: float = units) -> Times:
-                return np.asarray(columns(data, starts, definition, [name])[name] / units)
-
-            return Sent(definition.name, starts, stamps, period)
+            return Sent(definition.name, starts, fields[name] / units, period)
     return Sent(definition.name, starts)
 
 

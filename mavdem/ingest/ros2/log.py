@@ -341,12 +341,11 @@ def _on_one_clock(
     usable = {name: (own > 0) & (seconds[name] > 0) for name, own in stamps.items()}
     without = sum(np.count_nonzero(~some) for some in usable.values())
     repairs += repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=without, flaw=Flaw.NO_STAMP)
-    # Without receive times: by them, a companion's clock that was set back would not be a restart.
     sent = [
         Sent(
             name,
             tables[name].places[some],
-            seconds[name][some].copy,
+            seconds[name][some],
             MAVROS_PERIODS.get(name, np.inf),
         )
         for name, some in usable.items()
@@ -355,8 +354,7 @@ def _on_one_clock(
     (stamped, of_clock) = boot_clock(sent)
     placed = dict[str, Columns]()
     for name, on_clock in stamped.items():
-        time = on_clock.time
-        boot = on_clock.boot.astype(np.int64)
+        time, boot = on_clock
         # A message whose stamp was ignored has the place of the one before.
         new = np.ones(len(time), dtype=np.bool_)
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
