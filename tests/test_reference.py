@@ -26,11 +26,11 @@ def test_pages_and_schemas_are_of_this_version(request):
 def test_a_schema_that_changes_needs_a_new_version(tmp_path, monkeypatch):
     monkeypatch.setattr(reference, "FOLDER", tmp_path)
     reference.write()
-    path = tmp_path / "schemas" / "order-3.json"
+    path = tmp_path / "schemas" / "order-4.json"
     path.write_text(path.read_text().replace("F̄ by flight and order", "in other words"))
     reference.write()
     path.write_text(path.read_text().replace('"unit": "nats"', '"unit": "bits"'))
-    with pytest.raises(ValueError, match="order-3.json changed: raise its version"):
+    with pytest.raises(ValueError, match="order-4.json changed: raise its version"):
         reference.write()
 
 

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from contextlib import closing
-from pathlib import Path
 from time import perf_counter
 
 import click
 
 from mavdem.cli.options import (
     end_report,
-    folder_named,
     motion_options,
     names_of,
     nothing_left,
     of_each,
     window_options,
 )
-from mavdem.cli.output import check_folder, files_in, json_text, print_result, printable, progress
+from mavdem.cli.output import print_result, progress
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.window import (
     TRAIN_SECONDS,
     Length,
@@ -31,9 +28,6 @@ from mavdem.evaluate.window import (
 )
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
-from mavdem.report.page import methods_page
-
-COMPARISON_FILES = ("comparison.json", "comparison.html")
 
 
 @click.command("compare")
@@ -44,17 +38,6 @@ COMPARISON_FILES = ("comparison.json", "comparison.html")
     "--hop",
     type=click.IntRange(1),
     help="Samples from one window to the next. [default: half of --train and --test]",
-)
-@click.option(
-    "--from-zero",
-    is_flag=True,
-    help="Start forecasts from state 0, as the paper's figures do, not from the state at the end of training.",
-)
-@click.option(
-    "--out",
-    type=click.Path(),
-    callback=folder_named,
-    help="Folder for the files of the comparison.",
 )
 @click.pass_context
 def compare_command(
@@ -67,8 +50,6 @@ def compare_command(
     train: Length | None,
     test: Length | None,
     hop: int | None,
-    from_zero: bool,
-    out: Path | None,
 ) -> None:
     """Compares DEM with other methods, window by window.
 
@@ -77,20 +58,16 @@ def compare_command(
     methods that can. The report begins with what a paired test of DEM against each method says, and has the error ratio
     (mean squared error over that of a constant forecast) by horizon.
 
-    --out receives comparison.json (the document of --json) and comparison.html. In --json an error that is infinite, or
-    of a missing forecast, is null.
+    In --json an error that is infinite, or of a missing forecast, is null; it has each flight and window.
 
     \b
     Examples:
       mavdem compare flight.tlog
-      mavdem compare one.tlog two.ulg --out compared
-      mavdem compare flight.tlog --from-zero --json
+      mavdem compare one.tlog two.ulg --json > comparison.json
 
     A SOURCE that cannot be compared is reported, and the others are compared. Exit code: 0 if a flight was compared,
     1 if none was, 2 if a SOURCE cannot be read.
     """
-    if out is not None:
-        check_folder(out)
     began = perf_counter()
 
     def windows_of(name: str, flight: Flight) -> tuple[Window, ...]:
@@ -112,7 +89,7 @@ def compare_command(
             done(len(made) / total)
     compared = Comparison.of(windowed, made)
     report = {
-        **compared.to_dict(FROM_ZERO if from_zero else KNOWN),
+        **compared.to_dict(),
         "axis": axis,
         "sources": {
             name: source
@@ -120,19 +97,7 @@ def compare_command(
             if name in cut
         },
         "refused": [one.values for one in refused],
-        "files": {} if out is None else {name: str(out / name) for name in COMPARISON_FILES},
         "seconds": round(perf_counter() - began, 3),
     }
-    if out is not None:
-        with files_in(out, COMPARISON_FILES) as (document, html):
-            document.write_text(json_text(report) + "\n")
-            html.write_text(methods_page(compared, from_zero), "utf-8", "replace")
-    print_result(report, comparison_report(compared, from_zero), as_json)
-    written = (
-        f" Written: {', '.join(map(printable, report['files'].values()))}"
-        if report["files"]
-        else ""
-    )
-    end_report(
-        context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json
-    )
+    print_result(report, comparison_report(compared), as_json)
+    end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.", as_json)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import closing
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 
 import click
@@ -12,13 +11,12 @@ import click
 from mavdem.cli.options import (
     Refused,
     end_report,
-    file_option,
     motion_options,
     names_of,
     nothing_left,
     of_each,
 )
-from mavdem.cli.output import check_file, print_result, printable, progress, write_text
+from mavdem.cli.output import print_result, progress
 from mavdem.dem.order_choice import (
     DEFAULT_MAX_ORDER,
     LARGEST_ORDER,
@@ -32,7 +30,6 @@ from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight
 from mavdem.report.comparison import order_advice, order_report
-from mavdem.report.page import order_page
 
 
 @click.command("order")
@@ -50,7 +47,6 @@ from mavdem.report.page import order_page
     is_flag=True,
     help="Treat the motors as unknown inputs, as the paper's black-box estimation does: η̃ᵛ = 0, P̃ᵛ = e².",
 )
-@file_option("--html", "Page to write: the report, to read in a browser and to mail.")
 @click.pass_context
 def order_command(
     context: click.Context,
@@ -61,7 +57,6 @@ def order_command(
     as_json: bool,
     max_order: int,
     unknown_inputs: bool,
-    html: Path | None,
 ) -> None:
     """Finds the model order (number of states) by the free energy.
 
@@ -79,7 +74,6 @@ def order_command(
     A SOURCE without an order is reported, and the others are used. Exit code: 0 if an order was found, 1 if no flight
     has one, 2 if a SOURCE cannot be read.
     """
-    check_file(html, "--html", (".html",))
     began = perf_counter()
     channels: list[int] = []
 
@@ -109,24 +103,18 @@ def order_command(
         raise nothing_left(refused)
     choice = OrderChoice(tuple(found.values()))
     seconds = round(perf_counter() - began, 3)
-    written = "" if html is None else f" Written: {printable(html)}"
-    if html is not None:
-        write_text(html, order_page(choice, list(found), not unknown_inputs))
     report = {
         "flights": list(found),
         "axis": axis,
         "known_inputs": not unknown_inputs,
         "seconds": seconds,
-    }
-    report |= {
         "refused": [one.values for one in refused],
-        "html": None if html is None else str(html),
+        "advice": order_advice(choice, not unknown_inputs),
     }
-    report["advice"] = order_advice(choice, not unknown_inputs)
     print_result(
         choice.to_dict() | report, order_report(choice, list(found), not unknown_inputs), as_json
     )
-    end_report(context, refused, "no order", f"Took {seconds:.1f} s.{written}", as_json)
+    end_report(context, refused, "no order", f"Took {seconds:.1f} s.", as_json)
 
 
 def _orders(flight: Flight, most: int, known: bool) -> FlightOrders | ValueError:

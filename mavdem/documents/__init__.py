@@ -27,13 +27,13 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published(Review, 4, "report.json of review, and `--json` of review"),
+    "review": Published(Review, 5, "report.json of review, and `--json` of review"),
     "learn": Published(Report, 6, "report.json, and `--json` of learn and open"),
     "info": Published(Inventory, 3, "`--json` of info"),
     "wind": Published(Wind, 3, "`--json` of wind"),
     "tune": Published(Tune, 4, "`--json` of tune"),
-    "compare": Published(CompareReport, 3, "comparison.json, and `--json` of compare"),
-    "order": Published(Order, 3, "`--json` of order"),
+    "compare": Published(CompareReport, 4, "`--json` of compare"),
+    "order": Published(Order, 4, "`--json` of order"),
     "diff": Published(Diff, 3, "`--json` of diff"),
     "track": Published(Track, 2, "`--json` of track"),
     "live": Published(Live, 4, "`--json` of live"),

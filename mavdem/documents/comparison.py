@@ -219,7 +219,7 @@ class Comparison(Document):
 
 
 class CompareReport(Comparison):
-    """Comparison.json, and `--json` of compare."""
+    """`--json` of compare."""
 
     axis: str
     """roll or pitch"""
@@ -227,8 +227,6 @@ class CompareReport(Comparison):
     """logs by the flight's name"""
     refused: list[Refusal]
     """SOURCEs that cannot be compared"""
-    files: dict[str, str]
-    """the files written, by name"""
     seconds: Seconds
     """time that it took"""
 
@@ -266,7 +264,5 @@ class Order(Document):
     """time that it took"""
     refused: list[Refusal]
     """SOURCEs without an order"""
-    html: str | None
-    """the page that was written"""
     advice: Said
     """what to do with the order"""

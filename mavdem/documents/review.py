@@ -141,10 +141,8 @@ class Spectrum(Document):
 
 
 class Noise(Document):
-    """Spectra of gyro, accelerometer and demand, and what is said of them."""
+    """What is said of the spectra."""
 
-    spectra: dict[str, Spectrum]
-    """gyro and accelerometer, before filters and behind them, and demand"""
     facts: list[Sentence]
     """lines of the gyro, what the filters take, and the notch filter to set"""
 
@@ -192,9 +190,9 @@ class Review(Document):
     model: Report | None
     """what was learned of the roll axis; null where there is no model"""
     spectra: dict[str, Spectrum]
-    """those of `noise`"""
+    """gyro and accelerometer, before filters and behind them, and demand"""
     noise: Noise
-    """spectra, lines and notch filters"""
+    """what is said of the spectra"""
     files: dict[str, str]
     """the files written, by name"""
 
@@ -203,10 +201,6 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
     """Returns the values of the document of an ``assessment``, which has written no files."""
     analysis = assessment.analysis
     wind = assessment.wind and assessment.wind.as_dict()
-    spectra = {
-        name: _spectrum(one, assessment.noise.peaks[name])
-        for name, one in assessment.spectra.items()
-    }
     return {
         "source": assessment.log.source,
         **assessment.of_documents,
@@ -216,8 +210,11 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
         "axes": axes_of(assessment),
         "wind": wind,
         "model": None if assessment.model is None else report_of(assessment),
-        "spectra": spectra,
-        "noise": {"spectra": spectra, "facts": assessment.noise.facts},
+        "spectra": {
+            name: _spectrum(one, assessment.noise.peaks[name])
+            for name, one in assessment.spectra.items()
+        },
+        "noise": {"facts": assessment.noise.facts},
         "files": {},
     }
 

@@ -69,6 +69,13 @@ class Line(NamedTuple):
     kind: Kind = Kind.LINE
     right: bool = False
 
+    @classmethod
+    def around(
+        cls, name: str, colour: str, x: Array, y: Array, half: Array, kind: Kind = Kind.LINE
+    ) -> Line:
+        """Returns a line with a band of this ``half`` width (N,)."""
+        return cls(name, colour, x, y, y - half, y + half, kind)
+
     @property
     def step(self) -> float:
         """The usual distance between two samples."""

@@ -5,54 +5,38 @@ Of methods first what the paired test says of DEM and each other one; of orders 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from math import isfinite, sqrt
-from typing import Any
+from collections.abc import Sequence
+from math import isfinite
 
 from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.evaluate.comparison import Comparison
-from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
-from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, Question
+from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
+from mavdem.evaluate.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Sentence, Table, caution
-from mavdem.report.numbers import named, readable
 from mavdem.report.words import section
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
-Summary = dict[str, Any]
-_ratio = "{:.3g}".format
 
 
-def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Block]:
+def comparison_report(comparison: Comparison) -> list[Block]:
     """Returns the verdict on the first method of a ``comparison``, then errors, and what the columns mean."""
-    first = FROM_ZERO if from_zero else KNOWN
-    questions = [first, *([UNKNOWN] if not from_zero and comparison.methods_of(UNKNOWN) else [])]
-    several = len(comparison.flights) > 1
-    return [
-        Sentence("", lead=_verdict(comparison, first)),
-        *(Sentence(_verdict(comparison, question), WORDS[question]) for question in questions[1:]),
-        *(
-            block
-            for question in questions
-            if not from_zero
-            for block in _failed_bands(comparison, question)
-        ),
-        *(_over_flights(comparison, questions) if several else []),
-        *(
-            block
-            for flight in comparison.flights
-            for block in _flight(comparison, flight, questions)
-        ),
-        *section(
-            "comparison_legend",
-            reference=comparison.methods[0],
-            from_zero=from_zero,
-            several=several,
-            predicted=UNKNOWN in questions,
-            significance=SIGNIFICANCE,
-        ),
-    ]
+    questions = [KNOWN, *([UNKNOWN] if comparison.methods_of(UNKNOWN) else [])]
+    blocks: list[Block] = [Sentence("", lead=_verdict(comparison, KNOWN))]
+    blocks += [Sentence(_verdict(comparison, one), WORDS[one]) for one in questions[1:]]
+    for question in questions:
+        blocks += _errors(comparison, question)
+    for flight in comparison.flights:
+        blocks += _flight(comparison, flight)
+    legend = section(
+        "comparison_legend",
+        reference=comparison.methods[0],
+        several=len(comparison.flights) > 1,
+        predicted=UNKNOWN in questions,
+        significance=SIGNIFICANCE,
+    )
+    return [*blocks, *legend]
 
 
 def _verdict(comparison: Comparison, question: Question) -> str:
@@ -78,21 +62,32 @@ def _verdict(comparison: Comparison, question: Question) -> str:
     return said.lead
 
 
-def _failed_bands(comparison: Comparison, question: Question) -> list[Block]:
-    """A caution for each flight on which the first method's band holds too few samples."""
+def _errors(comparison: Comparison, question: Question) -> list[Block]:
+    """A row a method, the lowest error first, and a caution if the first method's band holds too few samples."""
     reference = comparison.methods_of(question)[0]
-    cautions = list[Block]()
-    for flight in comparison.flights:
-        row = next(
-            row for row in comparison.summaries(flight, question) if row["method"] == reference
+    tests = comparison.verdicts(question)
+    blocks: list[Block] = [Sentence("error ratio by steps ahead.", WORDS[question])]
+    table = list[list[str]]()
+    for row in comparison.over_flights(question):
+        share = row["inside"][-1]
+        inside = "" if share is None else f"{100 * share:.0f} %"
+        test = tests.get(row["method"])
+        table.append(
+            [
+                row["method"],
+                *(f"{ratio:.3g}" for ratio in row["horizons"]),
+                str(row["worse_than_constant"]),
+                str(row["unstable"]),
+                *(["", ""] if test is None else [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]),
+                inside,
+            ]
         )
-        share = row["horizons"][-1]["inside"]
-        if share is not None and share < PREDICTION_LIMITS.coverage:
-            where = f" on {flight}" if len(comparison.flights) > 1 else ""
-            kind = "forecasts" if question == KNOWN else "predictions"
-            what = f"{reference}'s {kind} holds {100 * share:.0f} % of the samples{where}"
-            cautions.append(caution(f"the 90 % band of {what}: it is too narrow."))
-    return cautions
+        if test is None and share is not None and share < PREDICTION_LIMITS.coverage:
+            what = f"the 90 % band of {reference} holds {inside} of the samples: it is too narrow."
+            blocks.append(caution(what))
+    header = ["method", *_shared_horizons(comparison)]
+    header += ["above 1", "unstable", f"{reference} / method", "p", "in 90 % band"]
+    return [*blocks, Table(header, table)]
 
 
 def _shared_horizons(comparison: Comparison) -> list[str]:
@@ -106,87 +101,18 @@ def _shared_horizons(comparison: Comparison) -> list[str]:
     return [*map(str, HORIZONS[: shared - 1]), str(*whole) if len(whole) == 1 else "all"]
 
 
-def _over_flights(comparison: Comparison, questions: Sequence[Question]) -> list[Block]:
-    header = _shared_horizons(comparison)
-    text = f"{len(comparison.flights)} flights, {len(comparison.windows)} windows."
-    blocks: list[Block] = [Sentence(text, "All flights:")]
-    for question in questions:
-        rows = comparison.over_flights(question)
-        table = [
-            [row["method"], *map(_ratio, row["horizons"]), *_counts(row, row["reference"])]
-            for row in rows
-        ]
-        inside = _inside([(row["method"], row["inside"]) for row in rows], comparison)
-        table += [[*row, "", "", "", ""] for row in inside]
-        head = f"{WORDS.get(question, WORDS[KNOWN])} error ratio; steps:"
-        blocks.append(Table([head, *header, *_count_columns(comparison)], table))
-    return blocks
-
-
-def _inside(
-    methods: Sequence[tuple[str, Sequence[float | None]]], comparison: Comparison
-) -> list[list[str]]:
-    """Rows of the share in the 90 % band by horizon: of the first method, and of those that answer both questions."""
-    shown: Collection[str] = {comparison.methods[0], *comparison.methods_of(UNKNOWN)}
-    return [
-        [
-            f"{method}: in its 90 % band",
-            *("" if share is None else f"{100 * share:.0f} %" for share in shares),
-        ]
-        for method, shares in methods
-        if method in shown and any(share is not None for share in shares)
-    ]
-
-
-def _count_columns(comparison: Comparison) -> list[str]:
-    return ["above 1", "unstable", f"{comparison.methods[0]} / method", "p"]
-
-
-def _counts(row: Summary, test: Paired) -> list[str]:
-    return [
-        str(row["worse_than_constant"]),
-        str(row["unstable"]),
-        _ratio(test.ratio),
-        f"{test.p_value:.2g}",
-    ]
-
-
-def _flight(comparison: Comparison, flight: str, questions: Sequence[Question]) -> list[Block]:
+def _flight(comparison: Comparison, flight: str) -> list[Block]:
+    """How much was compared of a flight, and what failed."""
     windows = [window for window in comparison.windows if window.flight == flight]
-    train = windows[0].train
-    test = windows[0].test
-    summaries = comparison.summaries(flight, questions[0])
-    reference = summaries[0]["horizons"][-1]["reference"]
-    known = {"flight": flight, "windows": len(windows), "train": train, "test": test}
-    heading = section("comparison_flight", **known, tested=reference.tested)
-    units = [readable(unit) for unit in train.output_units]
-    columns = [named(name, unit.name) for name, unit in zip(train.output_names, units, strict=True)]
-    head = f"RMSE, {len(test)} step{'s' if len(test) > 1 else ''} ahead"
-    errors = [
-        [
-            row["method"],
-            *(
-                f"{unit.scale * sqrt(square):.3g}"
-                for unit, square in zip(units, row["mspe"], strict=True)
-            ),
-            _ratio(row["relative"]),
-            _ratio(row["worst"]),
-            *_counts(row, row["horizons"][-1]["reference"]),
-        ]
-        for row in summaries
-    ]
-    header = [head, *columns, "error ratio", "worst", *_count_columns(comparison)]
-    blocks: list[Block] = [*heading, Table(header, errors)]
-    for question in (question for question in questions if question in WORDS):
-        rows = comparison.summaries(flight, question)
-        steps = [str(at["steps"]) for at in rows[0]["horizons"]]
-        table = [
-            [row["method"], *(_ratio(at["relative"]) for at in row["horizons"])] for row in rows
-        ]
-        table += _inside(
-            [(row["method"], [at["inside"] for at in row["horizons"]]) for row in rows], comparison
+    summaries = comparison.summaries(flight)
+    blocks: list[Block] = [
+        *section(
+            "comparison_flight",
+            windows[0],
+            windows=len(windows),
+            tested=summaries[0]["horizons"][-1]["reference"].tested,
         )
-        blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
+    ]
     for row in summaries:
         blocks += section("comparison_failures", **row)
     return blocks

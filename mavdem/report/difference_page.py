@@ -108,7 +108,7 @@ def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
         for name, one in both.items():
             if found := _known(one, "axes", axis, loop, "measured"):
                 time, step, half = (np.array(found[key]) for key in ("time", "step", "step_half"))
-                lines.append(Line(name, COLOURS[name], time, step, step - half, step + half))
+                lines.append(Line.around(name, COLOURS[name], time, step, half))
         title = f"{axis.capitalize()} {loop}: step"
         charts += [Chart(title, AFTER, SHARE, tuple(lines), (1.0,))] if lines else []
     return tuple(charts)
@@ -136,7 +136,7 @@ def _spectra(both: Mapping[str, Review]) -> list[Group]:
     """The gyro's, before its filters where that was logged."""
     lines = list[Line]()
     for name, one in both.items():
-        spectra = _known(one, "noise", "spectra") or {}
+        spectra = one.get("spectra") or {}
         if found := spectra.get("gyro_before") or spectra.get("gyro"):
             density = np.sum(list(found["density"].values()), axis=0)[1:]
             hertz = np.array(found["frequency"])[1:]
@@ -157,8 +157,7 @@ def _motors(both: Mapping[str, Review]) -> list[Group]:
             half = 100 * np.array(ends, np.float64)
             names = names[: len(shares)]
             at = np.arange(float(len(shares)))
-            around = deviation - half, deviation + half
-            lines.append(Line(name, COLOURS[name], at, deviation, *around, Kind.DOTS))
+            lines.append(Line.around(name, COLOURS[name], at, deviation, half, Kind.DOTS))
     axis = Axis("motor", names=tuple(names))
     chart = Chart("Motors", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
     return [Group.of([chart])] if lines else []

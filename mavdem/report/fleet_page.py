@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from math import degrees
 from pathlib import PurePath
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -16,9 +15,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.row import (
     HEALTHS,
-    NOT_IDENTIFIABLE,
     OK,
-    UNKNOWN,
     Flight,
     FlightRow,
     flights_of,
@@ -28,7 +25,7 @@ from mavdem.fleet.row import (
 from mavdem.report import fleet as words
 from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.fleet import TROUBLE, cut, doubt, urgency, vehicle_health
-from mavdem.report.numbers import MOST_NAMED, TORQUE, plus_minus, rounded
+from mavdem.report.numbers import MOST_NAMED, listed, rounded
 from mavdem.report.page import environment
 from mavdem.report.plans import rose_of_flights
 from mavdem.report.vehicle_charts import vehicle_group
@@ -73,9 +70,7 @@ def fleet_page(
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
     newest = [*reversed(dated), *flights[len(dated) :]]
-    columns = {name: _cells(name, newest) for name in COLUMNS}
-    kept = [name for name, cells in columns.items() if name in ALWAYS or any(cells)]
-    lines = [list(line) for line in zip(*(columns[name] for name in kept), strict=True)]
+    lines = [[read(flight) for _, read in COLUMNS.values()] for flight in newest]
     # A colon in a link would make what comes before it a scheme.
     links = [
         ("" if row.page is None else quote(row.page, safe="/"), row.file) for row, *_ in newest
@@ -90,9 +85,9 @@ def fleet_page(
             vehicles=parts,
             rose=rose_of_flights(known) if len(known) else None,
             not_drawn=len(flown_often) - len(drawn),
-            first=Table(kept, lines[:FIRST_SHOWN], words=True),
+            first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
             table={
-                "kinds": [COLUMNS[name][0] for name in kept],
+                "kinds": [kind for kind, _ in COLUMNS.values()],
                 "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
                 "first": FIRST_SHOWN,
                 "healths": (*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
@@ -101,40 +96,16 @@ def fleet_page(
     )
 
 
-def _number(
-    name: str, scale: float = 1.0, digits: int = 2, estimated: bool = False
-) -> Callable[[FlightRow], str]:
-    """Reads a column; if ``estimated``, with its interval, rounded to what that bears."""
-
-    def read(row: FlightRow) -> str:
-        value = getattr(row, name)
-        half = getattr(row, f"{name}_interval") if estimated else None
-        if value is None or (estimated and getattr(row, f"{name}_status") == NOT_IDENTIFIABLE):
-            return ""
-        return (
-            rounded(scale * value, digits)
-            if half is None
-            else plus_minus(scale * value, scale * half)
-        )
-
-    return read
-
-
-def _effectiveness(row: FlightRow) -> str:
-    """The mean size over the motors, and the unit."""
-    if not row.effect or row.effect_status == NOT_IDENTIFIABLE:
-        return ""
-    return f"{rounded(TORQUE.scale * sum(map(abs, row.effect)) / len(row.effect), 3)} per {row.per_input}"
-
-
-def _health(flight: Flight) -> Rated:
+def _health(flight: Flight) -> str:
+    if flight[0].status != OK:
+        return NOT_USED
     health = MotorHealth(worst_health(flight))
     return Rated(health, words.LEVELS[health])
 
 
-def _lights(row: FlightRow) -> str:
+def _lights(flight: Flight) -> str:
     """The lights that are not in order."""
-    levels = {str(light): getattr(row, f"light_{light}") for light in Light}
+    levels = {str(light): getattr(flight[0], f"light_{light}") for light in Light}
     lit = (f"{name} {level}" for name, level in levels.items() if level in (Level.BAD, Level.WATCH))
     return ", ".join(lit)
 
@@ -152,47 +123,34 @@ def _notes(flight: Flight) -> str:
     return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 
 
-def _cells(name: str, flights: Sequence[Flight]) -> list[str]:
-    """A column of the flights: what their axes have in common once, else roll / pitch."""
-    kind, read = COLUMNS[name]
-    if kind in ("health", "notes"):
-        return [read(flight) for flight in flights]
-    by_axis = ([read(row) for row in flight] for flight in flights)
-    return [
-        one[0] if len(set(one)) == 1 else " / ".join(cell or "–" for cell in one) for one in by_axis
-    ]
+def _motors(flight: Flight) -> str:
+    """Those that are suspected."""
+    return listed(sorted({row.suspect_motor for row in flight if row.suspect_motor is not None}))
 
 
-COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
-    "flight": ("text", lambda row: PurePath(row.file).name or row.file),
-    "vehicle": (
-        "text",
-        lambda row: "" if row.vehicle == UNKNOWN and row.status != OK else row.vehicle,
-    ),
-    "date": ("text", lambda row: "" if row.date is None else f"{row.date:%Y-%m-%d %H:%M}"),
-    "tier": ("text", lambda row: row.tier or ""),
-    "health": (
-        "health",
-        lambda flight: _health(flight) if flight[0].status == OK else NOT_USED,
-    ),
+def _settled(flight: Flight) -> str:
+    seconds = flight[0].duration
+    return "" if seconds is None or flight[0].status != OK else rounded(seconds, 3)
+
+
+def _wind(flight: Flight) -> str:
+    """Its speed, and where it came from."""
+    row = flight[0]
+    speed = "" if row.wind_speed is None else rounded(row.wind_speed)
+    origin = "" if row.wind_direction is None else from_point(degrees(row.wind_direction))
+    return f"{speed} {origin}".strip()
+
+
+COLUMNS: dict[str, tuple[str, Callable[[Flight], str]]] = {
+    "flight": ("text", lambda flight: PurePath(flight[0].file).name or flight[0].file),
+    "vehicle": ("text", lambda flight: flight[0].vehicle),
+    "date": ("text", lambda flight: f"{flight[0].date or ''}"[:16]),
+    "tier": ("text", lambda flight: flight[0].tier or ""),
+    "health": ("health", _health),
     "lights": ("text", _lights),
-    "motor": ("text", lambda row: "" if row.suspect_motor is None else str(row.suspect_motor)),
+    "motor": ("text", _motors),
     "notes": ("notes", _notes),
-    "settled (s)": (
-        "number",
-        lambda row: _number("duration", digits=3)(row) if row.status == OK else "",
-    ),
-    "mean effectiveness (°/s²)": ("number", _effectiveness),
-    "rate damping (1/s)": ("number", _number("damping", estimated=True)),
-    "motor time constant (ms)": ("number", _number("lag", 1e3, estimated=True)),
-    "wind (m/s)": ("number", _number("wind_speed")),
-    "from": (
-        "text",
-        lambda row: "" if row.wind_direction is None else from_point(degrees(row.wind_direction)),
-    ),
-    "wind torque (°/s²)": ("number", _number("wind_torque_sd", TORQUE.scale)),
-    "error ratio": ("number", _number("error_ratio")),
+    "settled (s)": ("number", _settled),
+    "wind (m/s)": ("number", _wind),
 }
-"""What each column is sorted as, and its cell of a row (of a flight: health and notes); empty where it is not known."""
-# columns that are there even if empty
-ALWAYS = ("flight", "vehicle", "date", "tier", "health", "notes")
+"""What each column is sorted as, and its cell of a flight; empty where it is not known."""

@@ -44,8 +44,7 @@ def step_charts(responses: Responses) -> tuple[tuple[Chart, ...], ...]:
 
 def _of_response(title: str, found: LoopResponse, seen: StepResponse) -> Iterator[Chart]:
     """Yields the step and, of the rate, |T|."""
-    low, high = seen.step - seen.step_half, seen.step + seen.step_half
-    steps = [Line("measured", MEASURED, seen.time, seen.step, low, high)]
+    steps = [Line.around("measured", MEASURED, seen.time, seen.step, seen.step_half)]
     least = np.maximum(seen.gain - seen.gain_half, seen.gain / 10)
     most = seen.gain + seen.gain_half
     gains = [Line("measured", MEASURED, seen.frequency, seen.gain, least, most)]

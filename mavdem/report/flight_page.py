@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from itertools import chain
 from math import nan
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise import BEFORE, GYRO, Responses
-from mavdem.condition.condition import settled_parts
 from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.advice import Advice, advise
 from mavdem.condition.loop.filters import gyro_filters
@@ -134,8 +129,8 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
         columns = tuple(
             tuple(map(timeline.marked, charts)) for charts in timeline.axes.values() if charts
         )
-        parts = settled_parts(evidence.signals)
-        yield Chapter("Three axes", _tracking(columns, parts), [Group(columns)])
+        tracking = Sentence(str(assessment.lights["tracking"]), "Tracking:")
+        yield Chapter("Three axes", [tracking], [Group(columns)])
     yield _responses(assessment.responses)
     advice = _advice(evidence) if whole else {}
     yield _loops(evidence, advice)
@@ -145,38 +140,22 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
     yield _parameters(evidence.signals.telemetry)
 
 
-def _tracking(columns: Sequence[Sequence[Chart]], parts: Sequence[Segment]) -> list[Block]:
-    """How far angles and rates are from their setpoints in settled flight."""
-    rows = list[list[str]]()
-    for chart in chain(*columns):
-        if [line.name for line in chart.lines[:-1]] == ["setpoint"]:
-            asked, seen = chart.lines
-            settled = [(seen.x >= part.start) & (seen.x <= part.end) for part in parts]
-            errors = (seen.y - asked.y)[np.any(settled, axis=0)] if settled else np.empty(0)
-            if np.isfinite(errors).any():
-                rows.append([chart.y.label, rounded(float(np.sqrt(np.nanmean(errors**2))))])
-    if not rows:
-        return [Sentence("no error is known: no setpoints in settled flight.", "Tracking:")]
-    return [Table(["settled flight", "RMS error"], rows)]
-
-
 def _responses(responses: Responses) -> Chapter:
     """Step responses as measured and predicted, their figures, and which of them is doubted."""
     rows = list[list[str]]()
     blocks = list[Block]()
-    for axis, loops in responses.items():
-        for name, found in loops.items():
-            if isinstance(found.measured, StepResponse):
-                figures = (_estimate(found.measured, key) for key in FIGURES)
-                rows.append([f"{axis} {name}", *figures])
-            if found.compared is not None and found.compared.level is not Level.GOOD:
-                blocks.append(caution(found.compared))
     refusals = dict[Fact, list[str]]()
     for axis, loops in responses.items():
-        for name, found in loops.items():
-            if isinstance(fact := found.measured, Fact):
-                same = Fact(fact.code, fact.level, **fact.figures)
-                refusals.setdefault(same, []).append(f"{axis} {name}")
+        for loop, found in loops.items():
+            name = f"{axis} {loop}"
+            seen = found.measured
+            if isinstance(seen, Fact):
+                same = Fact(seen.code, seen.level, **seen.figures)
+                refusals.setdefault(same, []).append(name)
+            else:
+                rows.append([name, *(_estimate(seen, key) for key in FIGURES)])
+            if found.compared is not None and found.compared.level is not Level.GOOD:
+                blocks.append(caution(found.compared))
     for fact, names in refusals.items():
         said = Fact(fact.code, fact.level, subject=listed(names), **fact.figures)
         blocks.append(Sentence(str(said)))

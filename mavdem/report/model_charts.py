@@ -93,15 +93,13 @@ def disturbance(learned: Learned, truth: Array | None = None) -> Charts:
         ValueError: the wind torque is not identifiable.
     """
     wind = known_wind(learned.wind_torque, learned.physical)
-    record = learned.record
-    if wind is None:
+    line = torque_line(learned, "wind torque", DISTURBANCE)
+    if wind is None or line is None:
         raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
-    time, torque = with_gaps(record, TORQUE.scale * wind.torque)
-    _, half = with_gaps(record, TORQUE.scale * wind.band)
-    lines = [Line("wind torque", DISTURBANCE, time, torque, torque - half, torque + half)]
+    lines = [line]
     if truth is not None:
-        lines.append(Line("truth", TRUTH, time, with_gaps(record, TORQUE.scale * truth)[1]))
-    clock = sample_times(record)
+        lines.append(Line("truth", TRUTH, *with_gaps(learned.record, TORQUE.scale * truth)))
+    clock = sample_times(learned.record)
     starts = [(float(clock[gust.sample]), gust.length) for gust in wind.gusts]
     gusts = tuple((start, start + length, "gust") for start, length in starts)
     shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= FASTEST_WIND)
@@ -115,6 +113,16 @@ def disturbance(learned: Learned, truth: Array | None = None) -> Charts:
         Chart("Wind torque", TIME, unit, tuple(lines), (0.0,), spans=gusts),
         Chart("Its spectrum", FREQUENCY, Axis(f"({TORQUE.name})²/Hz", log=True), spectrum),
     )
+
+
+def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
+    """Returns the wind torque with its band; None where it is not identifiable."""
+    wind = known_wind(learned.wind_torque, learned.physical)
+    if wind is None:
+        return None
+    time, torque = with_gaps(learned.record, TORQUE.scale * wind.torque)
+    _, half = with_gaps(learned.record, TORQUE.scale * wind.band)
+    return Line.around(name, colour, time, torque, half)
 
 
 def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
@@ -141,7 +149,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
     half = joined(held.band)
     lines = (
         Line("measured", MEASURED, time, joined(held.measured)),
-        Line("forecast", PREDICTED, time, middle, middle - half, middle + half),
+        Line.around("forecast", PREDICTED, time, middle, half),
     )
     charts = [Chart(f"Forecast of {name}", TIME, Axis(named(name, unit.name)), lines)]
     if len(held) > 1:

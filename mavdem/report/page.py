@@ -17,17 +17,14 @@ from markupsafe import Markup, escape
 from mavdem.analysis import LogAnalysis
 from mavdem.condition.loop.advice import Advice
 from mavdem.dem import Learned
-from mavdem.dem.order_choice import OrderChoice
-from mavdem.evaluate.comparison import Comparison
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.charts import POINTS, Chart, Group
-from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.loops import tune_blocks
-from mavdem.report.numbers import listed, named, readable, rounded
+from mavdem.report.numbers import named, readable, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import screen, title
 from mavdem.report.timeline import Timeline
@@ -128,21 +125,6 @@ def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
             chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, said)]))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
     return document(name, subtitle, tune_blocks(found), chapters)
-
-
-def methods_page(comparison: Comparison, from_zero: bool = False) -> str:
-    """Returns the HTML of a comparison of methods; ``from_zero``: forecasts start from state 0."""
-    blocks = comparison_report(comparison, from_zero)
-    first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
-    subtitle = f"Forecasts of the same windows of {listed(comparison.flights)}."
-    rest = [Chapter("All errors", blocks[first:])]
-    return document("DEM and other methods", subtitle, blocks[:first], rest)
-
-
-def order_page(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> str:
-    """Returns the HTML of a ``choice`` of the model order of flights of these ``names``; as :func:`order_report`."""
-    subtitle = f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy."
-    return document("Model order", subtitle, order_report(choice, names, known_inputs))
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

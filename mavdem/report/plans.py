@@ -119,12 +119,9 @@ def _petal(number: int, inner: float, outer: float) -> str:
 def flown_path(timeline: Timeline | None) -> Plan | None:
     """Returns the path over ground in a ``timeline``, north up; None without one."""
     place = None if timeline is None else timeline.position
-    if timeline is None or place is None:
+    if place is None:
         return None
-    first, last = timeline.span
-    north, east = place.values[(place.time >= first) & (place.time <= last), :2].T
-    if len(north) < 2:
-        return None
+    north, east = place.values[:, :2].T
     size = max(float(np.ptp(north)), float(np.ptp(east)), 2.0)
     lengths = np.outer(10.0 ** np.arange(6), [1, 2, 5])
     length = float(lengths[lengths <= max(size / 2, 1)].max())

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import chain, cycle
+from itertools import cycle
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment import phases
+from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import AXES, Signal
 from mavdem.alignment.signals import Setpoint, Signals, attitude, held
-from mavdem.analysis.findings import known_wind
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
-from mavdem.dem import Learned
-from mavdem.dem.engine.linalg import Array
 from mavdem.facts.event import Event
-from mavdem.flight import Flight
 from mavdem.report.charts import TIME, Axis, Chart, Line, Mark, over_time
+from mavdem.report.model_charts import torque_line
 from mavdem.report.numbers import TORQUE, readable, short
 from mavdem.report.palette import (
     BAD,
@@ -76,17 +73,7 @@ class Timeline(NamedTuple):
             if np.isfinite(event.seconds)
         )
         spans = tuple((*part, "") for part in self.trained)
-        lines = tuple(filter(None, (_within(line, self.span) for line in chart.lines)))
-        return chart._replace(x=self._time, lines=lines, marks=tuple(marks), spans=spans)
-
-
-def _within(line: Line, span: tuple[float, float]) -> Line | None:
-    """The part of a line in a span; None of one without."""
-    rows = slice(*np.searchsorted(line.x, (span[0], np.nextafter(span[1], np.inf))))
-    if len(line.x[rows]) < 2:
-        return None
-    low, high = (None if one is None else one[rows] for one in (line.low, line.high))
-    return line._replace(x=line.x[rows], y=line.y[rows], low=low, high=high)
+        return chart._replace(x=self._time, marks=tuple(marks), spans=spans)
 
 
 def timeline_of(assessment: Assessment) -> Timeline | None:
@@ -103,154 +90,125 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         return None
     segments = analysis.verdict.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
-    torques = (
-        line
-        for name, one in assessment.analyses.items()
-        for line in torque_lines(name, one.learned, one.flights)
-    )
-    known = (
-        *_driven(signals, boot),
-        *wind_rows(evidence.air, boot),
-        over_time("Wind torque", TORQUE.name, torques),
-    )
-    axes = {axis: tuple(_of_axis(signals.about(axis), boot)) for axis in AXES}
-    rows = tuple(row for row in known if row.lines)
-    shown = [line.x for row in (*rows, *chain(*axes.values())) for line in row.lines]
-    if not shown:
+    known = tilt.time[tilt.boot == boot]
+    if len(known) < 2:
         return None
     armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
-    first = max(min(float(time[0]) for time in shown), armed[0][0] - AROUND)
-    last = min(max(float(time[-1]) for time in shown), armed[-1][1] + AROUND)
+    first = max(float(known[0]), armed[0][0] - AROUND)
+    last = min(float(known[-1]), armed[-1][1] + AROUND)
+    part = Segment(boot, first, last)
+    torques = (
+        torque_line(one.learned, f"on {axis}", DISTURBANCE if axis == AXES[0] else COMMAND)
+        for axis, one in assessment.analyses.items()
+        if one.learned is not None
+    )
+    rows = (
+        *_driven(signals, part),
+        *wind_rows(evidence.air, part),
+        over_time("Wind torque", TORQUE.name, filter(None, torques)),
+    )
     changes = signals.modes(boot)
     ends_of_modes = zip(changes, [*changes[1:], (last, "")], strict=False)
     modes = ((max(at, first), min(end, last), name) for (at, name), (end, _) in ends_of_modes)
-    place = signals.position
-    return Timeline(
-        rows,
-        (first, last),
-        axes,
-        tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights),
-        tuple(mode for mode in modes if mode[0] < mode[1]),
-        events_of(assessment, boot),
-        place and _of(place, boot),
-    )
-
-
-def events_of(assessment: Assessment, boot: int) -> tuple[Event, ...]:
-    """Returns what happened in a ``boot``, and when, in order."""
-    return tuple(
+    events = (
         Event(fact.time, fact)
         for fact in assessment.events
         if fact.time is not None and fact.figures.get("boot", boot) == boot
     )
-
-
-def _of(signal: Signal, boot: int) -> Signal | None:
-    """The part of a ``boot``; None of one without."""
-    rows = signal.boot == boot
-    return (
-        Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
-        if np.count_nonzero(rows) > 1
-        else None
+    place = signals.position
+    return Timeline(
+        tuple(row for row in rows if row.lines),
+        (first, last),
+        {axis: tuple(_of_axis(signals.about(axis), part)) for axis in AXES},
+        tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights),
+        tuple(mode for mode in modes if mode[0] < mode[1]),
+        tuple(events),
+        place and _of(place, part),
     )
 
 
-def _of_axis(signals: Signals, boot: int) -> Iterator[Chart]:
+def _of(signal: Signal, part: Segment) -> Signal | None:
+    """The ``part`` of a signal; None of one without."""
+    rows = within(signal, part, slack=0)
+    if np.count_nonzero(rows) < 2:
+        return None
+    return Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
+
+
+def _of_axis(signals: Signals, part: Segment) -> Iterator[Chart]:
     """Yields angle and rate with what was asked, and the error of the rate; what was not recorded is left out."""
     seen = signals.attitude
     if seen is None:
         return
-    axis = signals.axis
-    scale = ANGLE.scale
-    yield from _beside(axis.capitalize(), "°", axis, seen.angles, signals.asked, boot, scale)
+    name = signals.axis
     rate, asked = signals.rates or (seen.rates, None)
-    if np.nanstd(rate.values) > 10 * np.nanstd(seen.rate):  # that firmware sends degrees
-        scale = 1.0
-    title = f"{axis.capitalize()} rate"
-    yield from _beside(title, "°/s", "rate", rate, asked, boot, scale)
-    if asked is not None and (own := _of(rate, boot)) is not None:
-        wanted = held(Setpoint("", "", "", asked), boot, own.time)
-        error = Line("error", DISTURBANCE, own.time, scale * (own.values - wanted))
-        if np.isfinite(error.y).any():
-            yield over_time(f"{title} error", "°/s", [error])
+    # some firmware sends degrees
+    scale = 1.0 if np.nanstd(rate.values) > 10 * np.nanstd(seen.rate) else ANGLE.scale
+    angles = _beside(name, ANGLE.scale, seen.angles, signals.asked, part)
+    rates = _beside("rate", scale, rate, asked, part)
+    title = name.capitalize()
+    if angles:
+        yield over_time(title, "°", angles)
+    if rates:
+        yield over_time(f"{title} rate", "°/s", rates)
+    if len(rates) > 1:
+        wanted, own = rates
+        error = Line("error", DISTURBANCE, own.x, own.y - wanted.y)
+        yield over_time(f"{title} rate error", "°/s", [error])
 
 
 def _beside(
-    title: str, unit: str, name: str, seen: Signal, asked: Signal | None, boot: int, scale: float
-) -> Iterator[Chart]:
-    """Yields what was seen beside what was asked for."""
-    if (own := _of(seen, boot)) is None:
-        return
+    name: str, scale: float, seen: Signal, asked: Signal | None, part: Segment
+) -> list[Line]:
+    """What was seen, after what was asked for."""
+    if (own := _of(seen, part)) is None:
+        return []
     lines = [Line(name, PREDICTED, own.time, scale * own.values)]
     if asked is not None:
-        wanted = scale * held(Setpoint("", "", "", asked), boot, own.time)
+        wanted = scale * held(Setpoint("", "", "", asked), part.boot, own.time)
         if np.isfinite(wanted).any():
             lines.insert(0, Line("setpoint", TRUTH, own.time, wanted))
-    yield over_time(title, unit, lines)
+    return lines
 
 
-def _driven(signals: Signals, boot: int) -> Iterator[Chart]:
+def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
     """Yields height, motors and battery; without lines where they were not recorded."""
-    height, volts = signals.height, signals.voltage
-    if height is not None:
-        yield over_time("Height", "m", _lines(height, boot, ["height"]))
+    yield over_time("Height", "m", _lines(signals.height, part, ["height"]))
     if (motors := signals.motors) is not None:
         shares = Signal(motors.time, motors.boot, 100 * motors.scale.fraction(motors.outputs))
         names = [short(name) for name in motors.layout.names]
         mean = shares.values.mean(axis=1, keepdims=True)
         apart = replace(shares, values=shares.values - mean)
-        yield over_time("Motors", "%", _lines(shares, boot, names))
-        yield over_time("Motors, less their mean", "%", _lines(apart, boot, names))
-    if volts is not None:
-        yield over_time("Battery", "V", _lines(volts, boot, ["battery"]))
+        yield over_time("Motors", "%", _lines(shares, part, names))
+        yield over_time("Motors, less their mean", "%", _lines(apart, part, names))
+    yield over_time("Battery", "V", _lines(signals.voltage, part, ["battery"]))
 
 
 def _lines(
-    signal: Signal, boot: int, names: Sequence[str], colours: Sequence[str] = DISTINCT
+    signal: Signal | None, part: Segment, names: Sequence[str], colours: Sequence[str] = DISTINCT
 ) -> Iterator[Line]:
-    if (own := _of(signal, boot)) is None:
+    own = None if signal is None else _of(signal, part)
+    if own is None:
         return
     columns = own.values.reshape(len(own.time), -1).T
     for name, colour, values in zip(names, cycle(colours), columns, strict=False):
         yield Line(name, colour, own.time, values)
 
 
-def torque_lines(axis: str, learned: Learned | None, flights: Sequence[Flight]) -> Iterator[Line]:
-    """Yields the wind torque on an ``axis`` of the ``flights`` that a model was learned from; none if not known."""
-    wind = None if learned is None else known_wind(learned.wind_torque, learned.physical)
-    if wind is not None and len(wind.torque) == sum(map(len, flights)):
-        colour = COMMAND if axis in AXES[1:] else DISTURBANCE
-        starts = np.cumsum([len(flight) for flight in flights])[:-1]
-        time = np.concatenate([flight.time for flight in flights])
-        both = TORQUE.scale * wind.torque, TORQUE.scale * wind.band
-        yield _broken(starts, time, f"on {axis}", colour, *both)
-
-
-def _broken(
-    starts: Any, time: Array, name: str, colour: str, values: Array, half: Array | None = None
-) -> Line:
-    """A line with a band of this ``half`` width that breaks before each of the samples ``starts``."""
-    gaps = np.insert(values, starts, np.nan)
-    line = Line(name, colour, np.insert(time, starts, time[starts]), gaps)
-    if half is None:
-        return line
-    around = np.insert(half, starts, np.nan)
-    return line._replace(low=gaps - around, high=gaps + around)
-
-
-def wind_rows(air: Air, boot: int) -> Iterator[Chart]:
-    """Yields speed and, where it is known, direction of the wind in a ``boot``, with the autopilot's own estimates."""
+def wind_rows(air: Air, part: Segment) -> Iterator[Chart]:
+    """Yields speed and, where it is known, direction of the wind, with the autopilot's own estimates."""
     wind, own, _ = air
-    if wind is None or wind.boot != boot:
+    if wind is None or wind.boot != part.boot:
         return
     mean = wind.direction if wind.directed else 0.0
     speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
     courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
-    for part, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
-        lines = [Line("wind", DISTURBANCE, wind.time, line, line - width, line + width)]
+    for place, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
+        lines = [Line.around("wind", DISTURBANCE, wind.time, line, width)]
         if own is not None:
-            theirs = Signal(own.time, own.boot, by_compass(own.values, 0 * own.values, mean)[part])
-            lines += _lines(theirs, boot, ["autopilot's own"], [BASELINE])
+            theirs = by_compass(own.values, 0 * own.values, mean)[place]
+            signal = Signal(own.time, own.boot, theirs)
+            lines += _lines(signal, part, ["autopilot's own"], [BASELINE])
         yield over_time(title, unit, lines)
 
 
@@ -259,27 +217,33 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     # Imported here: the timeline of a log needs nothing of live sessions.
     from mavdem.live.history import AHEAD
 
-    segments, time, measured, *others = history.rows.T
+    rows = history.rows
+    segments, time, measured = rows.T[:3]
     if np.count_nonzero(np.isfinite(measured)) < 2:
         return None
-    line = partial(_broken, np.flatnonzero(np.diff(segments)) + 1, time)
-    (predicted, band, torque, torque_band, *air) = others[:6]
+    # Lines break where a segment begins.
+    starts = np.flatnonzero(np.diff(segments)) + 1
+    rows = np.insert(rows, starts, np.nan, axis=0)
+    time = np.insert(time, starts, time[starts])
+    _, _, measured, predicted, band, torque, torque_band, wind, wind_band, *outputs = rows.T
     ahead = ANGLE.scale * predicted, ANGLE.scale * band
     around = TORQUE.scale * torque, TORQUE.scale * torque_band
     angles = (
-        line("measured", MEASURED, ANGLE.scale * measured),
-        line(f"{AHEAD:g} s ahead", PREDICTED, *ahead),
+        Line("measured", MEASURED, time, ANGLE.scale * measured),
+        Line.around(f"{AHEAD:g} s ahead", PREDICTED, time, *ahead),
     )
     motors = (
-        line(short(name), colour, 100 * values)
-        for name, colour, values in zip(history.motors, cycle(DISTINCT), others[6:], strict=False)
+        Line(short(name), colour, time, 100 * values)
+        for name, colour, values in zip(history.motors, cycle(DISTINCT), outputs, strict=False)
     )
-    rows = (
+    charts = (
         over_time(axis.capitalize(), ANGLE.name, angles),
         over_time("Motors", "%", motors),
-        over_time("Wind torque", TORQUE.name, [line(f"on {axis}", DISTURBANCE, *around)]),
-        over_time("Wind", "m/s", [line("wind", DISTURBANCE, *air)]),
+        over_time(
+            "Wind torque", TORQUE.name, [Line.around(f"on {axis}", DISTURBANCE, time, *around)]
+        ),
+        over_time("Wind", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
     )
-    known = tuple(row for row in rows if any(np.isfinite(one.y).any() for one in row.lines))
+    known = tuple(row for row in charts if any(np.isfinite(one.y).any() for one in row.lines))
     span = float(time[0]), float(time[-1])
     return Timeline(known, span, trained=tuple(history.learned), events=tuple(history.events))

@@ -55,8 +55,7 @@ def _drawn(lines: Lines) -> Iterator[Line]:
         if np.isfinite(values).any():
             around = np.nan_to_num(halves)
             flights = np.arange(len(values), dtype=np.float64)
-            ends = values - around, values + around
-            yield Line(name, distinct(number), flights, values, *ends, Kind.DOTS)
+            yield Line.around(name, distinct(number), flights, values, around, Kind.DOTS)
 
 
 def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:

@@ -27,19 +27,11 @@ def quick(monkeypatch):
 
 
 @pytest.mark.slow
-def test_all_methods_on_all_cores_are_reported(tmp_path, capsys):
-    out = tmp_path / "new" / "folder"
-    assert run("compare", FLIGHT, "--train", "400", "--hop", "6000", "--out", out) == 0
+def test_all_methods_on_all_cores_are_reported(capsys):
+    assert run("compare", FLIGHT, "--train", "400", "--hop", "6000") == 0
     said = capsys.readouterr().out
     assert said.startswith("DEM joint's error is not distinguishable from another method's: only ")
-    assert all(f"\n{method.name} " in said for method in METHODS)
-    assert {path.name for path in out.iterdir()} == {"comparison.json", "comparison.html"}
-    assert "<h1>DEM and other methods</h1>" in (out / "comparison.html").read_text()
-    kept = strict_json((out / "comparison.json").read_text())
-    assert {one["method"] for one in kept["flights"][0]["standings"]} == {
-        method.name for method in METHODS
-    }
-    assert not [one for one in kept["flights"][0]["standings"] if one["failed"]]
+    assert all(f"\n{method.name} " in said for method in METHODS) and "made no forecast" not in said
     assert not multiprocessing.active_children()
 
 
@@ -73,12 +65,10 @@ def test_a_flight_too_short_says_what_fits(quick, capsys):
 
 
 @pytest.mark.slow
-def test_the_order_and_why_are_reported(tmp_path, capsys):
-    page = tmp_path / "order.html"
-    assert run("order", FLIGHT, SLOW, "--max-order", "3", "--html", page, "--json") == 0
+def test_the_order_and_why_are_reported(capsys):
+    assert run("order", FLIGHT, SLOW, "--max-order", "3", "--json") == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
-    assert document["html"] == str(page) and "ardupilot_wind5_steps" in page.read_text()
     assert document["flights"] == ["ardupilot_wind5_steps"]
     heights = np.array(document["free_energy"][0])
     assert document["orders"] == [1, 2, 3] and np.isfinite(heights).all()

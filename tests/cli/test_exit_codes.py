@@ -70,7 +70,6 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["convert", FLIGHT, "again.tlog"], ".tlog already"),
         (["compare", FLIGHT, FLIGHT], "named twice"),
         (["compare", FLIGHT, "--hop", "0"], "--hop"),
-        (["order", FLIGHT, "--html", "page.txt"], "page.txt"),
         (["fly", "hover_blower"], "--out"),
         (["fly", "nowhere", "--out", "f.tlog"], "nowhere"),
         (["fly", "hover_blower", "--out", "f.csv"], ".tlog or .mcap"),

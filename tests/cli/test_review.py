@@ -24,7 +24,6 @@ def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
     assert [*document["axes"]] == ["roll", "pitch", "yaw"]
     assert document["axes"]["yaw"]["loop"] is None and document["axes"]["yaw"]["refusal"]["code"]
     assert document["axes"]["roll"]["step_response"] is None
-    assert document["spectra"] == document["noise"]["spectra"]
     assert document["model"] is None and document["headline"]["code"]
 
 

@@ -230,8 +230,8 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
         return Comparison(predicted.windows, predicted.methods, rows)
 
     assert cautions(held(0.75, 0.9)) == []
-    assert ["predictions holds 50 %" in one for one in cautions(held(0.9, 0.5))] == [True, True]
-    assert "forecasts holds 74 %" in cautions(held(0.74, 0.9).of_flight("a"))[0]
+    assert ["holds 50 %" in one for one in cautions(held(0.9, 0.5))] == [True]
+    assert "holds 74 %" in cautions(held(0.74, 0.9).of_flight("a"))[0]
 
 
 JOINT = Method("DEM joint", learn, predicts=True)

@@ -140,24 +140,24 @@ SORTED = """
 const lines = document.getElementById('flights').tBodies[0].rows;
 const cells = place => [...lines].map(row => row.cells[place].textContent);
 const heads = [...document.querySelectorAll('#flights th button')];
-const damping = heads.findIndex(one => one.textContent[0] === 'r');
+const settled = heads.findIndex(one => one.textContent[0] === 's');
 const type = words => {
   filter.value = words;
   filter.dispatchEvent(new Event('input'));
   return lines.length;
 };
 const found = {dates: cells(2)};
-heads[damping].click();
-found.rising = cells(damping);
+heads[settled].click();
+found.rising = cells(settled);
 found.state = [...document.querySelectorAll('#flights th')].map(one => one.ariaSort);
-heads[damping].click();
-found.falling = cells(damping);
+heads[settled].click();
+found.falling = cells(settled);
 found.laidOut = Math.max(...['q', 'QUAD-1', 'QUAD-1 fa', 'QUAD-1 fault', ''].map(type));
 type('QUAD-1 fault 0199.ulg');
 found.health = cells(4);
 found.count = document.getElementById('count').textContent;
 type('2026-01-07');
-found.few = cells(damping);
+found.few = cells(settled);
 type('');
 more.click();
 found.more = lines.length;
@@ -176,19 +176,14 @@ def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(tmp_path):
         found["dates"] == sorted(found["dates"], reverse=True)
         and len(found["dates"]) == FIRST_SHOWN
     )
-    # By the first axis of which it is known; no axis has a line of its own.
-    pairs = [
-        [row.damping for row in flight if row.damping is not None] for flight in flights_of(rows)
-    ]
-    values = sorted(pair[0] for pair in pairs if pair)
-    numbers = [float(cell.removeprefix("– / ").split()[0]) for cell in found["rising"]]
-    assert numbers == sorted(numbers) and numbers[0] == pytest.approx(values[0], abs=0.006)
-    assert float(found["falling"][0].removeprefix("– / ").split()[0]) == pytest.approx(
-        values[-1], abs=0.006
-    )
+    flown = [flight[0].duration for flight in flights_of(rows)]
+    seconds = [one for one in flown if one is not None]
+    numbers = [float(cell) for cell in found["rising"]]
+    assert numbers == sorted(numbers) and numbers[0] == pytest.approx(min(seconds), rel=0.01)
+    assert float(found["falling"][0]) == pytest.approx(max(seconds), rel=0.01)
     assert found["state"].count("ascending") == 1
     assert found["health"] == ["fault"] * 10
-    assert f"10 found in {10 * len(pairs)} flights" in found["count"]
+    assert f"10 found in {10 * len(flown)} flights" in found["count"]
     # What is not known comes last, also in falling order.
     known = [bool(cell) for cell in found["few"]]
     assert len(known) == 50 and known == sorted(known, reverse=True)
@@ -204,15 +199,7 @@ def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_tabl
     assert shown(fleet_page(hostile()), FITS, tmp_path, width) == ("Fleet", True)
 
 
-def test_columns_of_which_nothing_is_known_are_left_out():
-    nothing = dict.fromkeys(
-        ("effect", "damping", "lag", "wind_torque_sd", "residual_mean", "error_ratio")
-    )
-    text = fleet_page([flight_row("quad", number, tier="c", **nothing) for number in range(3)])
-    heads = re.findall(r'<th scope=.*?<button type="button">(.*?)</button>', text)
-    assert heads[-1] == "settled (s)"
-    assert [len(line) - 2 for line in table_of(text)["rows"]] == [len(heads)] * 3
-    # Each line leads to the page of its flight.
+def test_each_line_leads_to_the_page_of_its_flight():
     text = fleet_page(
         [flight_row("quad", 0, page="pages/a b#1.html"), flight_row("quad", 1, page=None)]
     )
