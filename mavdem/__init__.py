@@ -11,7 +11,6 @@ from mavdem.facts import speak
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import read_flight, read_segments
-    from mavdem.analysis import VehicleFigures, vehicle
     from mavdem.assessment import Assessment, review
     from mavdem.condition.condition import HoverFigures, hover, hover_figures
     from mavdem.condition.wind_of_log import wind
@@ -38,7 +37,6 @@ __all__ = [
     "Settings",
     "Telemetry",
     "Unreadable",
-    "VehicleFigures",
     "WindVelocity",
     "baselines",
     "estimate_drag",
@@ -51,7 +49,6 @@ __all__ = [
     "read_flight",
     "read_segments",
     "review",
-    "vehicle",
     "wind",
 ]
 _ROOMS = {
@@ -66,7 +63,6 @@ _ROOMS = {
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
-    "VehicleFigures": "analysis",
     "WindVelocity": "condition.wind_velocity",
     "estimate_drag": "dem",
     "estimate_wind": "condition.wind_velocity",
@@ -77,7 +73,6 @@ _ROOMS = {
     "read_flight": "alignment",
     "read_segments": "alignment",
     "review": "assessment",
-    "vehicle": "analysis",
     "wind": "condition.wind_of_log",
 }
 

@@ -6,7 +6,7 @@ import numpy as np
 from frames import geometry
 from refusals import prose
 
-from mavdem.analysis.figures import LogAnalysis, VehicleFigures
+from mavdem.analysis.figures import LogAnalysis
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import OF_VEHICLE, Judgement
 from mavdem.condition.condition import HoverFigures
@@ -136,7 +136,7 @@ def analysis(parameters):
     windows = held_out()
     verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
-    known = verdict, SimpleNamespace(name="a"), condition, None, VehicleFigures({}, HOVER)
+    known = verdict, SimpleNamespace(name="a"), condition, None
     return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)
 
 

@@ -6,22 +6,20 @@ model saw, and graded by findings; a model of the slow motion is kept only where
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from functools import partial
 from os import PathLike
-from typing import TypeVar
 
 import numpy as np
 
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import during, settled
-from mavdem.alignment.read import choose_vehicle, usable_segments
+from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.alignment.steadiness import headings
-from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
+from mavdem.analysis.figures import ALL, LogAnalysis, axis_figures
 from mavdem.analysis.findings import disown_torque
 from mavdem.condition.condition import condition_of
 from mavdem.condition.inventory import identity_of, tier_of
@@ -44,7 +42,6 @@ from mavdem.ingest import Log
 # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
 MAX_SLOW_RATIO = 0.9
 
-T = TypeVar("T")
 StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
 """Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
 
@@ -59,7 +56,7 @@ class Options:
     """What of a log is analysed, and how a model is learned.
 
     Attributes:
-        vehicle, inputs: as for :func:`mavdem.read_flight`.
+        inputs: as for :func:`mavdem.read_flight`.
         settings: of the fits.
         start: seconds of settled flight that are left out at its beginning.
         train, test: lengths of the training data and of a test window; without ``train`` all is trained on.
@@ -67,7 +64,6 @@ class Options:
         whole: with the model; without, only that of slow motion is learned, where whether there is one decides.
     """
 
-    vehicle: str | None = None
     inputs: str | None = None
     settings: Settings = field(default_factory=Settings)
     start: float = 0.0
@@ -79,11 +75,11 @@ class Options:
 
 def analyse(
     log: Log,
+    signals: Signals,
     axis: str = "roll",
     options: Options | None = None,
     *,
     progress: StepProgress = silent,
-    signals: Signals | None = None,
     other_axis: LogAnalysis | None = None,
 ) -> LogAnalysis:
     """Returns all that a log says of one vehicle and axis.
@@ -93,28 +89,26 @@ def analyse(
 
     Args:
         log: of ``mavdem.ingest.read_log``.
+        signals: of the vehicle; their axis and inputs do not matter.
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
         options: what is analysed, and how; ``Options()`` unless given.
         progress: shows the steps of the work.
-        signals: of the vehicle, where they are known already; their axis and inputs do not matter.
-        other_axis: the analysis of another axis of the vehicle, whose condition, identity and alarms are this one's.
+        other_axis: the analysis of another axis of the vehicle: what that says of the vehicle, and perhaps of the
+            physical parameters of this axis, is not made again.
 
     Raises:
-        NotLearnable: no such vehicle, or the ``start``, ``train`` or ``test`` that was asked for does not fit.
+        NotLearnable: the ``start``, ``train`` or ``test`` that was asked for does not fit.
         Unreadable: ``truth`` is not the truth of this flight.
         ValueError: an axis or inputs that are none.
     """
     options = options or Options()
     inputs = options.inputs
-    if signals is None:
-        signals = Signals(choose_vehicle(log.vehicles, options.vehicle))
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
     found = _without_model(log, signals, verdict, other_axis)
-    tier = found.tier
     if options.truth is not None:  # what is no truth file is refused before the work
         read_truth(options.truth, signals.axis)
-    slow = tier.name == "b" and signals.axis in TILT_AXES
+    slow = found.tier.name == "b" and signals.axis in TILT_AXES
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
@@ -130,58 +124,59 @@ def analyse(
     caution = [Fact(Caveat.SLOW_MOTION_ONLY, Level.WATCH)] if slow else []
     cautions = *caution, *flights[0].cautions, *learned.cautions
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
-    changes = found.changes
-    if changes and learned.physical is not None and learned.wind_torque is not None:
-        learned = learned.with_wind_torque(wind(learned.physical, learned.record, changes))
+    known = None if other_axis is None else other_axis.axes.get(axis)
+    if known and known.physical and tuple(map(len, known.flights)) == learned.record.lengths:
+        learned = learned.with_physical(known.physical)
+    if found.changes and learned.physical is not None and learned.wind_torque is not None:
+        learned = learned.with_wind_torque(wind(learned.physical, learned.record, found.changes))
     learned = disown_torque(learned, found.condition.oscillation is not None)
-    compared = None
+    found = replace(found, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:
-        compared = compare_with_truth(learned, flights, truth_of(flights, options.truth))
+        truth = truth_of(flights, options.truth)
+        found = replace(found, truth=compare_with_truth(learned, flights, truth))
     if axis == ALL:
-        known = learned.physical, learned.wind_torque, learned.physical_reason
-        axes = {AXES[0]: AxisFigures(flights, *known)}
+        axes = {**found.axis_figures}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
-                axes[other] = axis_figures(signals.about(other, inputs), log.components, changes)
+                about = signals.about(other, inputs)
+                axes[other] = axis_figures(about, log.components, found.changes)
                 done(len(axes) / len(AXES))
-        found = replace(found, vehicle=VehicleFigures(axes, found.condition.hover))
-    return replace(found, flights=flights, learned=learned, held_out=held_out, truth=compared)
+        found = replace(found, axes=axes)
+    return found
 
 
 def _without_model(
     log: Log, signals: Signals, verdict: Learnability, other_axis: LogAnalysis | None
 ) -> LogAnalysis:
     """What a log says of a vehicle without a model of an axis, and why it allows none."""
-    if other_axis is None:
-        condition = condition_of(signals)
-        identity = identity_of(signals, log.receive_time[0])
-        alarms = motor_alarms(signals)
-        trim = trim_of_signals(signals)
-    else:
-        condition = other_axis.condition
-        identity = other_axis.identity
-        alarms = other_axis.alarms
-        trim = other_axis.trim
-    motors = signals.motors
-    placed = motors is not None and bool(motors.layout.positions)
+    condition = condition_of(signals) if other_axis is None else other_axis.condition
     tier = tier_of(verdict, condition)
-    reason = None
+    reason = None if tier.name == "a" else tier.reason
     measured = verdict.figures
     if tier.name is None and measured.airborne and not measured.segments:
         reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=measured.airborne)
-    elif tier.name != "a":
-        reason = tier.reason
+    if other_axis is not None:
+        return LogAnalysis(
+            verdict,
+            tier,
+            condition,
+            other_axis.identity,
+            reason,
+            alarms=other_axis.alarms,
+            trim=other_axis.trim,
+            watched=other_axis.watched,
+        )
+    motors = signals.motors
+    placed = motors is not None and bool(motors.layout.positions)
     return LogAnalysis(
         verdict,
         tier,
         condition,
-        identity,
-        VehicleFigures({}, condition.hover),
+        identity_of(signals, log.receive_time[0]),
         reason,
-        alarms=alarms,
-        trim=trim,
+        alarms=motor_alarms(signals),
+        trim=trim_of_signals(signals),
         watched=placed and motors is not None and usual_rate(motors) >= MIN_RATE,
-        signals=signals,
     )
 
 
@@ -189,9 +184,8 @@ def _refused(found: LogAnalysis, refusal: Fact) -> LogAnalysis:
     """Why there is no model of the slow motion either, after why there is no full one."""
     if found.reason is None or str(refusal) == str(found.reason):
         return found
-    return replace(
-        found, reason=Fact(NoModel.SLOW_MODEL_REFUSED, because=found.reason, refusal=refusal)
-    )
+    reason = Fact(NoModel.SLOW_MODEL_REFUSED, because=found.reason, refusal=refusal)
+    return replace(found, reason=reason)
 
 
 def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
@@ -229,11 +223,12 @@ def _model(
         training, following = cut(
             max(segments, key=len), options.start, options.train, options.test
         )
-        learned = _trained((training,), settings, progress, learn)
+        with _learning(progress):
+            learned = learn(training, settings)
         return (training,), learned, held_out_test(training, following, learned)
     flights = flown_after(segments, options.start)
-    trained = partial(_trained, flights, settings, progress)
-    first = trained(checked if slow else learn)
+    with _learning(progress):
+        first = checked(flights, settings) if slow else learn(flights, settings)
     _, steps = part_samples(flights[0].dt, None, options.test)
     try:
         with progress("Judging by held-out windows") as done:
@@ -242,16 +237,15 @@ def _model(
         raise no_test_window(sum(map(len, flights)), flights[0].dt, steps, FOLDS) from error
     if slow and (refusal := slow_motion_refusal(held_out)):
         raise NotLearnable(refusal)
-    return flights, first if isinstance(first, Learned) else trained(learn), held_out
+    return flights, first if isinstance(first, Learned) else learn(flights, settings), held_out
 
 
-def _trained(
-    flights: tuple[Flight, ...], settings: Settings, progress: StepProgress, how: Callable[..., T]
-) -> T:
-    """What comes of flights and settings by ``learn``, or by what it checks first; raises ``NotLearnable``."""
+@contextmanager
+def _learning(progress: StepProgress) -> Iterator[None]:
+    """Shows that a model is learned; raises ``NotLearnable`` where it cannot be."""
     try:
         with progress("Learning", measured=False):
-            return how(flights, settings)
+            yield
     except ValueError as error:
         raise NotLearnable(Fact(NoModel.NOT_LEARNED, because=fact_of(error))) from error
 
@@ -282,14 +276,8 @@ def flown_after(segments: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     boot = max(segments, key=len).provenance["segment"]["boot"]
     flights = [one for one in segments if one.provenance["segment"]["boot"] == boot]
     begin = flights[0].time[0] + start
-    skips = (
-        round(float(np.clip(begin - one.time[0], 0, one.duration)) / one.dt) for one in flights
-    )
-    left = tuple(
-        one[skip:]
-        for one, skip in zip(flights, skips, strict=True)
-        if len(one) - skip >= FEWEST_SAMPLES
-    )
+    skips = [(one, int(np.searchsorted(one.time, begin - one.dt / 2))) for one in flights]
+    left = tuple(one[skip:] for one, skip in skips if len(one) - skip >= FEWEST_SAMPLES)
     if not left:
         raise TooFewSamples(Fact(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start))
     return left

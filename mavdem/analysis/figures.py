@@ -1,33 +1,30 @@
 """Figures: what is known of a flight, as one record and as one dictionary of plain values.
 
 ``LogAnalysis`` holds what a log says of one vehicle and axis. Its ``as_dict`` is the document that ``report.json``
-is, that pages and fleets read, and that scripts hold. ``vehicle`` has the physical parameters of all axes in one call.
+is, that pages and fleets read, and that scripts hold.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
 from mavdem.alignment.learnability import Learnability
-from mavdem.alignment.read import choose_vehicle, usable_segments
+from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.findings import Findings, findings_of
-from mavdem.condition.condition import Condition, HoverFigures, hover_of, or_none
+from mavdem.condition.condition import Condition, or_none
 from mavdem.condition.inventory import Identity, Tier
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import (
     BASELINES,
     CONSTANT_MEAN,
@@ -42,7 +39,7 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
-from mavdem.ingest import Component, read_log
+from mavdem.ingest import Component
 
 ALL = "all"  # of an axis: roll, pitch and yaw
 
@@ -56,25 +53,6 @@ class AxisFigures(NamedTuple):
     reason: Fact | None
 
 
-class VehicleFigures(NamedTuple):
-    """Figures of ``axes`` by name; and ``hover``: each motor's trim and headroom, ``None`` without settled outputs."""
-
-    axes: dict[str, AxisFigures]
-    hover: HoverFigures | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        axes = {
-            name: {
-                "physical": physical_values(one.physical),
-                "wind": one.wind,
-                "reason": one.reason,
-            }
-            for name, one in self.axes.items()
-        }
-        return {"axes": axes, "hover": self.hover}
-
-
 @dataclass(frozen=True, eq=False)
 class LogAnalysis:
     """One vehicle and axis of a log.
@@ -84,7 +62,7 @@ class LogAnalysis:
         tier: what the log allows, why no more, and what the next tier needs.
         condition: balance, limits, lean, vibration and battery, at any rate.
         identity: which vehicle, and when.
-        vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
+        axes: of ``axis="all"`` the physical parameters of each axis.
         reason: why there is no full model; ``None`` where there is one.
         flights, learned, held_out: what was trained on; the model, in tier "b" of the slow motion and without physical
             parameters; forecasts of windows that no model saw.
@@ -92,15 +70,14 @@ class LogAnalysis:
         alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
         trim: how even the motors work; None without their outputs.
         watched: whether a motor that weakens would have been seen.
-        signals: what was recorded.
     """
 
     verdict: Learnability
     tier: Tier
     condition: Condition
     identity: Identity
-    vehicle: VehicleFigures
     reason: Fact | None = None
+    axes: Mapping[str, AxisFigures] = field(default_factory=dict)
     flights: tuple[Flight, ...] = ()
     learned: Learned | None = None
     held_out: HeldOut | None = None
@@ -108,13 +85,12 @@ class LogAnalysis:
     alarms: tuple[MotorAlarm, ...] = ()
     trim: Fact | None = None
     watched: bool = False
-    signals: Signals | None = None
 
     @property
-    def axis_figures(self) -> dict[str, AxisFigures]:
+    def axis_figures(self) -> Mapping[str, AxisFigures]:
         """The physical parameters of each axis that they were estimated of, with the model or for all axes."""
-        if self.vehicle.axes or self.learned is None:
-            return self.vehicle.axes
+        if self.axes or self.learned is None:
+            return self.axes
         known = self.learned.physical, self.learned.wind_torque, self.learned.physical_reason
         return {self.verdict.axis: AxisFigures(self.flights, *known)}
 
@@ -149,7 +125,15 @@ class LogAnalysis:
                 if learned is None or held_out is None
                 else model_figures(self.flights, learned, held_out)
             ),
-            **self.vehicle.as_dict(),
+            "axes": {
+                name: {
+                    "physical": physical_values(one.physical),
+                    "wind": one.wind,
+                    "reason": one.reason,
+                }
+                for name, one in self.axes.items()
+            },
+            "hover": self.condition.hover,
             **self.tier.as_dict(),
             "reason": "" if self.reason is None else str(self.reason),
             "remedy": "" if self.reason is None else self.reason.remedy,
@@ -289,33 +273,6 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
             **interval,
         },
     }
-
-
-def vehicle(
-    path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | None = None
-) -> VehicleFigures:
-    """Returns the physical parameters of roll, pitch and yaw of a log, or of one of them; yaw by its rate only.
-
-    Args:
-        path: a log that ``mavdem.ingest.read_log`` reads.
-        axis: "all", "roll", "pitch" or "yaw".
-        vehicle: "system" or "system:component", where the log holds several.
-
-    Raises:
-        Unreadable, NotLearnable: the log cannot be read; or holds no vehicle, or several and none was chosen.
-        ValueError: ``path`` is no path, or an axis that is none.
-    """
-    if axis not in (*AXES, ALL):
-        raise ValueError(f"axis must be one of {', '.join((*AXES, ALL))}, not {axis!r}")
-    log = read_log(path)
-    signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    names = AXES if axis == ALL else (axis,)
-    axes = {name: axis_figures(signals.about(name), log.components) for name in names}
-    try:
-        hover = hover_of(signals.about("roll", "motors"), log.components)
-    except NotLearnable:
-        hover = None
-    return VehicleFigures(axes, hover)
 
 
 def axis_figures(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
@@ -69,6 +69,13 @@ class Assessment(AssessmentDownstream):
     def analysis(self) -> LogAnalysis | None:
         """What the log says of the first axis that was modelled; None where no vehicle was judged."""
         return next(iter(self.analyses.values()), None)
+
+    def with_axis(self, axis: str) -> Assessment:
+        """Returns the same with an analysis of a further ``axis``."""
+        assert self.evidence is not None
+        signals = self.evidence.signals
+        analysis = analyse(self.log, signals, axis, other_axis=self.analysis)
+        return replace(self, analyses={**self.analyses, axis: analysis})
 
     @property
     def headline(self) -> Fact:
@@ -208,24 +215,14 @@ def assess_signals(
     options: Options | None = None,
     *,
     progress: StepProgress = silent,
-    further: Sequence[str] = (),
 ) -> Assessment:
-    """Returns the assessment of the vehicle of these ``signals`` of a ``log``, as :func:`assess` does.
-
-    ``further`` axes are modelled too.
-    """
-    air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
-    analysis = analyse(log, axis, options, progress=progress, signals=signals)
-    analyses = {analysis.verdict.axis: analysis}
-    for name in further:
-        analyses[name] = analyse(log, name, options, signals=signals, other_axis=analysis)
-    known = dict[str, AxisFigures]()
-    for one in analyses.values():
-        known |= one.axis_figures
+    """Returns the assessment of the vehicle of these ``signals`` of a ``log``, as :func:`assess` does."""
     options = options or Options()
+    air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
+    analysis = analyse(log, signals, axis, options, progress=progress)
     with progress("Identifying the loops", measured=False):
         about = signals.about(AXES[0], options.inputs)
-        loops = loops_of_axes(log, about, AXES, options.start, known)
+        loops = loops_of_axes(log, about, AXES, options.start, analysis.axis_figures)
     events = [*reported_events(signals), *motion_events(signals)]
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
@@ -244,7 +241,7 @@ def assess_signals(
     if evidence.grounds:
         evidence = replace(evidence, air=grounded_air(air))
     judgement = judge(evidence, analysis.findings.purposes)
-    return Assessment(log, judgement, evidence, analyses)
+    return Assessment(log, judgement, evidence, {analysis.verdict.axis: analysis})
 
 
 def grounded_air(air: Air) -> Air:

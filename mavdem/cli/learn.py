@@ -134,7 +134,7 @@ def learn_command(
     began = perf_counter()
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    options = Options(vehicle, inputs, settings, start, train, test, truth)
+    options = Options(inputs, settings, start, train, test, truth)
     assessment = assess_signals(log, signals, axis, options, progress=progress)
     analysis = assessment.analysis
     assert analysis is not None

@@ -95,7 +95,7 @@ def tune_command(
     if out is not None:
         check_folder(out)
     signals = Signals(telemetry, inputs=inputs)
-    options = Options(vehicle, inputs, start=start, whole=False)
+    options = Options(inputs, start=start, whole=False)
     assessment = assess_signals(log, signals, AXES[0], options, progress=progress)
     evidence = assessment.evidence
     assert evidence is not None

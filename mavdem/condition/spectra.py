@@ -93,9 +93,9 @@ class Spectrum:
 def thinned(frequency: Array, density: Array, most: int) -> tuple[Array, Array]:
     """Returns at ``most`` so many frequencies, Hz, and of densities (…, F) the largest of those between."""
     size = -(-len(frequency) // most)
-    kept = len(frequency) // size * size
-    groups = density[..., :kept].reshape(*density.shape[:-1], -1, size)
-    return frequency[:kept].reshape(-1, size).mean(axis=1), groups.max(axis=-1)
+    count = len(frequency) // size
+    groups = density[..., : count * size].reshape(*density.shape[:-1], count, size)
+    return frequency[: count * size].reshape(count, size).mean(axis=1), groups.max(axis=-1)
 
 
 def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, Spectrum]:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis
 from mavdem.assessment import Assessment
@@ -45,7 +44,7 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
         ids = {"system": telemetry.system, "component": telemetry.component}
         signals = Signals(telemetry, inputs="motors")
         try:
-            assessment = assess_signals(log, signals, TILT_AXES[0], further=TILT_AXES[1:])
+            assessment = assess_signals(log, signals).with_axis("pitch")
             found = rows_of_assessment(assessment, signals, str(path))
         except (MemoryError, OSError, Unreadable):
             raise  # of the whole log

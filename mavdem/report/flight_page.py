@@ -235,7 +235,7 @@ def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:
     analysis = assessment.analysis
     assert analysis is not None
     is_full = analysis.tier.name == "a"
-    blocks = motor_blocks(analysis.learned, analysis.vehicle.hover if is_full else None)
+    blocks = motor_blocks(analysis.learned, analysis.condition.hover if is_full else None)
     if analysis.learned is None or not is_full:
         blocks += section("condition", analysis.condition)
     plan = frame_plan(evidence.signals.motors, analysis.condition)
@@ -293,7 +293,7 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
             blocks.append(Sentence(str(analysis.reason), "No model:"))
         blocks += [*graded(analysis.findings), *map(warning, analysis.findings.warnings)]
         blocks += section("tier", **analysis.tier.as_dict())
-        blocks += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
+        blocks += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
         groups = list[Group]()
         if (learned := analysis.learned) is not None:
             labels = Labels.of(learned)

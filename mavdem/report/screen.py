@@ -6,12 +6,12 @@ vehicle. ``detail_blocks`` is what the screen leaves out: the model, its uncerta
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from mavdem.analysis import AxisFigures, VehicleFigures
+from mavdem.analysis import AxisFigures
 from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wind, next_step
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
@@ -121,13 +121,13 @@ def analysis_blocks(assessment: Assessment) -> list[Block]:
         *above, following = conclusion(assessment.judgement)
         above += [] if analysis.reason is None else [Sentence(str(analysis.reason), "No model:")]
     else:
-        hover = analysis.vehicle.hover if analysis.tier.name == "a" else None
+        hover = analysis.condition.hover if analysis.tier.name == "a" else None
         *above, following = screen(learned, analysis.held_out, hover, assessment)
     above += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
         above += section("tier", **analysis.tier.as_dict())
         above += section("condition", analysis.condition)
-    above += vehicle_blocks(analysis.vehicle, bool(analysis.findings.overrides))
+    above += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
     above += [] if analysis.truth is None else truth_blocks(analysis.truth)
     return [*above, *air_blocks(assessment), following]
 
@@ -224,12 +224,12 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     ]
 
 
-def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block]:
-    """Returns a row an axis of a ``vehicle``, and the reasons for what is not reported."""
+def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> list[Block]:
+    """Returns a row for each of the ``axes`` of a vehicle, and the reasons for what is not reported."""
     blocks: list[Block] = []
-    if vehicle.axes:  # A table without rows says nothing.
-        axes = vehicle.axes.items()
-        unit = next((axis.flights[0].input_units[0] for _, axis in axes if axis.flights), "")
+    if axes:  # A table without rows says nothing.
+        units = (axis.flights[0].input_units[0] for axis in axes.values() if axis.flights)
+        unit = next(units, "")
         words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
         header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
         reasons = [
@@ -239,11 +239,11 @@ def vehicle_blocks(vehicle: VehicleFigures, doubted: bool = False) -> list[Block
                 if one.reason
                 else " ".join(parameter_reasons(one.physical, doubted)),
             )
-            for name, one in axes
+            for name, one in axes.items()
         ]
         blocks = [
             Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"),
-            Table(header, [[name, *_axis_row(one)] for name, one in axes]),
+            Table(header, [[name, *_axis_row(one)] for name, one in axes.items()]),
             *(Sentence(reason, f"{name.capitalize()}:") for name, reason in reasons if reason),
         ]
     return blocks

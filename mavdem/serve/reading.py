@@ -17,7 +17,6 @@ from typing import Any
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals
-from mavdem.analysis import analyse
 from mavdem.analysis.figures import ALL
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
@@ -93,13 +92,8 @@ def _judged(
     signals = Signals(telemetry)
     assessment = assess_signals(log, signals, ALL, progress=step)
     tell(Stage.LEARNING, **_judgement(assessment))
-    analyses = {**assessment.analyses}
-    roll = assessment.analysis
-    for axis in TILT_AXES[1:]:
-        analyses[axis] = analyse(log, axis, signals=signals, other_axis=roll)
-    of_axes = replace(assessment, analyses=analyses)
     motors = signals.about(TILT_AXES[0], "motors")
-    return assessment, rows_of_assessment(of_axes, motors, log.source)
+    return assessment, rows_of_assessment(assessment.with_axis("pitch"), motors, log.source)
 
 
 def _judgement(assessment: Assessment) -> dict[str, str]:

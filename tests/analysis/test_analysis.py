@@ -13,6 +13,7 @@ from simulated import simulated
 
 import mavdem
 from mavdem import evaluate
+from mavdem.alignment.signals import Signals
 from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.analysis.figures import model_figures
@@ -109,7 +110,8 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
     ],
 )
 def test_every_log_says_something_or_why_not(name, tier):
-    found = analyse(read_log(shared(name)))
+    log = read_log(shared(name))
+    found = analyse(log, Signals(log.vehicles[0]))
     assert found.tier.name == tier and found.reason.remedy
     assert (found.learned, found.held_out, found.flights, found.findings.purposes) == (
         None,
@@ -157,25 +159,25 @@ def test_the_figures_of_a_model_put_the_best_first():
 
 
 @pytest.mark.slow
-def test_each_axis_is_as_by_itself_and_the_motors_are_those_of_hover():
-    found = mavdem.vehicle(FLIGHT)
-    assert list(found.axes) == ["roll", "pitch", "yaw"]
+def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it():
+    log = read_log(FLIGHT)
+    found = assess(log)
+    axes = found.analysis.axes
+    assert list(axes) == ["roll", "pitch", "yaw"]
     alone = physical(mavdem.read_segments(FLIGHT, axis="yaw"))
-    assert_allclose(found.axes["yaw"].physical.effect, alone.effect)
-    assert found.axes["yaw"].physical.status == alone.status
-    assert found.hover == mavdem.hover(FLIGHT)
-    (axes,) = (block for block in vehicle_blocks(found) if isinstance(block, Table))
-    (motors,) = (block for block in motor_blocks(None, found.hover) if isinstance(block, Table))
-    assert [row[0] for row in axes.rows] == ["roll", "pitch", "yaw"]
-    assert len(motors.rows) == len(found.hover.motors)
+    assert_allclose(axes["yaw"].physical.effect, alone.effect)
+    assert axes["yaw"].physical.status == alone.status
+    pitch = found.with_axis("pitch").analyses["pitch"].learned
+    assert pitch.physical is axes["pitch"].physical
+    assert_allclose(pitch.wind_torque.torque, axes["pitch"].wind.torque)
+    (table,) = (block for block in vehicle_blocks(axes) if isinstance(block, Table))
+    assert [row[0] for row in table.rows] == ["roll", "pitch", "yaw"]
 
 
 def test_a_log_too_slow_for_parameters_has_hover_figures_and_the_reason():
-    slow = mavdem.vehicle(SLOW, axis="pitch")
-    assert list(slow.axes) == ["pitch"] and slow.axes["pitch"].physical is None
-    assert "4.0 Hz" in str(slow.axes["pitch"].reason) and slow.hover is not None
-    assert slow.as_dict()["axes"]["pitch"]["physical"] is None
-    (motors,) = (block for block in motor_blocks(None, slow.hover) if isinstance(block, Table))
-    assert len(motors.rows) == len(slow.hover.motors)
-    with pytest.raises(ValueError, match="axis must be one of roll, pitch, yaw, all, not 'heave'"):
-        mavdem.vehicle(FLIGHT, axis="heave")
+    slow = assess(read_log(SLOW), axis="pitch").analysis
+    assert slow.axes == {} and "4.0 Hz" in str(slow.reason)
+    (motors,) = (
+        block for block in motor_blocks(None, slow.condition.hover) if isinstance(block, Table)
+    )
+    assert len(motors.rows) == len(slow.condition.hover.motors)

@@ -15,7 +15,7 @@ from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.notches import notch_advice
 from mavdem.condition.peaks import PeakKind, peaks_of
-from mavdem.condition.spectra import spectra_of_flight
+from mavdem.condition.spectra import spectra_of_flight, thinned
 from mavdem.facts.noise import Noise as Codes
 from mavdem.facts.noise import NotchAdvice
 
@@ -82,6 +82,11 @@ def test_density_has_the_power_of_what_was_measured():
     levels, by_throttle = spectrum.by_throttle
     assert levels[0] == approx(0.38, abs=0.02) and levels[-1] == approx(0.62, abs=0.02)
     assert by_throttle.shape == (12, len(spectrum.frequency))
+
+
+def test_nothing_by_throttle_is_thinned_to_nothing():
+    frequency, density = thinned(np.arange(6.0), np.zeros((0, 6)), 3)
+    assert list(frequency) == [0.5, 2.5, 4.5] and density.shape == (0, 3)
 
 
 def test_motors_and_frame_are_told_apart_by_the_throttle():
