@@ -64,7 +64,6 @@ class Use(StrEnum):
 class Crowd(StrEnum):
     """Of what there are too many."""
 
-    FILES = auto()
     UPLOADS = auto()
     LOGS = auto()
     WATCHERS = auto()

@@ -8,7 +8,7 @@ import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import cache, cached_property
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any, TypeVar
 from urllib.parse import parse_qs
 
@@ -392,19 +392,18 @@ class Server:
         flights = list[Entry]()
         refused = list[tuple[str, Fact]]()
         try:
-            for part in form.parts:
-                if not part.size:
+            for path, file in form.files.items():
+                if not file.size:
                     continue
+                # What some browsers send as name is a path of their machine.
+                name = PureWindowsPath(file.filename or "").name[:200] or "log"
                 try:
-                    format_of(part.path)
-                    name = part.name or "log"
-                    flights.append(
-                        self.library.receive(part.path, part.digest.hexdigest(), name, **columns)[0]
-                    )
+                    format_of(path)
+                    flights.append(self.library.entered(path, name, **columns))
                 except Refusal as error:
                     if isinstance(error.fact.code, Request):
                         raise
-                    refused.append((part.name, error.fact.but(path=part.name)))
+                    refused.append((name, error.fact.but(path=name)))
         finally:
             form.drop()
         if not flights and len(refused) == 1:

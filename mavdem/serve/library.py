@@ -171,12 +171,9 @@ class Library:
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
         """All or nothing; raises ``Refusal`` where the disk is full."""
-        try:
-            with self._db as db:
-                db.execute("begin immediate")
-                yield db
-        except (sqlite3.OperationalError, OSError) as error:
-            raise refusal_of(error) from None
+        with full_disk_refused(), self._db as db:
+            db.execute("begin immediate")
+            yield db
 
     def path_of(self, entry: Entry) -> Path:
         """Where the log is."""
@@ -256,12 +253,12 @@ class Library:
         shutil.copyfile(path, part)
         return self.entered(part, path.name)
 
-    def entered(self, part: Path, name: str) -> Entry:
-        """Takes a log that this server has written, ``part``, and returns its entry."""
-        with part.open("rb") as file:
+    def entered(self, part: Path, name: str, **columns: Any) -> Entry:
+        """Takes a whole log that this server has written, ``part``, and returns its entry, with these ``columns``."""
+        with full_disk_refused(), part.open("rb") as file:
             os.fsync(file.fileno())
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return self.receive(part, digest, name)[0]
+        return self.receive(part, digest, name, **columns)[0]
 
     def set_baseline(self, ids: Iterable[str]) -> None:
         """Makes these flights those that all others of their vehicles are compared with."""
@@ -474,13 +471,17 @@ def words_of(entry: Entry) -> str:
     return " ".join(filter(None, (*said, entry.tags, entry.modes))).lower()
 
 
-def refusal_of(error: OSError | sqlite3.Error) -> Refusal:
-    """Returns what is said of a disk that is full; raises any other ``error``."""
-    number = getattr(error, "errno", None)
-    code = getattr(error, "sqlite_errorcode", None)
-    if number in (errno.ENOSPC, errno.EDQUOT) or code == sqlite3.SQLITE_FULL:
-        return Refusal(Fact(Request.DISK_FULL))
-    raise error
+@contextmanager
+def full_disk_refused() -> Iterator[None]:
+    """Raises ``Refusal`` where the disk is full."""
+    try:
+        yield
+    except (sqlite3.OperationalError, OSError) as error:
+        number = getattr(error, "errno", None)
+        code = getattr(error, "sqlite_errorcode", None)
+        if number in (errno.ENOSPC, errno.EDQUOT) or code == sqlite3.SQLITE_FULL:
+            raise Refusal(Fact(Request.DISK_FULL)) from None
+        raise
 
 
 def _entry(row: sqlite3.Row) -> Entry:
