@@ -6,9 +6,10 @@ import platform
 import re
 import socket
 from collections.abc import Generator, Iterator
+from functools import partial
 from importlib import metadata
-from itertools import islice
 from multiprocessing import current_process
+from threading import Lock
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -17,7 +18,16 @@ from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import SCHEMA_VERSION
-from mavdem.fleet.workers import ATTEMPTS, READ_LOG, Job, Limits, LogReader, Outcome, failed
+from mavdem.fleet.workers import (
+    ATTEMPTS,
+    READ_LOG,
+    Job,
+    Limits,
+    LogReader,
+    Outcome,
+    failed,
+    side_by_side,
+)
 
 SECONDS_TO_CONNECT = 10.0
 
@@ -34,60 +44,70 @@ class Cluster:
             raise Unreadable(Fact(Reading.NO_ADDRESS, address=address))
         self.address = address
         self.limits = limits
-        self.read = read
+        self._read = read
+        self._client: Any = None
+        self._lock = Lock()
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """As ``Reader`` has it.
+        """As ``Reader`` has it; raises ``Unreadable``, as :meth:`read` does."""
+        threads = sum(self._connected().nthreads().values())
+        read = partial(self.read, limits=self.limits, read=self._read)
+        # One is on its way while another is read.
+        yield from side_by_side([read] * 2 * threads, jobs, self.stop)
+
+    def read(self, job: Job, limits: Limits, read: str) -> Outcome:
+        """Returns what becomes of a log that the function ``read`` reads.
 
         Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
         mavdem or Python.
         """
-        from distributed import Client, KilledWorker, as_completed
+        from distributed import KilledWorker
 
+        client = self._connected()
         try:
-            # Asked first: a client that finds nobody there takes its time, and prints what its parts say.
-            at = urlsplit(self.address)
-            socket.create_connection((at.hostname, at.port), SECONDS_TO_CONNECT).close()
-            client = Client(self.address, timeout=SECONDS_TO_CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
-        except (OSError, ValueError) as error:
-            because = str(error).splitlines()[0]
-            raise Unreadable(
-                Fact(Reading.NO_SCHEDULER, address=self.address, because=because)
-            ) from None
-        with client:
-            sent: dict[Any, Job] = {}
-            done: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
+            # tried again where a machine has no process to spare
+            future = client.submit(read_on_worker, job, limits, read, pure=False, retries=ATTEMPTS)
+            outcome: Outcome = future.result()
+            return outcome
+        except KilledWorker:
+            return failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
+        except Exception as error:
+            self.stop()
+            raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
 
-            def send(count: int) -> None:
-                for job in islice(jobs, count):
-                    # tried again where a machine has no process to spare
-                    future = client.submit(
-                        read_on_worker, job, self.limits, self.read, pure=False, retries=ATTEMPTS
-                    )
-                    sent[future] = job
-                    done.add(future)
-
-            send(8 * self._threads(client))  # before they are needed
-            for future in done:
-                job = sent.pop(future)
-                trouble = future.exception()
-                if isinstance(trouble, KilledWorker):
-                    yield failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
-                elif trouble is not None:
-                    raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(trouble))
-                else:
-                    yield future.result()
-                send(1)
-            # Not where the run breaks off: who asks a cluster that has gone waits for it.
+    def stop(self) -> None:
+        """Gives up what is being read, and ends the processes that wait; the next log connects anew."""
+        with self._lock:
+            client, self._client = self._client, None
+        if client is not None and client.status == "running":
             client.run(stop_readers, on_error="ignore")
+        if client is not None:
+            client.close()
 
     def _refusal(self, code: Reading, **figures: Any) -> Unreadable:
         return Unreadable(Fact(code, address=self.address, **figures))
 
-    def _threads(self, client: Any) -> int:
-        """How many threads the workers have; raises ``Unreadable`` if there are none, or one has other programs."""
-        threads = client.nthreads()
-        if not threads:
+    def _connected(self) -> Any:
+        from distributed import Client
+
+        with self._lock:
+            if self._client is not None:
+                return self._client
+            try:
+                # Asked first: a client that finds nobody there takes its time, and prints what its parts say.
+                at = urlsplit(self.address)
+                socket.create_connection((at.hostname, at.port), SECONDS_TO_CONNECT).close()
+                client = Client(self.address, timeout=SECONDS_TO_CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
+            except (OSError, ValueError) as error:
+                because = str(error).splitlines()[0]
+                raise self._refusal(Reading.NO_SCHEDULER, because=because) from None
+            self._check(client)
+            self._client = client
+            return client
+
+    def _check(self, client: Any) -> None:
+        """Raises ``Unreadable`` if there are no workers, or one has other programs."""
+        if not client.nthreads():
             raise self._refusal(Reading.NO_CLUSTER_WORKERS)
         here = versions()
         try:
@@ -102,7 +122,6 @@ class Cluster:
                 raise self._refusal(
                     Reading.CLUSTER_OF_OTHER_VERSION, name=worker, there=there, here=here
                 )
-        return sum(threads.values())
 
 
 def read_on_worker(job: Job, limits: Limits, read: str) -> Outcome:

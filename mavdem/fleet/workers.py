@@ -16,10 +16,11 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import metadata
 from itertools import islice
 from math import ceil
@@ -198,26 +199,37 @@ class WorkerPool:
     def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
         """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
         is_ending = Event()
-        readers = list[LogReader]()
-        busy = dict[Future[Outcome | None], LogReader]()
-        executor = ThreadPoolExecutor(self._processes)
+        readers = [LogReader(is_ending.is_set) for _ in range(self._processes)]
+        reads = [partial(reader.read, limits=self.limits, read=self._read) for reader in readers]
         try:
-            for job in islice(jobs, self._processes):
-                readers.append(LogReader(is_ending.is_set))
-                busy[executor.submit(readers[-1].read, job, self.limits, self._read)] = readers[-1]
-            while busy:
-                future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
-                reader = busy.pop(future)
-                if (outcome := future.result()) is not None:
-                    yield outcome
-                for job in islice(jobs, 1):
-                    busy[executor.submit(reader.read, job, self.limits, self._read)] = reader
+            yield from side_by_side(reads, jobs, is_ending.set)
         finally:
-            is_ending.set()
             with blocked(*ENDS):
-                executor.shutdown()
                 for reader in readers:
                     reader.stop()
+
+
+def side_by_side(
+    reads: Iterable[Callable[[Job], Outcome | None]], jobs: Iterator[Job], end: Callable[[], None]
+) -> Generator[Outcome]:
+    """Yields outcomes in the order in which they come; each of ``reads`` reads one log at a time, in a thread.
+
+    When no more are wanted, ``end`` is called, upon which they return soon.
+    """
+    executor = ThreadPoolExecutor(2**10)  # as many threads as there are readers
+    try:
+        busy = {executor.submit(read, job): read for read, job in zip(reads, jobs, strict=False)}
+        while busy:
+            future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
+            read = busy.pop(future)
+            if (outcome := future.result()) is not None:
+                yield outcome
+            for job in islice(jobs, 1):
+                busy[executor.submit(read, job)] = read
+    finally:
+        end()
+        with blocked(*ENDS):
+            executor.shutdown()
 
 
 def _serve(connection: Connection, scratch: str) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
-from contextlib import closing, suppress
+from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 
 from mavdem.errors import Refusal, Unreadable
@@ -16,6 +16,7 @@ from mavdem.serve.library import Entry, Library
 from mavdem.serve.reading import PUBLISH, READ, publish
 
 PAUSE_SECONDS = 1.0  # between looks for logs that other servers have received, and at the clock
+MOST_SENT = 32  # logs that a cluster is given at a time
 
 
 class Work:
@@ -35,8 +36,8 @@ class Work:
         self._read = read
         self._is_ending = threading.Event()
         self._has_come = threading.Condition()
-        runs = [self._on_cluster] if cluster else [self._in_process] * processes
-        self._threads = [threading.Thread(target=run, daemon=True) for run in runs]
+        count = MOST_SENT if cluster else processes
+        self._threads = [threading.Thread(target=self._run, daemon=True) for _ in range(count)]
 
     def start(self) -> None:
         """Begins."""
@@ -53,6 +54,8 @@ class Work:
         self._is_ending.set()
         with self._has_come:
             self._has_come.notify_all()
+        if self._cluster is not None:
+            self._cluster.stop()
         for thread in self._threads:
             thread.join()
 
@@ -73,58 +76,29 @@ class Work:
             with self._has_come:
                 self._has_come.wait(PAUSE_SECONDS)
 
-    def _finish(self, entry: Entry, outcome: Outcome) -> None:
-        with suppress(Refusal):
-            self._library.finish(entry, outcome, self._limits)
-
-    def _give_back(self, entries: Iterable[Entry]) -> None:
-        """Lets logs wait again that nothing could read now, as where a cluster has gone."""
-        for entry in entries:
-            with suppress(Refusal):
-                self._library.change(entry.id, stage=Stage.WAITING, claimed="")
-        self._is_ending.wait(PAUSE_SECONDS)
-
-    def _in_process(self) -> None:
-        reader = LogReader(self._is_ending.is_set)
-        try:
-            # At first what it needs is imported: a log should not wait for that.
-            for entry in chain([None], self._claimed()):
-                read = self._read if entry else PUBLISH
-                try:
-                    outcome = reader.read(self._job(entry), self._limits, read)
-                except Unreadable:
-                    self._give_back([entry] if entry else [])
-                    continue
-                if outcome is not None and entry is not None:
-                    self._finish(entry, outcome)
-        finally:
-            reader.stop()
-
-    def _on_cluster(self) -> None:
-        assert self._cluster is not None
-        entries = dict[str, Entry]()
-
-        def jobs(first: Entry) -> Iterator[Job]:
-            entry: Entry | None = first
-            while entry is not None:
-                job = self._job(entry)
-                entries[job.path] = entry
-                yield job
-                entry = self._library.claim()
-
-        for first in self._claimed():
-            if first is None:
-                outcome_of(self._job(None), publish)
-                continue
+    def _run(self) -> None:
+        reader = self._cluster or LogReader(self._is_ending.is_set)
+        # At first what a process needs is imported: a log should not wait for that.
+        for entry in chain([] if self._cluster else [None], self._claimed()):
             try:
-                with closing(self._cluster.outcomes(jobs(first))) as outcomes:
-                    for outcome in outcomes:
-                        self._finish(entries.pop(outcome.path), outcome)
-            except Unreadable:
-                self._give_back(entries.values())
-                entries.clear()
+                outcome = self._outcome(reader, entry)
+            except Unreadable:  # nothing can read it now, as where a cluster has gone
+                with suppress(Refusal):
+                    if entry is not None:
+                        self._library.change(entry.id, stage=Stage.WAITING, claimed="")
+                self._is_ending.wait(PAUSE_SECONDS)
+                continue
+            with suppress(Refusal):
+                if outcome is not None and entry is not None:
+                    self._library.finish(entry, outcome, self._limits)
+        reader.stop()
 
-    def _job(self, entry: Entry | None) -> Job:
-        """The job of a log, or of the fleet's table."""
-        path = self._library.path_of(entry) if entry else self._library.folder / STORE
-        return Job(str(path))
+    def _outcome(self, reader: LogReader | Cluster, entry: Entry | None) -> Outcome | None:
+        """What becomes of a log, or of the fleet's table, which this machine makes."""
+        if entry is not None:
+            job = Job(str(self._library.path_of(entry)))
+            return reader.read(job, self._limits, self._read)
+        job = Job(str(self._library.folder / STORE))
+        if self._cluster is not None:
+            return outcome_of(job, publish)
+        return reader.read(job, self._limits, PUBLISH)

@@ -209,7 +209,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
         ({"nthreads.return_value": {}}, Reading.NO_CLUSTER_WORKERS),
         ({"run.side_effect": ImportError("mavdem")}, Reading.CLUSTER_WITHOUT_MAVDEM),
         ({"run.side_effect": [{"0": "other"}]}, Reading.CLUSTER_OF_OTHER_VERSION),
-        ({"submit.return_value": Mock()}, Reading.CLUSTER_CANNOT_READ),
+        ({"submit.side_effect": OSError("gone")}, Reading.CLUSTER_CANNOT_READ),
         (None, Reading.NO_SCHEDULER),
     ],
 )
@@ -223,23 +223,17 @@ def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
 
 def test_a_log_that_killed_workers_of_a_cluster_has_a_row(monkeypatch):
     killed = distributed.KilledWorker("log", None, 3)
-    future = Mock(**{"cancelled.return_value": False, "exception.return_value": killed})
-    stand_in(monkeypatch, {"submit.return_value": future})
+    stand_in(monkeypatch, {"submit.side_effect": killed})
     [outcome] = Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")]))
     assert outcome.rows[0].status_code == Reading.CLUSTER_WORKERS_DIED
 
 
 def stand_in(monkeypatch, client):
     """Lets a mock be the client of a cluster with one worker, for what happens rarely."""
-
-    class Done(list):
-        add = list.append
-
     known = {"nthreads.return_value": {"0": 1}, "run.side_effect": lambda *_, **__: {"0": HERE}}
     monkeypatch.setattr(cluster, "versions", lambda: HERE)
     monkeypatch.setattr(socket, "create_connection", Mock())
     monkeypatch.setattr(distributed, "Client", Mock(return_value=MagicMock(**(known | client))))
-    monkeypatch.setattr(distributed, "as_completed", lambda loop: Done())
 
 
 HERE = "mavdem"
