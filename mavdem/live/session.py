@@ -21,7 +21,7 @@ from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_of
-from mavdem.facts import Fact, Level
+from mavdem.facts import Code, Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
@@ -43,7 +43,7 @@ from mavdem.live.rate_request import (
     greeting,
 )
 from mavdem.live.rows import AlignedRow
-from mavdem.live.shown import Shown, failure
+from mavdem.live.shown import Display, ShownRow
 from mavdem.live.stream import LiveStream
 from mavdem.live.watchdog import not_watched
 
@@ -84,10 +84,8 @@ class LiveSession:
     link: Link  # open
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
-    # Called with the first setup and each new one; returns the display of its rows, or None. Its ``put`` takes a row's
-    # time, the shift of a ``LiveHistory``, segment, outputs, inputs, estimate, model and wind; its ``log`` an event;
-    # its ``hold`` whether rows are to wait. All return at once.
-    show: Callable[[Setup], Any]
+    # Called with the first setup and each new one; returns the display of its rows, or None
+    show: Callable[[Setup], Display | None]
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[Fact], None]  # called with each fact
     executor: Executor | None = None  # for batch learning
@@ -106,7 +104,7 @@ class LiveSession:
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None
         self._setup: Setup | None = None
-        self._view = Shown(lambda setup: self.show(setup), self.history, self._log)
+        self._display: Display | None = None
         self.request: RateRequest | None = None  # for rates, once sent
         self._arrivals = Arrivals()
         self._boot = 0
@@ -157,7 +155,7 @@ class LiveSession:
                 self.report(status)
             self._settled &= status.flying
             if status.flying:
-                self._view.preview(self.stream, self._setup)
+                self._preview()
             if status.obstacle != self._obstacle:
                 self._obstacle = status.obstacle
                 self._log(status.obstacle or Fact(Session.BEING_LEARNED, Level.GOOD))
@@ -197,8 +195,8 @@ class LiveSession:
         now = time.monotonic()
         behind = now - self.now
         self._shed = {what for what, limit in SHED.items() if behind >= limit}
-        if self._view.display is not None:
-            self._view.display.hold(Task.PLOTS in self._shed)
+        if self._display is not None:
+            self._display.hold(Task.PLOTS in self._shed)
         self.most_behind = max(self.most_behind, behind)
         if self.learner is not None:
             self.learner.fits_physical = Task.PHYSICAL_FITS not in self._shed
@@ -413,38 +411,66 @@ class LiveSession:
         speed, low, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
         beside = speed, (high - low) / 2, *setup.scale.fraction(row.inputs)
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
-        if self._view.display is not None:
-            shift = self.history.shift
+        if self._display is not None:
+            sample = row.time, self.history.shift, row.segment, row.outputs, row.inputs
             known = estimate, learner.learned, self.stream.air.row, self.stream.pose
-            self._view.display.put(row.time, shift, row.segment, row.outputs, row.inputs, *known)
+            self._display.put(ShownRow(*sample, *known))
 
     def _begin(self, setup: Setup) -> None:
-        """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
+        """Takes the learner of a setup's rows, and shows them."""
         if self._setup is not None and setup.boot != self._setup.boot:
             self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
         self._setup = setup
         layout = setup.layout
         axis = self.stream.axis
         self.history.motors = layout.names
-        sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
-        directions = None if layout.positions_assumed else layout.effect(axis)
-        alike = self.prior is not None and self.prior.record.input_units == (
-            setup.scale.unit,
-        ) * len(layout.names)
-        prior = self.prior.physical if self.prior is not None and alike else None
-        options: dict[str, Any] = {
-            "horizons": horizons(setup.dt),
-            "effect_directions": directions,
-            "prior": prior,
-        }
         if self._key != (setup.dt, layout.names):
             self._key = setup.dt, layout.names
-            if self.prior is not None and not alike:
+            units = (setup.scale.unit,) * len(layout.names)
+            prior = self.prior
+            if prior is not None and prior.record.input_units != units:
+                prior = None
                 self._log(Fact(Session.PRIOR_NOT_USED, Level.WATCH))
-            self.learner = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
+            self.learner = OnlineLearner(
+                self.settings,
+                setup.dt,
+                len(layout.names),
+                len(axis_outputs(axis)),
+                executor=self.executor,
+                horizons=horizons(setup.dt),
+                effect_directions=None if layout.positions_assumed else layout.effect(axis),
+                prior=None if prior is None else prior.physical,
+            )
             self._gusts = LiveGusts(setup.dt)
             self._estimate = None
-        self._view.open(setup)
+        self._open(setup)
+
+    def _open(self, setup: Setup) -> None:
+        """Shows the rows of a ``setup`` from now on; a display that fails is not used again."""
+        before = self._display
+        try:
+            self._display = self.show(setup)
+        except Exception as error:
+            self._display = None
+            self.show = lambda setup: None
+            self._log(failure(Session.DISPLAY_FAILED, error))
+        if before is None and self._display is not None:
+            for event in self.history.events:
+                self._display.log(event)
+
+    def _preview(self) -> None:
+        """Shows the latest sample while there are no rows: what is wrong must not wait for them."""
+        latest = self.stream.latest()
+        if latest is None:
+            return
+        setup, row = latest
+        if self._display is None:
+            self._open(setup)
+        # Not of inputs that are others than those that are shown.
+        is_alike = self._setup is None or self._setup.layout.names == setup.layout.names
+        if self._display is not None and is_alike:
+            sample = row.time, self.history.shift, row.segment, row.outputs, row.inputs
+            self._display.put(ShownRow(*sample, pose=self.stream.pose))
 
     def _take_back(self, learner: OnlineLearner, since: float) -> None:
         """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""
@@ -564,5 +590,12 @@ class LiveSession:
         if self.stream.alarms.weak_since == fact.time:
             self.history.disown_torque(since)
         self.history.events.append(Event(self.history.now, fact, since))
-        if self._view.display is not None:
-            self._view.display.log(self.history.events[-1])
+        if self._display is not None:
+            self._display.log(self.history.events[-1])
+
+
+def failure(code: Code, error: Exception, finishing: bool = False) -> Fact:
+    """Returns a fact of this ``code`` that says how something failed."""
+    text = error.strerror if isinstance(error, OSError) else None
+    text = (text or str(error)).rstrip(".")
+    return Fact(code, Level.WATCH, error=text, finishing=finishing)

@@ -13,20 +13,17 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import groupby
 from math import inf, isfinite
+from operator import itemgetter
 from uuid import UUID, uuid4
 
-import numpy as np
 import rerun as rr
-from numpy.typing import ArrayLike
 
-from mavdem.dem import Estimate, Learned
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.live import Event, SessionStatus
-from mavdem.live.stream import Pose
-from mavdem.live.wind import WindRow
-from mavdem.view.live_content import Channels, LiveWriter, ViewRow, figures, status_document
+from mavdem.live.shown import ShownRow
+from mavdem.view.live_content import Channels, LiveWriter, figures, status_document
 from mavdem.view.plots import BOOT_CLOCK, log
 from mavdem.view.sinks import Sink
 
@@ -44,7 +41,7 @@ class SinkThread(threading.Thread):
         super().__init__(name=f"to {sink.name}", daemon=True)
         self.sink = sink
         self._id = recording_id
-        self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
+        self._rows: deque[tuple[Channels, ShownRow]] = deque(maxlen=MAX_ROWS)
         self._lines: deque[Event] = deque(maxlen=MAX_ROWS)
         self._lock = threading.Lock()  # held for an append or a swap only
         self.dropped = 0  # rows
@@ -53,7 +50,7 @@ class SinkThread(threading.Thread):
         self.trouble = ""  # why nothing arrives, one sentence
         self._writer: LiveWriter | None = None
         self._recording: rr.RecordingStream | None = None
-        self._last: ViewRow | None = None
+        self._last: ShownRow | None = None
         # time of the last sample that the latest model was trained on, s
         self._until: float | None = None
         self._reported_drops = 0
@@ -61,14 +58,16 @@ class SinkThread(threading.Thread):
         self._next_try = 0.0
         self.closing = threading.Event()  # when it is set, the rest is sent
 
-    def put(self, item: ViewRow | Event) -> None:
-        """Adds a row or a log line; drops the oldest if too many wait."""
+    def put(self, channels: Channels, row: ShownRow) -> None:
+        """Adds a row; drops the oldest if too many wait."""
         with self._lock:
-            if isinstance(item, Event):
-                self._lines.append(item)
-            else:
-                self.dropped += len(self._rows) == self._rows.maxlen
-                self._rows.append(item)
+            self.dropped += len(self._rows) == self._rows.maxlen
+            self._rows.append((channels, row))
+
+    def log(self, event: Event) -> None:
+        """Adds a line of the log."""
+        with self._lock:
+            self._lines.append(event)
 
     def run(self) -> None:
         """Sends what waits at the pace of the sink, until it closes."""
@@ -106,7 +105,7 @@ class SinkThread(threading.Thread):
             Exception
         ) as error:  # a row that cannot be drawn ends neither the view nor the flight
             fact = Fact(Session.ROW_NOT_DRAWN, Level.BAD, because=str(error))
-            self.put(Event(self._last.time if self._last else 0.0, fact))
+            self.log(Event(self._last.clock if self._last else 0.0, fact))
 
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
@@ -125,21 +124,18 @@ class SinkThread(threading.Thread):
         if (recording := self._recording) is None:
             return
         with self._lock:
-            rows = list[ViewRow]()
-            if not self.held or self.closing.is_set():
-                rows += self._rows
+            rows = [] if self.held and not self.closing.is_set() else list(self._rows)
+            if rows:
                 self._rows.clear()
             lines = list(self._lines)
             self._lines.clear()
-        for channels, batch in groupby(rows, key=lambda row: row.channels):
+        for channels, batch in groupby(rows, key=itemgetter(0)):
             if self._writer is None or channels != self._writer.channels:
                 self._writer = LiveWriter(channels, recording)
-            same = list(batch)
+            same = [row for _, row in batch]
             self._last = same[-1]
-            models = (
-                row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model
-            )
-            self._until = next(models, self._until)
+            if self._last.estimate is not None and self._last.estimate.model is not None:
+                self._until = self._last.estimate.until
             self._writer.rows(same)
         for line in lines:
             log(recording, line.seconds, line.sentence, line.fact.level)
@@ -147,19 +143,15 @@ class SinkThread(threading.Thread):
                 because = line.fact.figures.get("because")
                 lost = isinstance(because, Fact) and because.code is InFlight.MOTOR_LOST_THRUST
                 self._writer.mark(line.since, lost)
-        if self._last is not None and wall.monotonic() >= self._next_status:
+        if self._last and self._writer and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             if new := self.dropped - self._reported_drops:
-                log(
-                    recording,
-                    self._last.time,
-                    f"{new} rows are not shown here: this view is too slow",
-                    Level.WATCH,
-                )
+                words = f"{new} rows are not shown here: this view is too slow"
+                log(recording, self._last.clock, words, Level.WATCH)
                 self._reported_drops += new
-            about = self.status, self._last, self._until
+            about = self.status, self._last, self._writer.channels, self._until
             documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
-            recording.set_time(BOOT_CLOCK, duration=self._last.time)
+            recording.set_time(BOOT_CLOCK, duration=self._last.clock)
             for path, text in {**documents, "status": status_document(*about)}.items():
                 recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         recording.flush(timeout_sec=FLUSH_SECONDS)
@@ -185,40 +177,18 @@ class LiveView:
         """Sets the ``channels`` of the rows from now on; once at least before the first row."""
         self._channels = channels
 
-    def put(
-        self,
-        time: float,
-        shift: float,
-        segment: int,
-        outputs: ArrayLike,
-        inputs: ArrayLike,
-        estimate: Estimate | None = None,
-        learned: Learned | None = None,
-        wind: WindRow | None = None,
-        pose: Pose | None = None,
-    ) -> None:
-        """Shows a row of ``outputs`` (m,) and ``inputs`` (r,) at ``time``, s of the boot clock; takes microseconds.
-
-        The timeline is ``shift`` s after that clock, so that flights of two boots do not overlap. The number of the
-        ``segment`` changes where samples are missing or the vehicle rebooted. ``estimate`` is of this sample;
-        ``learned`` is the learner's last batch result, which contains the prior; ``wind`` is the latest row in m/s,
-        ``pose`` the latest attitude.
-        """
+    def put(self, row: ShownRow) -> None:
+        """Shows a row; takes microseconds."""
         if self._closed or self._channels is None:
             return
-        # Copies, since callers may reuse their arrays.
-        y = np.array(outputs, np.float64)
-        u = np.array(inputs, np.float64)
-        known = estimate, learned, self._channels, wind, pose
-        row = ViewRow(time + shift, shift, segment, y, u, *known)
         for thread in self._threads:
-            thread.put(row)
+            thread.put(self._channels, row)
 
     def log(self, event: Event) -> None:
         """Shows an event in the log, at its time of the timeline."""
         time = event.seconds if isfinite(event.seconds) else 0.0
         for thread in () if self._closed else self._threads:
-            thread.put(event._replace(seconds=time))
+            thread.log(event._replace(seconds=time))
 
     def hold(self, held: bool) -> None:
         """Makes rows wait while this computer has no time to draw them."""

@@ -28,6 +28,7 @@ from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.link import LinkLost
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
+from mavdem.live.shown import ShownRow
 from mavdem.report.flight_page import live_page
 from mavdem.report.numbers import plus_minus
 from sitl_scenarios.files import load, scenario_of
@@ -81,19 +82,8 @@ class Screen:
         self.setups.append(setup)
         return self
 
-    def put(
-        self,
-        time,
-        shift,
-        segment,
-        outputs,
-        inputs,
-        estimate=None,
-        learned=None,
-        wind=None,
-        pose=None,
-    ) -> None:
-        self.rows.append((time, segment, estimate))
+    def put(self, row: ShownRow) -> None:
+        self.rows.append((row.time, row.segment, row.estimate))
 
 
 def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:

@@ -26,9 +26,10 @@ from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
+from mavdem.live.shown import ShownRow
 from mavdem.live.stream import Pose
 from mavdem.live.wind import WindRow
-from mavdem.view.live_content import Channels, ViewRow, figures, status_document
+from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import MAX_ROWS, LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
 
@@ -81,7 +82,7 @@ INPUTS = np.random.default_rng(2).uniform(1000, 2000, size=(300, 4))
 ESTIMATES = [None if i < 20 else estimate(i, t) for i, t in enumerate(TIME)]
 TOLD = ESTIMATES[20:]
 WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
-ROW = (50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
+ROW = ShownRow(50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
 
 def drawn(path, ignored=""):
@@ -149,7 +150,8 @@ def recording(tmp_path_factory):
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             pose = Pose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan))
-            view.put(t, 0.0, 0, y, u, known, None, WIND._replace(time=round(t, 1)), pose)
+            wind = WIND._replace(time=round(t, 1))
+            view.put(ShownRow(t, 0.0, 0, y, u, known, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.troubles == []
     return path
@@ -227,13 +229,13 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            view.put(t, 0.0, 0, y, u, known)
+            view.put(ShownRow(t, 0.0, 0, y, u, known))
         alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
         lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
         view.log(Occurrence(52.95, lost.announced, lost.since))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
-    assert len(marks) == 4
+    assert len(marks) == 5
     for times, values in marks.values():
         assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), [51.25, 52.0])
         assert np.nanmin(values) < np.nanmax(values)
@@ -252,14 +254,8 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     with showing(RecordingFile(path)) as view:
         for i, channels in enumerate([CHANNELS, CHANNELS, demand, demand, demand, CHANNELS]):
             view.change(channels)
-            view.put(
-                TIME[i],
-                0.0,
-                0,
-                OUTPUTS[i],
-                INPUTS[i][: len(channels.input_names)],
-                estimate(20 + i, TIME[i]),
-            )
+            inputs = INPUTS[i][: len(channels.input_names)]
+            view.put(ShownRow(TIME[i], 0.0, 0, OUTPUTS[i], inputs, estimate(20 + i, TIME[i])))
     rows = [
         batch.column("Scalars:scalars").to_pylist()
         for name, _, batch in chunks(path)
@@ -276,14 +272,8 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
     with showing(RecordingFile(path)) as view:
         for segment, (start, shift) in enumerate(((498.9, 0.0), (500.0, 0.0), (3.0, 498.0))):
             for i in range(10):
-                view.put(
-                    start + DT * i,
-                    shift,
-                    segment,
-                    OUTPUTS[i],
-                    INPUTS[i],
-                    estimate(20, start + DT * i),
-                )
+                at = start + DT * i
+                view.put(ShownRow(at, shift, segment, OUTPUTS[i], INPUTS[i], estimate(20, at)))
     lines = drawn(path)
     ten = DT * np.arange(10)
     shown = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
@@ -327,7 +317,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.
         for i in range(rows):
-            view.put(50.0 + DT * i, 0.0, 0, OUTPUTS[0], INPUTS[0], known)
+            view.put(ROW._replace(time=50.0 + DT * i, estimate=known))
             if i % 4000 == 3999:
                 until(lambda: not waiting)
         assert [thread.dropped for thread in view._threads] == [1000, 0]
@@ -339,11 +329,13 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
 
 
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
-    row = ViewRow(60.0, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS)
+    row = ROW._replace(time=60.0)
     status = SessionStatus(obstacle=prose("The vehicle is on the ground."))
-    assert all("### –" in figure for figure in figures(status, row, None)[1:5])
-    assert "No model yet. The vehicle is on the ground." in status_document(status, row, None)
-    assert "learned up to 5.0 s ago" in status_document(status, row, 55.0)
+    assert all("### –" in figure for figure in figures(status, row, CHANNELS, None)[1:5])
+    assert "No model yet. The vehicle is on the ground." in status_document(
+        status, row, CHANNELS, None
+    )
+    assert "learned up to 5.0 s ago" in status_document(status, row, CHANNELS, 55.0)
     physical = SimpleNamespace(
         mean_effect=lambda level: (0.1, 0.01),
         damping=3.0,
@@ -353,7 +345,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         wind=WIND, learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41)
     )
     now = estimate(60, 60.0)._replace(physical=physical)
-    shown = "\n".join(figures(status, row._replace(estimate=now), 59.0))
+    shown = "\n".join(figures(status, row._replace(estimate=now), CHANNELS, 59.0))
     for words in (
         "42 s learned",
         "± 2.0°\n0.25 s ahead",
@@ -370,11 +362,11 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
     with showing(RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)) as view:
         thread = view._threads[1]
         odd = estimate(20, 50.0)._replace(ahead=np.zeros((0, 2)))
-        view.put(*ROW, odd)
+        view.put(ROW._replace(estimate=odd))
         until(lambda: thread._lines)
-        view.put(50.1, *ROW[1:])
+        view.put(ROW._replace(time=50.1))
     size = path.stat().st_size
-    view.put(*ROW)  # closed, it shows nothing more
+    view.put(ROW)  # closed, it shows nothing more
     view.close()
     assert path.stat().st_size == size
     (trouble,) = view.troubles
@@ -398,7 +390,7 @@ with closing(LiveView([sink])) as view:
     def send():
         thread.held = True
         for _ in range(500):
-            view.put(*ROW)
+            view.put(ROW)
         thread.held = False
 
     send()
@@ -425,7 +417,7 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     sending = SinkThread(RecordingFile(path), uuid4())
     sending.held = True
     for at in TIME:
-        sending.put(ViewRow(at, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS))
+        sending.put(CHANNELS, ROW._replace(time=at))
     sending.turn()
     assert "motors" not in drawn(path)
     sending.closing.set()
@@ -455,7 +447,7 @@ def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch):
     # Rerun's own client would keep all rows, and wait for ten seconds at the end.
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_: pytest.fail("connected"))
     with showing(Viewer(f"rerun+http://127.0.0.1:{free_port()}/proxy")) as view:
-        view.put(*ROW)
+        view.put(ROW)
         until(lambda: view.troubles)
         assert "there is no viewer at rerun+http" in view.troubles[0]
 
@@ -490,7 +482,7 @@ def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends
         }
         page = owner.stdout.readline().strip()
         with showing(Viewer(f"rerun+http://127.0.0.1:{ports[0]}/proxy")) as view:
-            view.put(*ROW)
+            view.put(ROW)
             until(lambda: not view._threads[0]._rows)
         assert view.troubles == []
         with urllib.request.urlopen(page) as document:
