@@ -10,8 +10,8 @@ descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors sh
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment, mean_rate
-from mavdem.alignment.drive import AXES, DEMAND_FORM, DEMAND_MESSAGE, Motors, Signal
+from mavdem.alignment.drive import AXES, DEMAND_FORM, DEMAND_MESSAGE, Motors, Signal, recorded
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import (
     AVERAGING_SECONDS,
@@ -48,15 +48,16 @@ from mavdem.facts.session import Session
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
-from mavdem.ingest.telemetry import Array, Columns, Telemetry, joined, log_of_vehicles
+from mavdem.ingest.telemetry import Array, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.messages import Values
+from mavdem.live.recent import Recent, columns_of
 from mavdem.live.rows import Samples
 
-REPORTED = ("armed", "landed_state")
-# Of each stream of outputs, and of each kind of what shows the phase
-MAX_ROWS = 512
-MAX_REPORTS = 4096
+LANDED = "EXTENDED_SYS_STATE"
+PHASES = ("HEARTBEAT", LANDED, *CLIMB_FIELDS)
+"""The messages that show the phase, beside the motors."""
+MAX_ROWS = 1024  # Of each stream of outputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,7 @@ class Inputs:
     layout: MotorGeometry
     scale: OutputScale
     picks: tuple[tuple[int, int], ...]
-    collective: Signal | None  # of the last seconds
+    motors: Motors | None  # of the last seconds
 
     @cached_property
     def ports(self) -> tuple[int, ...]:
@@ -138,13 +139,13 @@ class InputChoice:
                 messages[name] = joined([messages[name], columns]) if name in messages else columns
         inputs = "demand" if staying == DEMAND_MESSAGE else inputs
         signals = Signals(replace(vehicle, messages=messages), axis, inputs)
+        motors = signals.motors
         chosen = signals.drive
-        collective = signals.collective
         if inputs is None:
             # Motors that do not move count too: before take-off they have not moved yet.
             motor_rate = max(rates.get(name, 0.0) for name in MOTOR_MESSAGES)
             chosen = motors_or_demand(
-                signals.motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0)
+                motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0)
             )
         if chosen is None:
             return None
@@ -152,13 +153,19 @@ class InputChoice:
         if chosen.message != DEMAND_MESSAGE:
             _, width = drive.outputs_by_port(chosen.message, messages[chosen.message])
             picks = [divmod(n - 1, width) for n in chosen.layout.channels]
-        if collective is not None:
-            now = collective.time >= oldest
-            collective = Signal(collective.time[now], collective.boot[now], collective.values[now])
         # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
         known = output_scale(chosen.outputs, vehicle.parameters, chosen.layout.drivers)
         scale = replace(chosen.scale, stop=known.stop)
-        return Inputs(chosen.message, chosen.layout, scale, tuple(picks), collective)
+        if motors is not None:
+            now = motors.time >= oldest
+            motors = replace(
+                motors,
+                time=motors.time[now],
+                boot=motors.boot[now],
+                outputs=motors.outputs[now],
+                scale=scale,
+            )
+        return Inputs(chosen.message, chosen.layout, scale, tuple(picks), motors)
 
     def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
         """The outputs of one port as columns."""
@@ -170,38 +177,32 @@ class InputChoice:
         lowest = np.where(sent, table, inf).argmin(axis=0)
         highest = np.where(sent, table, -inf).argmax(axis=0)
         self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
-        columns = {
-            "time": np.array([time for time, _ in rows]),
-            "boot": np.zeros(len(rows), dtype=np.int64),
-        }
         form = MOTOR_MESSAGES.get(name, DEMAND_FORM)
-        if form.is_ported:
-            channels = {form.field.format(n): values for n, values in enumerate(table.T, 1)}
-            return columns | channels | {"port": np.full(len(rows), port)}
-        return columns | {form.field: table}
+        if not form.is_ported:
+            return columns_of([form.field], [(time, (values,)) for time, values in rows], 0)
+        channels = [form.field.format(number) for number in range(1, 1 + len(table.T))]
+        return columns_of(channels, rows, 0) | {"port": np.full(len(rows), port)}
 
 
 @dataclass(frozen=True, eq=False)
-class PhaseSignals(Signals):
-    """Signals of the last seconds, of which these two are not read from messages."""
+class LiveSignals(Signals):
+    """Signals of a live flight, of which these are not read from messages."""
 
-    armed: Signal | None = None
+    motors: Motors | None = None
     collective: Signal | None = None
+    landed_state: Signal | None = None
 
 
 class Phase:
-    """Whether one boot is armed, airborne and settled, from its messages so far."""
+    """Whether one boot is armed, airborne and settled, by what is ``recent``."""
 
-    def __init__(self) -> None:
+    def __init__(self, recent: Recent) -> None:
         self.flying = False  # as of the last review, airborne and, if that is reported, armed
         self.steady = False  # and neither taking off nor landing where that is reported
         self.idle = False  # whether outputs come and none has moved so far
-        self.parameters: Mapping[str, float] = {}  # of the autopilot
-        kinds = ("collective", *REPORTED, *CLIMB_FIELDS)
-        self._rows: dict[str, deque[tuple[float, float]]] = {
-            kind: deque(maxlen=MAX_REPORTS) for kind in kinds
-        }
-        self._start = self._reviewed = -inf
+        self._recent = recent
+        self._is_shown = False  # whether anything shows whether it flies
+        self._start = self._reviewed = self._reported_until = -inf
         self._settled_from: float | None = None
         self._landing: float | None = None
 
@@ -210,10 +211,8 @@ class Phase:
         """Why it is not flying; None if it is."""
         if self.flying:
             return None
-        evidence = (
-            self.idle or self._rows["collective"] or self._rows["landed_state"] or not self._armed
-        )
-        return Fact(Session.NOT_FLYING if evidence else Session.FLIGHT_UNKNOWN)
+        is_shown = self.idle or self._is_shown
+        return Fact(Session.NOT_FLYING if is_shown else Session.FLIGHT_UNKNOWN)
 
     def settled(self, time: float) -> bool:
         """Whether ``time``, s, is in settled flight, apart from the tilt."""
@@ -223,50 +222,22 @@ class Phase:
         """Since when, s, the flight is settled; None where it is not ``now``."""
         return self._settled_from if self.settled(now) else None
 
-    @property
-    def _reported_until(self) -> float:
-        """While EXTENDED_SYS_STATE comes, it decides; otherwise the motors' thrust."""
-        time, state = self._rows["landed_state"][-1] if self._rows["landed_state"] else (-inf, 0)
-        return time + REPORT_SECONDS if state > 0 else -inf
-
-    @property
-    def _armed(self) -> bool:
-        return not self._rows["armed"] or bool(self._rows["armed"][-1][1])
-
     def landing(self) -> float | None:
         """The time, s, since which samples that counted as settled were of a landing; None if there is no new one."""
         since = self._landing
         self._landing = None
         return since
 
-    def take(self, kind: str, time: float, value: float) -> None:
-        """A state of ``REPORTED``, a vertical speed by its message, or the "collective" of the motors, 0 to 1."""
-        if not isfinite(value):
-            return
-        rows = self._rows[kind]
-        if kind == "collective" and rows and 0 <= time - rows[-1][0] < 0.005:
-            return  # of a fast stream, enough
-        changed = kind in REPORTED and (not rows or rows[-1][1] != value)
-        rows.append((time, value))
-        if changed:
-            self.review(time)
-
-    def restart_collective(self, collective: Signal | None) -> None:
-        """Starts again with the collective of the last seconds: which motors there are or their scale has changed."""
-        rows = (
-            ()
-            if collective is None
-            else zip(collective.time.tolist(), collective.values.tolist(), strict=True)
-        )
-        self._rows["collective"] = deque(rows, MAX_REPORTS)
-
-    def review(self, now: float) -> None:
-        """Decides the phase at ``now``, s."""
-        signals = self._signals(now)
-        armed = phases.armed(signals, 0)
+    def review(self, now: float, vehicle: Telemetry, collective: Signal | None) -> None:
+        """Decides the phase at ``now``, s, of a ``vehicle`` whose motors did ``collective`` in the last seconds."""
+        boot = self._recent.boot
+        signals = self._signals(now, vehicle, collective)
+        armed = phases.armed(signals, boot)
         climb = signals.climb_rate
-        self.flying = any(start < now <= end for start, end in phases.flying(signals, 0))
-        flights = both(armed, phases.in_states(signals, 0, (IN_AIR,)))
+        self.flying = any(start < now <= end for start, end in phases.flying(signals, boot))
+        has_states = signals.landed_state is not None or collective is not None
+        self._is_shown = has_states or armed != [(-inf, inf)]
+        flights = both(armed, phases.in_states(signals, boot, (IN_AIR,)))
         flight = next((flight for flight in flights if flight[0] < now <= flight[1]), None)
         if self.steady and (flight is None or flight[0] > self._reviewed):
             self._take_back(max((end for _, end in flights if end < now), default=now))
@@ -280,26 +251,19 @@ class Phase:
             self._settle(now, climb)
         self._reviewed = now
 
-    def _signals(self, now: float) -> Signals:
-        """What the last seconds show, as signals of boot 0."""
-        columns: dict[str, Columns] = {}
-        series: dict[str, Signal | None] = {}
-        for kind, rows in self._rows.items():
-            since = now - 2 * (REPORT_SECONDS if kind in REPORTED else AVERAGING_SECONDS)
-            while len(rows) > 2 * (kind == "armed") and rows[0][0] < since:  # the last state stays
-                rows.popleft()
-            reports = list(rows)
-            if kind == "landed_state" and now <= self._reported_until:
-                reports.append((now, reports[-1][1]))
-            time, values = np.array(reports).reshape(-1, 2).T
-            boot = np.zeros(len(time), dtype=np.int64)
-            series[kind] = Signal(time, boot, values) if reports else None
-            if kind in CLIMB_FIELDS and reports:
-                columns[kind] = {"time": time, "boot": boot, CLIMB_FIELDS[kind][0]: values}
-            if kind == "landed_state" and reports:
-                columns["EXTENDED_SYS_STATE"] = {"time": time, "boot": boot, kind: values}
-        vehicle = Telemetry(0, 0, "UNKNOWN", "", columns, self.parameters)
-        return PhaseSignals(vehicle, armed=series["armed"], collective=series["collective"])
+    def _signals(self, now: float, vehicle: Telemetry, collective: Signal | None) -> Signals:
+        """What the last seconds show; while the landed state is reported, the last one holds until ``now``."""
+        columns = self._recent.columns(PHASES, now - 2 * REPORT_SECONDS)
+        telemetry = replace(vehicle, messages=columns)
+        landed = recorded(telemetry, LANDED, "landed_state")
+        self._reported_until = -inf
+        if landed is not None and now <= landed.time[-1] + REPORT_SECONDS:
+            state = landed.values[-1]
+            self._reported_until = landed.time[-1] + REPORT_SECONDS if state else -inf
+            time = np.append(landed.time, now)
+            boots = np.full(len(time), self._recent.boot)
+            landed = Signal(time, boots, np.append(landed.values, state))
+        return LiveSignals(telemetry, collective=collective, landed_state=landed)
 
     def _settle(self, now: float, climb: Signal | None) -> None:
         """Decides since when the flight is settled; means are known half of their window later."""
@@ -326,52 +290,23 @@ class Phase:
         self._landing = since if self._landing is None else min(since, self._landing)
 
 
-@dataclass(frozen=True, eq=False)
-class LiveSignals(Signals):
-    """Signals of a live flight, of which these two are not read from messages."""
-
-    motors: Motors | None = None
-    landed_state: Signal | None = None
-
-
 class Motion(NamedTuple):
     """The ``motors`` of some seconds, and the attitude by axis."""
 
     motors: Motors
     tilts: Mapping[str, Attitude]
 
-    @classmethod
-    def of(
-        cls,
-        names: tuple[str, str],
-        known: Setup | Inputs,
-        boot: int,
-        outputs: tuple[Array, Array],
-        at: Array,
-        angles: Mapping[str, Iterable[Array]],
-    ) -> Motion:
-        """Takes it from arrays.
-
-        ``names`` are of the messages of attitude and motors; ``outputs`` their times and values (N, k), as ``known``;
-        ``at`` the times of angle and body rate (M,) of each axis in ``angles``.
-        """
-        attitude, message = names
-        time, values = outputs
-        count = len(time)
-        boots = np.full(count, boot)
-        motors = Motors(message, time, boots, values, known.layout, known.scale, count, 0)
-        there = np.full(len(at), boot)
-        tilts = {
-            axis: Attitude(attitude, at, there, angle, rate, rate, len(at), 0, 0)
-            for axis, (angle, rate) in angles.items()
-        }
-        return cls(motors, tilts)
-
     @property
     def rate(self) -> float:
         """Hz of the slower of both."""
         times = [self.motors.time, *(tilt.time for tilt in self.tilts.values())]
         return min(mean_rate(time) if len(time) > 1 else 0.0 for time in times)
+
+
+def tilt_of(message: str, time: Array, boot: int, angle: Array, rate: Array) -> Attitude:
+    """Returns angle and body rate (N,) of one axis at ``time`` (N,), from a ``message``."""
+    count = len(time)
+    return Attitude(message, time, np.full(count, boot), angle, rate, rate, count, 0, 0)
 
 
 def evidence_of(signals: Signals, condition: Condition, **known: Any) -> Evidence:
@@ -401,11 +336,13 @@ def judged(
     telemetry = Telemetry(1, 1, UNNAMED, "", {}, learned.record.parameters)
     signals = LiveSignals(telemetry, axis)
     if setup.motors != DEMAND_MESSAGE:
-        messages = setup.attitude, setup.motors
-        moved = (time, flight.inputs), time, {axis: flight.outputs.T}
-        motion = Motion.of(messages, setup, 0, *moved)
-        signals = LiveSignals(telemetry, axis, motors=motion.motors)
-        swing = oscillation_of(*motion, [Segment(0, 0.0, duration)])
+        count = len(time)
+        plan = setup.layout, setup.scale
+        boots = np.zeros(count, np.int64)
+        motors = Motors(setup.motors, time, boots, flight.inputs, *plan, count, 0)
+        signals = LiveSignals(telemetry, axis, motors=motors)
+        tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
+        swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
         condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
     learned = disown_torque(learned, condition.oscillation is not None)
     physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)

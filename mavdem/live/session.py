@@ -258,20 +258,14 @@ class LiveSession:
             raise NotLearnable(Fact(Session.NO_LIVE_FLIGHT))
         if not (self._landed and self._models):
             seconds = FIT_SECONDS * (1 if self._models else 2)
-            because: Fact | None = None
             try:
                 return self._named(self.learner.learn_now(seconds))
-            except TimeoutError:
-                if not self._models:
-                    raise NotLearnable(
-                        Fact(Session.NOT_LEARNED_IN_TIME, duration=seconds)
-                    ) from None
-            except (ValueError, RuntimeError) as error:
-                because = fact_of(error)
-                if not self._models:
-                    raise NotLearnable(because) from None
-            kept = Fact(Session.FORMER_MODEL_KEPT, because=because, duration=seconds)
-            self._log(kept)
+            except (TimeoutError, ValueError, RuntimeError) as error:
+                late = Fact(Session.NOT_LEARNED_IN_TIME, duration=seconds)
+                because = late if isinstance(error, TimeoutError) else fact_of(error)
+            if not self._models:
+                raise NotLearnable(because)
+            self._log(Fact(Session.FORMER_MODEL_KEPT, because=because))
         _, model = self._models[-1]
         return self._named(model)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
@@ -16,13 +16,13 @@ from mavdem.alignment.drive import (
     INPUTS,
     THRUST_COLUMN,
     TILT_AXES,
+    Signal,
     preferred_message,
 )
 from mavdem.alignment.learnability import too_slow
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import (
     ATTITUDE_MESSAGES,
-    CLIMB_FIELDS,
     HOLD_SECONDS,
     MINIMUM_RATE,
     TARGET_MESSAGE,
@@ -40,8 +40,8 @@ from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import ARMED, UNNAMED
-from mavdem.live.decisions import InputChoice, Inputs, Motion, Phase, Setup
+from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.live.decisions import PHASES, InputChoice, Inputs, Motion, Phase, Setup, tilt_of
 from mavdem.live.history import SessionStatus
 from mavdem.live.messages import (
     OF_ITSELF,
@@ -56,9 +56,10 @@ from mavdem.live.messages import (
     parameters_of,
 )
 from mavdem.live.motor_alarms import MotorAlarms
+from mavdem.live.recent import Recent
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
-from mavdem.live.watchdog import Watchdog, motion_of
+from mavdem.live.watchdog import Watchdog
 from mavdem.live.wind import LiveWind
 
 # Events, and replies, kept until they are fetched
@@ -119,11 +120,13 @@ class LiveStream:
         # by message and port, which attitude has none of: 0
         self._streams: dict[tuple[str, int], Samples] = {}
         self._choice = InputChoice()
-        self._phase = Phase()
+        self._recent = Recent()
+        self._phase = Phase(self._recent)
+        self._settings: Mapping[str, float] = {}  # of the autopilot, as of the last choice
         self._grid = Grid()
         self.alarms = MotorAlarms()
         self.air = LiveWind()
-        self._watchdog = Watchdog()
+        self._watchdog = Watchdog(self._recent)
         self.beside: dict[str, LiveStream] = {}  # of other vehicles, by name: watched, too
         self._attitude: str | None = None
         self._heading = 0.0
@@ -272,18 +275,12 @@ class LiveStream:
             port, values = outputs(message)
             if not (name == DEMAND_MESSAGE and port):  # group 0 of the demand is flight control
                 yield from self._add(name, port, time, values)
-        elif name == "HEARTBEAT":
-            self._phase.take("armed", time, bool(message.values[2] & ARMED))
         elif name in FLAGS:
             self.air.flags = message.values[0]
-        elif name == "EXTENDED_SYS_STATE" or name in CLIMB_FIELDS:
-            if name in VELOCITIES and (wind := self.air.velocity(name, time, message.values)):
-                self._report(wind)
-            self._phase.take(
-                "landed_state" if name == "EXTENDED_SYS_STATE" else name, time, message.values[0]
-            )
-        if name in OF_ITSELF:
-            self._watchdog.take(name, time, message.values)
+        elif name in VELOCITIES and (wind := self.air.velocity(name, time, message.values)):
+            self._report(wind)
+        if name in OF_ITSELF or name in PHASES:
+            self._recent.take(name, time, message.values)
         now = self._clock.now
         if now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS:
             self._review(sender, now)
@@ -305,13 +302,6 @@ class LiveStream:
         if inputs is None or stream not in streams:
             return
         if stream is streams[1]:
-            used = [values[channel] for number, channel in inputs.picks if number == port]
-            share = inputs.scale.fraction(np.array(used)).mean()
-            self._phase.take(
-                "collective",
-                time,
-                values[THRUST_COLUMN] if name == DEMAND_MESSAGE else float(share),
-            )
             self._watch_motors(time, inputs)
         if self._grid.running:
             if stream.gap:
@@ -387,7 +377,7 @@ class LiveStream:
                 self._judge(sender, now)
         if self._inputs is None and now - self._connected_from >= AVERAGING_SECONDS / 2:
             self._phase.idle = any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
-        self._phase.review(now)
+        self._phase.review(now, self._telemetry(sender), self._collective())
         if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
             phase = self._phase.flying, self._phase.settled_since(now)
             known = self._telemetry(sender), *phase, self._motion()
@@ -403,7 +393,7 @@ class LiveStream:
             return
         before = self._inputs
         running = self._grid.running
-        self._phase.parameters = parameters = self.parameters
+        self._settings = parameters = self.parameters
         self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
         staying = before.message if running and before else None
         vehicle = self._telemetry(sender)
@@ -413,8 +403,6 @@ class LiveStream:
         )
         if inputs is None:
             return  # after a silence there is no evidence of a change
-        if before is None or (before.key, before.scale.name) != (inputs.key, inputs.scale.name):
-            self._phase.restart_collective(inputs.collective)
         self._inputs = inputs
         if before is not None and running and inputs.key != before.key:
             self._report(Fact(Rows.INPUTS_CHANGED, names=inputs.layout.names))
@@ -426,16 +414,32 @@ class LiveStream:
     def _telemetry(self, sender: Sender) -> Telemetry:
         """What is known of the vehicle beside its messages."""
         ids = sender.system, sender.component
-        return Telemetry(*ids, sender.kind, sender.autopilot, {}, self._phase.parameters)
+        return Telemetry(*ids, sender.kind, sender.autopilot, {}, self._settings)
+
+    def _collective(self) -> Signal | None:
+        """How hard the motors worked together in the last seconds."""
+        inputs = self._inputs
+        streams = self._row_streams()
+        if inputs is None or not streams[1].time:
+            return None
+        table = np.array(streams[1].values)
+        used = [channel for number, channel in inputs.picks if number == inputs.ports[0]]
+        shares = inputs.scale.fraction(table[:, used]).mean(axis=1)
+        shares = table[:, THRUST_COLUMN] if inputs.message == DEMAND_MESSAGE else shares
+        return Signal(np.array(streams[1].time), np.full(len(shares), self.boot), shares)
 
     def _motion(self) -> Motion | None:
         """The last seconds of attitude and motors; None without."""
-        inputs = self._inputs
-        streams = self._row_streams()
-        if inputs is None or inputs.message == DEMAND_MESSAGE or not all(s.time for s in streams):
+        attitude, *_ = self._row_streams() or [Samples()]
+        if self._inputs is None or self._inputs.motors is None or not attitude.time:
             return None
-        ports = dict(zip(inputs.ports, streams[1:], strict=True))
-        return motion_of(self._attitude or "", streams[0], inputs, ports, self.boot)
+        motors = replace(
+            self._inputs.motors, boot=np.full(len(self._inputs.motors.time), self.boot)
+        )
+        roll, pitch, p, q = np.array(attitude.values).T
+        known = self._attitude or "", np.array(attitude.time), self.boot
+        tilts = tilt_of(*known, roll, p), tilt_of(*known, pitch, q)
+        return Motion(motors, dict(zip(TILT_AXES, tilts, strict=True)))
 
     def latest(self) -> tuple[Setup, AlignedRow] | None:
         """The latest sample of attitude and motors as a row of its own setup, while there are no rows; else None."""
@@ -515,10 +519,11 @@ class LiveStream:
         self._attitude = None
         self._inputs = None
         self._asked = -inf, ()
-        self._phase = Phase()
+        self._recent = Recent(boot)
+        self._phase = Phase(self._recent)
         self.alarms.standing = ()
         self.alarms.weak_since = nan
-        self._watchdog = Watchdog(boot)
+        self._watchdog = Watchdog(self._recent)
         self._grid.restart()
         self._reviewed = -inf
         self._connected_from = inf

@@ -6,13 +6,13 @@ those of ``assessment`` on the messages so far; a limit cycle is that of ``condi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import inf, radians
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.drive import Signal
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
 from mavdem.assessment.limits import worst
@@ -28,13 +28,12 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.session import Rows, Session
 from mavdem.facts.watch import Watch, Watched
-from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
-from mavdem.live.decisions import Inputs, LiveSignals, Motion, evidence_of
-from mavdem.live.messages import FIELDS, Values
-from mavdem.live.rows import Samples
+from mavdem.live.decisions import LiveSignals, Motion, evidence_of
+from mavdem.live.messages import OF_ITSELF
+from mavdem.live.recent import Recent
 
-MAX_ROWS = 2048  # Of each; then every second of the older half is dropped
 LIGHTS = {
     Watched.OSCILLATION: Light.MARGINS,
     Watched.MOTOR_LIMITS: Light.MOTORS,
@@ -49,21 +48,6 @@ LIMITED_SHARE = 0.7
 CALM_SECONDS = 10.0  # Without what an alarm was about, after which it is over
 
 
-def motion_of(
-    name: str, attitude: Samples, inputs: Inputs, ports: Mapping[int, Samples], boot: int
-) -> Motion:
-    """Returns the motion that the samples of an ``attitude`` message and of the motors' ``ports`` show."""
-    time = np.array(ports[inputs.ports[0]].time)
-    outputs = [
-        np.interp(time, ports[port].time, [values[channel] for values in ports[port].values])
-        for port, channel in inputs.picks
-    ]
-    roll, pitch, p, q = np.array(attitude.values).T
-    angles = dict(zip(TILT_AXES, ((roll, p), (pitch, q)), strict=True))
-    moved = (time, np.column_stack(outputs)), np.array(attitude.time), angles
-    return Motion.of((name, inputs.message), inputs, boot, *moved)
-
-
 class Watchdog:
     """Watches one boot of one vehicle.
 
@@ -71,15 +55,13 @@ class Watchdog:
         standing: what is wrong as of the last review, by what shows it.
         watched: since when each is watched, or why it is not.
         lights: the worst that was found so far, by light.
-        messages: time, s, and values of what the autopilot said of itself, by name.
     """
 
-    def __init__(self, boot: int = 0) -> None:
+    def __init__(self, recent: Recent) -> None:
         self.standing: dict[Watched, Fact] = {}
         self.watched: dict[Watched, Fact] = {}
         self.lights: dict[str, Fact] = {}
-        self._boot = boot
-        self.messages: dict[str, list[tuple[float, Values]]] = {}
+        self._recent = recent
         self._phases: list[tuple[float, int]] = []
         self._said = set[tuple[object, ...]]()
         self._seen: dict[Watched, float] = {}
@@ -89,13 +71,6 @@ class Watchdog:
     def alarms(self) -> tuple[Fact, ...]:
         """What is bad as of the last review."""
         return tuple(fact for fact in self.standing.values() if fact.level is Level.BAD)
-
-    def take(self, name: str, time: float, values: Values) -> None:
-        """Takes a message that the autopilot says something in of itself, at ``time``, s."""
-        rows = self.messages.setdefault(name, [])
-        rows.append((time, values))
-        if len(rows) > MAX_ROWS:
-            del rows[: MAX_ROWS // 2 : 2]
 
     def review(
         self,
@@ -122,7 +97,7 @@ class Watchdog:
             condition = Condition(duration=now - since)
             found[Watched.BATTERY] = power_light(evidence_of(whole, condition))
             if settled_since is not None:
-                recent.settled[self._boot] = [(settled_since, now)]
+                recent.settled[self._recent.boot] = [(settled_since, now)]
                 found[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
             found |= dict(self._of_motion(motion, since, now))
         self._note(found, motion, is_flying, now)
@@ -130,13 +105,9 @@ class Watchdog:
         self._reviewed = now
 
     def _signals(self, vehicle: Telemetry, now: float, since: float) -> Signals:
-        columns = {
-            name: _columns(name, kept, self._boot)
-            for name, rows in self.messages.items()
-            if (kept := [row for row in rows if row[0] >= since])
-        }
+        columns = self._recent.columns(OF_ITSELF, since)
         time, states = zip(*self._phases, (now, self._phases[-1][1]), strict=True)
-        boots = np.full(len(time), self._boot)
+        boots = np.full(len(time), self._recent.boot)
         landed = Signal(np.array(time), boots, np.array(states))
         return LiveSignals(replace(vehicle, messages=columns), landed_state=landed)
 
@@ -159,7 +130,7 @@ class Watchdog:
         if motion is None:
             return
         motors = motion.motors
-        cycle = begun_oscillation(motors, motion.tilts, self._boot, since, now)
+        cycle = begun_oscillation(motors, motion.tilts, self._recent.boot, since, now)
         if cycle is not None:
             yield (
                 Watched.OSCILLATION,
@@ -208,7 +179,7 @@ class Watchdog:
         self, found: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
     ) -> None:
         """Keeps since when each is watched, and why it is not."""
-        sent = {name for name, rows in self.messages.items() if rows[-1][0] >= now - RECENT_SECONDS}
+        sent = set(self._recent.columns(OF_ITSELF, now - RECENT_SECONDS))
         missing = dict[Watched, Fact]()
         if motion is None:
             missing = dict.fromkeys(
@@ -253,11 +224,3 @@ def not_watched(watched: Fact, because: Fact, time: float) -> Fact:
 
 def _kind(fact: Fact) -> tuple[object, ...]:
     return fact.code, fact.subject, fact.figures.get("text"), fact.time
-
-
-def _columns(name: str, rows: Sequence[tuple[float, Values]], boot: int) -> Columns:
-    """The messages of this ``name`` as those of a log are."""
-    time, values = zip(*rows, strict=True)
-    fields = zip(FIELDS[name], zip(*values, strict=True), strict=True)
-    table = {field: np.array(column) for field, column in fields}
-    return {"time": np.array(time), "boot": np.full(len(time), boot), **table}

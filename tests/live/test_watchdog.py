@@ -24,7 +24,8 @@ from mavdem.facts.watch import Watch, Watched
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.history import SessionStatus
-from mavdem.live.watchdog import CALM_SECONDS, LIMIT_SECONDS, LIMITED_SHARE, MAX_ROWS, Watchdog
+from mavdem.live.recent import MAX_ROWS, Recent
+from mavdem.live.watchdog import CALM_SECONDS, LIMIT_SECONDS, LIMITED_SHARE
 from mavdem.report.live import watching
 
 
@@ -173,11 +174,11 @@ def test_every_vehicle_on_a_link_is_watched():
     assert {fact.subject for fact in found} == {"2:1"} and said(made, MarginsLight.OSCILLATES)
 
 
-def test_what_it_keeps_is_bounded():
-    watchdog = Watchdog()
+def test_what_is_kept_is_bounded():
+    recent = Recent()
     for second in range(3 * MAX_ROWS):
-        watchdog.take("SYS_STATUS", float(second), (12000, 100, 50, 0, 0, 0))
-    assert len(watchdog.messages["SYS_STATUS"]) <= MAX_ROWS
+        recent.take("SYS_STATUS", float(second), (12000, 100, 50, 0, 0, 0))
+    assert len(recent.rows["SYS_STATUS"]) <= MAX_ROWS
 
 
 @pytest.mark.slow
