@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Error, OneFact, Said, fact_in
+from mavdem.documents.document import Document, Error, Said, Told
 from mavdem.units import Nats, Number, Seconds, SquareOfOutput
 
 
@@ -147,10 +147,8 @@ class FromZero(Document):
 class Outcome(Document):
     """Each method, by name."""
 
-    failure: Said
+    failure: Told
     """why there is no forecast; empty where there is one"""
-    failure_fact: OneFact = fact_in("failure")
-    """failure as a fact; null where there is none"""
     stable: bool | None
     """whether the model has no growing mode"""
     cautions: list[Said]

@@ -31,14 +31,13 @@ Advised = Annotated[str, BeforeValidator(_advised)]
 """The sentence of a fact and its remedy; empty without one."""
 
 
-def fact_in(name: str) -> Any:
+Told = Said
+"""The same, and beside it, in ``…_fact`` or ``…_facts``, what it is the sentence of, where that is a fact."""
+
+
+def beside(name: str, meaning: str) -> Any:
     """Returns the field that takes the attribute ``name`` where that is a fact, not where it is its sentence only."""
-    return Field(default=None, validation_alias=name)
-
-
-def facts_in(name: str) -> Any:
-    """Returns the field that takes the facts of the attribute ``name``."""
-    return Field(default=(), validation_alias=name)
+    return Field(default=None, validation_alias=name, description=meaning)
 
 
 class Document(BaseModel):
@@ -51,6 +50,24 @@ class Document(BaseModel):
         protected_namespaces=(),
         use_attribute_docstrings=True,
     )
+
+    def __init_subclass__(cls, is_partial: bool = False, **options: Any) -> None:
+        """Adds the facts of keys that are ``Told``; those of a partial document may be absent."""
+        super().__init_subclass__(**options)
+        kinds = dict[str, Any]()
+        for name, kind in cls.__annotations__.items():
+            kinds[name] = kind
+            if is_partial and name not in vars(cls):
+                kinds[name] = f"{kind} | None"
+                setattr(cls, name, None)
+            if "list[Told]" in kind:
+                kinds[f"{name}_facts"] = Facts
+                setattr(cls, f"{name}_facts", beside(name, f"{name} as facts"))
+            elif "Told" in kind:
+                meaning = f"{name} as a fact; null where there is none"
+                kinds[f"{name}_fact"] = OneFact
+                setattr(cls, f"{name}_fact", beside(name, meaning))
+        cls.__annotations__ = kinds
 
     @field_validator("*", mode="before")
     @classmethod
@@ -119,16 +136,12 @@ Facts = Annotated[list[Sentence], BeforeValidator(_facts)]
 class Judged(Document):
     """What is judged of the flight."""
 
-    headline: Said
+    headline: Told
     """the worst that was found, or how the flight was lost, one sentence"""
-    headline_fact: OneFact = fact_in("headline")
-    """headline as a fact; null where there is none"""
     lights: dict[str, Sentence]
     """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
-    next_step: Said
+    next_step: Told
     """what to do next, one sentence"""
-    next_step_fact: OneFact = fact_in("next_step")
-    """next_step as a fact; null where there is none"""
 
 
 class Error(Document):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, OneFact, Said, fact_in
+from mavdem.documents.document import Document, Said, Told
 from mavdem.units import (
     AngularAcceleration,
     Number,
@@ -51,10 +51,8 @@ class Incomparable(Document):
 
     quantity: Said
     """name of the quantity"""
-    reason: Said
+    reason: Told
     """why it cannot be compared"""
-    reason_fact: OneFact = fact_in("reason")
-    """reason as a fact; null where there is none"""
 
 
 class FlightConditions(Document):

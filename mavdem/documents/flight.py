@@ -11,10 +11,9 @@ from mavdem.documents.document import (
     Document,
     Error,
     Facts,
-    OneFact,
     Said,
-    fact_in,
-    facts_in,
+    Told,
+    beside,
 )
 from mavdem.documents.vehicle import (
     Condition,
@@ -164,10 +163,8 @@ class HeldOut(Document):
     """share of the samples inside the 90 % band"""
     over_expected_error: Number
     """squared error over the one to expect"""
-    failures: list[Said]
+    failures: list[Told]
     """why models of parts of the flight could not be learned, one sentence each"""
-    failures_facts: Facts = facts_in("failures")
-    """failures as facts"""
 
 
 class Errors(Document):
@@ -301,10 +298,8 @@ class WindTorque(Document):
     """relative standard deviation of the error of sd"""
     resolved: bool
     """whether its course is larger than its errors"""
-    reason: Said | None
+    reason: Told | None
     """why the wind torque is not reported"""
-    reason_fact: OneFact = fact_in("reason")
-    """reason as a fact; null where there is none"""
     gust_threshold: AngularAcceleration
     """distance from the running level beyond which it is a gust"""
     false_gusts_per_minute: PerMinute
@@ -324,10 +319,8 @@ class AxisFigures(Document):
     """physical parameters of the axis"""
     wind: WindTorque | None
     """torque of the wind about the axis"""
-    reason: Said
+    reason: Told
     """why there are no physical parameters"""
-    reason_fact: OneFact = fact_in("reason")
-    """reason as a fact; null where there is none"""
 
 
 class TrueParameter(Document):
@@ -377,69 +370,71 @@ class Truth(Document):
     """the wind torque beside its truth"""
 
 
-class Report(Tier, MotorHealth, Findings):
-    """Report.json, and `--json` of learn and open."""
+class LearnedFigures(Document, is_partial=True):
+    """What is known with a model only."""
 
-    flight: Provenance | None = None
+    flight: Provenance
     """where the training data come from; keys in italics are there with a model only, but for error"""
-    segments: list[SegmentSamples] | None = None
+    segments: list[SegmentSamples]
     """segments of settled flight that the model is trained on"""
-    inputs: list[str] | None = None
+    inputs: list[str]
     """names of the inputs"""
-    outputs: list[str] | None = None
+    outputs: list[str]
     """names of the outputs"""
     dt: Seconds = None
     """sampling step"""
-    training_samples: int | None = None
+    training_samples: int
     """number of training samples"""
-    forecast_samples: int | None = None
+    forecast_samples: int
     """samples of a held-out window"""
-    order: int | None = None
+    order: int
     """number of states"""
-    converged: bool | None = None
+    converged: bool
     """whether the last fit converged"""
-    model: Matrices | None = None
+    model: Matrices
     """ẋ = A x + B (u − u₀) + d, y = C x + y₀, in units of inputs and outputs, and s"""
-    model_interval_90_percent: ModelErrors | None = None
+    model_interval_90_percent: ModelErrors
     """half widths of 90 % intervals, by the simulation-error fit"""
     spectral_abscissa: PerSecond = None
     """largest real part of the poles of A"""
-    free_energy: FreeEnergy | None = None
+    free_energy: FreeEnergy
     """free energy action F̄ of A, B and C"""
-    held_out: HeldOut | None = None
+    held_out: HeldOut
     """forecasts of windows that no model has seen"""
-    one_step_mspe: dict[str, Errors] | None = None
+    one_step_mspe: dict[str, Errors]
     """errors one step ahead in the training data, by method, the lowest first"""
-    forecast_mspe: dict[str, Errors] | None = None
+    forecast_mspe: dict[str, Errors]
     """errors in the held-out windows, by method, the lowest first"""
     forecast_over_constant_mean: Number = None
     """error ratio (NMSE) of the forecast in held-out windows"""
     expected_error: Number = None
     """squared error to expect of the forecast, over the variance of the training data"""
-    inside_90_percent_band: float | None = None
+    inside_90_percent_band: float
     """share of the held-out samples inside the 90 % band"""
-    prediction: Prediction | None = None
+    prediction: Prediction
     """how far ahead predictions without the motors are useful"""
-    simulation_fit: SimulationFit | None = None
+    simulation_fit: SimulationFit
     """simulation-error fit of A, B and C"""
-    joint: Joint | None = None
+    joint: Joint
     """the joint model of outputs and motors, which forecasts"""
-    physical: Physical | None = None
+    physical: Physical
     """physical parameters of the axis"""
-    wind: WindTorque | None = None
+    wind: WindTorque
     """torque of the wind about the axis"""
-    cautions: list[Advised] | None = None
+    cautions: list[Advised]
     """limits of the model, one sentence each"""
-    cautions_facts: Facts = facts_in("cautions")
-    """cautions as facts"""
+    cautions_facts: Facts = beside("cautions", "cautions as facts")
+
+
+class Report(LearnedFigures, Tier, MotorHealth, Findings):
+    """Report.json, and `--json` of learn and open."""
+
     axes: dict[str, AxisFigures]
     """with --axis all: roll, pitch and yaw"""
     hover: Hover | None
     """what each motor does in settled flight"""
-    reason: Said
+    reason: Told
     """why there is no full model; empty where there is one"""
-    reason_fact: OneFact = fact_in("reason")
-    """reason as a fact; null where there is none"""
     remedy: Said
     """what to change to get a full model"""
     condition: Condition

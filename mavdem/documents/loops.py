@@ -5,12 +5,10 @@ from __future__ import annotations
 from mavdem.documents.document import (
     Document,
     Error,
-    Facts,
     Judged,
     OneFact,
     Said,
-    fact_in,
-    facts_in,
+    Told,
 )
 from mavdem.documents.wind import Drag
 from mavdem.units import (
@@ -75,10 +73,8 @@ class Measured(Document):
     """fit of the predicted rate to the measured one, 100 (1 − NRMSE)"""
     agreement: Percent
     """fit of the predicted rate to what the setpoint explains of the measured one"""
-    reason: Said
+    reason: Told
     """why they do not agree; empty where they do"""
-    reason_fact: OneFact = fact_in("reason")
-    """reason as a fact; null where there is none"""
     controller_gain: float | None = None
     """gain of the demand in flight over that of the parameters"""
 
@@ -94,10 +90,8 @@ class Loop(Document):
     """figures of the attitude loop"""
     lean_in_wind: Radians
     """angle by a steady torque of one standard deviation of the wind"""
-    cautions: list[Said]
+    cautions: list[Told]
     """what limits the figures, one sentence each"""
-    cautions_facts: Facts = facts_in("cautions")
-    """cautions as facts"""
     measured: Measured | None
     """response measured in flight, beside the predicted one"""
     agrees: bool | None
@@ -163,32 +157,28 @@ class Noise(Document):
     """factor by which fast commands heat the motors more"""
 
 
-class AxisAdvice(Document):
+class AxisAdvice(Document, is_partial=True):
     """Loops and gains of each axis."""
 
-    refusal: Said | None = None
+    refusal: Told
     """why there are no loops; no other key is there then"""
-    refusal_fact: OneFact = fact_in("refusal")
-    """refusal as a fact; null where there is none"""
-    loop: Loop | None = None
+    loop: Loop
     """the loops with the gains of the log"""
-    filters: GyroFilters | None = None
+    filters: GyroFilters
     """filters of the gyro"""
-    target: Target | None = None
+    target: Target
     """the margins asked for"""
-    verdict: Said | None = None
+    verdict: Told
     """whether the loops have these margins, one sentence"""
-    verdict_fact: OneFact = fact_in("verdict")
-    """verdict as a fact; null where there is none"""
-    sentence: Said | None = None
+    sentence: Said
     """what to do, one or two sentences"""
-    sure: float | None = None
+    sure: float
     """share of the plants that fit the flight in which both loops have the margins"""
-    gains: dict[str, Gain] | None = None
+    gains: dict[str, Gain]
     """gains by the autopilot's name"""
-    expected: Loop | None = None
+    expected: Loop
     """the loops with the gains to set"""
-    noise: Noise | None = None
+    noise: Noise
     """noise of the gyro in the demand"""
 
 

@@ -8,40 +8,45 @@ from mavdem.documents.document import Document, Said
 from mavdem.units import Seconds
 
 
-class Convert(Document):
-    """`--json` of convert."""
+class Converted(Document):
+    """A conversion."""
 
     source: str
     """IN as on the command line"""
     out: str
     """OUT as on the command line"""
-    frames: int | None = None
+
+
+class Convert(Converted, is_partial=True):
+    """`--json` of convert."""
+
+    frames: int
     """number of frames written; with the next five for a stream only"""
-    left_out: int | None = None
+    left_out: int
     """number of messages that cannot be encoded"""
-    unread: int | None = None
+    unread: int
     """number of frames of another dialect, or damaged"""
-    stamps_filled: int | None = None
+    stamps_filled: int
     """number of frames with the receive time of the one before"""
-    bytes_skipped: int | None = None
+    bytes_skipped: int
     """number of bytes that belong to no frame"""
-    repairs: list[Said] | None = None
+    repairs: list[Said]
     """what was put right, one sentence each"""
-    samples: int | None = None
+    samples: int
     """number of rows; with the others for a table only"""
-    columns: list[str] | None = None
+    columns: list[str]
     """names of the columns, with units"""
     dt: Seconds = None
     """sampling step"""
-    resampling: dict[str, str] | None = None
+    resampling: dict[str, str]
     """how signals came onto one clock"""
     start: Seconds = None
     """first time stamp, on the boot clock"""
     end: Seconds = None
     """last time stamp, on the boot clock"""
-    learnable: bool | None = None
+    learnable: bool
     """whether a full model can be learned"""
-    cautions: list[Said] | None = None
+    cautions: list[Said]
     """what limits the table, one sentence each"""
 
 
@@ -54,36 +59,36 @@ class Listed(Document):
     """what it is, one sentence"""
 
 
-class Fly(Document):
+class Fly(Document, is_partial=True):
     """`--json` of fly."""
 
-    scenarios: list[Listed] | None = None
+    scenarios: list[Listed]
     """all scenarios; with --list only"""
-    scenario: str | None = None
+    scenario: str
     """name or file of the scenario"""
-    values: dict[str, Any] | None = None
+    values: dict[str, Any]
     """all keys of the scenario's file; with --describe only"""
-    seed: int | None = None
+    seed: int
     """seed of the wind"""
     duration: Seconds = None
     """time from arming to disarming"""
-    out: str | None = None
+    out: str
     """log that was written"""
-    frames: int | None = None
+    frames: int
     """number of frames written or sent"""
-    truth: str | None = None
+    truth: str
     """file of the true states"""
-    rrd: str | None = None
+    rrd: str
     """recording for Rerun"""
     took: Seconds = None
     """time that it took"""
-    udp: str | None = None
+    udp: str
     """ground station; with the next three for a live flight only"""
-    commands: int | None = None
+    commands: int
     """number of commands received"""
     flown: Seconds = None
     """time that was simulated"""
-    stopped: bool | None = None
+    stopped: bool
     """whether the flight was ended early"""
 
 
@@ -141,18 +146,18 @@ class Item(Document):
     """what to know of it, one sentence each"""
 
 
-class Reproduce(Document):
+class Reproduce(Document, is_partial=True):
     """Numbers.json, and `--json` of reproduce."""
 
-    claims: list[ListedClaim] | None = None
+    claims: list[ListedClaim]
     """all claims; with --list, and nothing else"""
-    paper: str | None = None
+    paper: str
     """title of the paper"""
-    mavdem: str | None = None
+    mavdem: str
     """version of the program"""
-    python: str | None = None
+    python: str
     """version of Python"""
     seconds: Seconds = None
     """time that it took"""
-    items: list[Item] | None = None
+    items: list[Item]
     """the paper's claims"""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Facts, OneFact, Said, Sentence, fact_in, facts_in
+from mavdem.documents.document import Document, Said, Sentence, Told
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
 
@@ -105,14 +105,10 @@ class Live(MotorHealth):
     """band of a prediction"""
     useful: Useful
     """longest useful horizon of predictions"""
-    obstacle: Said
+    obstacle: Told
     """why there are no rows or no model"""
-    obstacle_fact: OneFact = fact_in("obstacle")
-    """obstacle as a fact; null where there is none"""
-    watched: list[Said]
+    watched: list[Told]
     """what is watched without a model since when, or why it is not, one sentence each"""
-    watched_facts: Facts = facts_in("watched")
-    """watched as facts"""
     wind: LiveWind | None
     """latest wind in m/s"""
     headline: Said | None = None
@@ -127,10 +123,8 @@ class Live(MotorHealth):
     """what must be known before the model is used"""
     next_step: Said | None = None
     """what to do next, one sentence"""
-    events: list[Said]
+    events: list[Told]
     """what was said in flight, one sentence each"""
-    events_facts: Facts = facts_in("events")
-    """events as facts"""
     rrd: str | None
     """recording for Rerun"""
     record: Recorded | None

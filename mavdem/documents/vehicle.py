@@ -6,13 +6,12 @@ from pydantic import Field
 
 from mavdem.documents.document import (
     Document,
-    Facts,
     Judged,
     OneFact,
     Said,
     Sentence,
-    fact_in,
-    facts_in,
+    Told,
+    beside,
 )
 from mavdem.units import (
     Acceleration,
@@ -258,8 +257,7 @@ class MotorAlarm(Document):
     """90 % interval of the share of its thrust that the motor lost"""
     sentence: Said = Field(validation_alias="announced")
     """the alarm in words"""
-    sentence_fact: OneFact = fact_in("announced")
-    """sentence as a fact; null where there is none"""
+    sentence_fact: OneFact = beside("announced", "sentence as a fact; null where there is none")
 
 
 class FalseAlarms(Document):
@@ -364,16 +362,12 @@ class Verdict(Document):
     """roll, pitch or yaw"""
     learnable: bool
     """whether a full model can be learned"""
-    reason: Said
+    reason: Told
     """the figures that decided, one sentence"""
-    reason_fact: OneFact = fact_in("reason")
-    """reason as a fact; null where there is none"""
     remedy: Said
     """what to change; empty where a model can be learned"""
-    cautions: list[Said]
+    cautions: list[Told]
     """what makes a model less reliable, one sentence each"""
-    cautions_facts: Facts = facts_in("cautions")
-    """cautions as facts"""
     segment: Segment | None
     """the segment to learn from, or the longest"""
     figures: Quality
@@ -387,10 +381,8 @@ class Override(Document):
     """oscillation, motors, saturation, trim or data"""
     headline: Said
     """what is wrong, one plain sentence"""
-    sentence: Said
+    sentence: Told
     """what is wrong, with its figures"""
-    sentence_fact: OneFact = fact_in("sentence")
-    """sentence as a fact; null where there is none"""
     remedy: Said
     """what to do"""
 
@@ -402,10 +394,8 @@ class Finding(Document):
     """control effectiveness, damping and time constant, wind torque, prediction or residuals"""
     grade: str
     """GOOD, LIMITED or NOT IDENTIFIABLE"""
-    reason: Said
+    reason: Told
     """the figures that decide, one sentence"""
-    reason_fact: OneFact = fact_in("reason")
-    """reason as a fact; null where there is none"""
 
 
 class Findings(Judged):
@@ -417,7 +407,5 @@ class Findings(Judged):
     """what makes the flight itself doubtful, the worst first"""
     findings: list[Finding]
     """what the model is good for"""
-    warnings: list[Said]
+    warnings: list[Told]
     """what must be known before the model is used"""
-    warnings_facts: Facts = facts_in("warnings")
-    """warnings as facts"""
