@@ -21,10 +21,10 @@ from mavdem.report.palette import (
     BASELINE,
     DISTURBANCE,
     MEASURED,
+    PHYSICAL,
     PREDICTED,
-    TRUTH,
 )
-from mavdem.report.systems import Truth, curves_of
+from mavdem.report.systems import model_response, plant_of, plant_response
 
 Charts = tuple[Chart, ...]
 SHOWN_WINDOWS = 8
@@ -39,27 +39,32 @@ def banded(name: str, colour: str, x: Array, values: Array) -> Line:
     return Line(name, colour, x, values[0], low, high)
 
 
-def bode(
-    learned: Learned, output: int = -1, truth: Truth | None = None, model: str = "physical"
-) -> Charts:
-    """Returns magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands."""
+def bode(learned: Learned, output: int = -1) -> Charts:
+    """Returns magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
+
+    Of the physical plant or, where that is not identifiable, of DEM's model.
+    """
     command = AxisCommand.of(learned)
     labels = Labels.of(learned)
     output = range(len(labels.output_names))[output]
     unit = readable(labels.output_units[output])
     # What is faster than 0.4 of the sampling rate cannot be asked of the model.
     frequency = np.geomspace(0.1, min(20.0, 0.4 / learned.dt), 200)
-    magnitudes, phases = list[Line](), list[Line]()
-    for name, colour, systems in curves_of(learned, command.motors, truth, model):
-        response = systems.over_frequency(frequency, output)
-        phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
-        magnitudes.append(banded(name, colour, frequency, unit.scale * np.abs(response)))
-        phases.append(banded(name, colour, frequency, phase))
+    physical = plant_of(learned)
+    if physical is None:
+        response = model_response(learned, command.motors, frequency, output)
+        drawn = "DEM's model", PREDICTED, frequency
+    else:
+        is_angle = output + 1 < len(labels.output_names)
+        response = plant_response(physical, command.motors, frequency, is_angle)
+        drawn = "physical parameters", PHYSICAL, frequency
+    phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
     magnitude = Axis(per(unit, command.unit), log=True)
     title = f"{labels.output_names[output]} by {command.name}"
+    gain = banded(*drawn, unit.scale * np.abs(response))
     return (
-        Chart(title, FREQUENCY, magnitude, tuple(magnitudes)),
-        Chart("Phase", FREQUENCY, Axis("phase (°)"), tuple(phases)),
+        Chart(title, FREQUENCY, magnitude, (gain,)),
+        Chart("Phase", FREQUENCY, Axis("phase (°)"), (banded(*drawn, phase),)),
     )
 
 
@@ -86,7 +91,7 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
     return tuple(charts)
 
 
-def disturbance(learned: Learned, truth: Array | None = None) -> Charts:
+def disturbance(learned: Learned) -> Charts:
     """Returns the wind torque over time with band and gusts, and its spectral density.
 
     Raises:
@@ -96,9 +101,6 @@ def disturbance(learned: Learned, truth: Array | None = None) -> Charts:
     line = torque_line(learned, "wind torque", DISTURBANCE)
     if wind is None or line is None:
         raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
-    lines = [line]
-    if truth is not None:
-        lines.append(Line("truth", TRUTH, *with_gaps(learned.record, TORQUE.scale * truth)))
     clock = sample_times(learned.record)
     starts = [(float(clock[gust.sample]), gust.length) for gust in wind.gusts]
     gusts = tuple((start, start + length, "gust") for start, length in starts)
@@ -110,7 +112,7 @@ def disturbance(learned: Learned, truth: Array | None = None) -> Charts:
     )
     unit = Axis(named("wind torque", TORQUE.name))
     return (
-        Chart("Wind torque", TIME, unit, tuple(lines), (0.0,), spans=gusts),
+        Chart("Wind torque", TIME, unit, (line,), (0.0,), spans=gusts),
         Chart("Its spectrum", FREQUENCY, Axis(f"({TORQUE.name})²/Hz", log=True), spectrum),
     )
 

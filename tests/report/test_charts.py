@@ -29,7 +29,7 @@ from mavdem.report.charts import TIME, Axis, Chart, Kind, Line
 from mavdem.report.figures import Plots
 from mavdem.report.flight_charts import spectrogram, spectrum_chart, step_charts
 from mavdem.report.labels import AxisCommand, Labels
-from mavdem.report.systems import model_systems, physical_systems
+from mavdem.report.systems import model_response, plant_response
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
@@ -154,14 +154,9 @@ def learned(flight):
 
 @pytest.mark.slow
 def test_matplotlib_draws_each_chart_of_a_model_in_degrees(learned, flight):
-    truth = (
-        np.array([[0.0, 1.0], [0.0, -2.0]]),
-        np.vstack([np.zeros(4), learned.physical.effect]),
-        0.01,
-    )
     given = {
-        "bode": {"truth": truth},
-        "disturbance": {"truth": np.sin(flight.time)},
+        "bode": {},
+        "disturbance": {},
         "forecast": {"held_out": held_out_windows([flight], SETTINGS)},
         "residuals": {},
     }
@@ -200,23 +195,27 @@ def test_a_forecast_is_of_the_windows_with_the_usual_error(flight, learned):
 def test_responses_are_those_of_python_control(learned):
     motors = AxisCommand.of(learned).motors
     A, B, C = learned.model[:3]
-    ours = model_systems(learned, motors)
     theirs = control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
     frequency = np.geomspace(0.1, 20, 5)
     for output in (0, 1):
         wanted = theirs(2j * np.pi * frequency)[output, 0]
-        assert_allclose(ours.over_frequency(frequency, output)[0], wanted, rtol=1e-9)
+        (ours,) = model_response(learned, motors, frequency, output)
+        assert_allclose(ours, wanted, rtol=1e-9)
 
 
 @pytest.mark.slow
-def test_the_physical_response_turns_by_its_delay_and_begins_at_effect_over_damping(learned):
+def test_the_physical_response_begins_at_effect_over_damping_and_turns_by_its_delay(learned):
     physical = learned.physical._replace(damping=4.0, lag=0.05, delay=0.2)
     motors = AxisCommand.of(learned).motors
-    found = physical_systems(physical, motors, 2).over_frequency(np.array([1e-3, 1.0]), 1)[0]
+    frequency = np.array([1e-3, 1.0])
+    found = plant_response(physical, motors, frequency, is_angle=False)[0]
     assert abs(found[0]) == approx(physical.effect @ motors / 4.0, rel=1e-3)
-    s = 2j * np.pi
-    wanted = physical.effect @ motors * np.exp(-0.2 * s) / ((s + 4.0) * (0.05 * s + 1))
-    assert found[1] == approx(wanted, rel=1e-6)
+    assert np.angle(found[1] / found[0]) == approx(
+        -2 * np.pi * 0.2 - np.arctan(2 * np.pi / 4) - np.arctan(2 * np.pi * 0.05),
+        abs=0.01,
+    )
+    angle = plant_response(physical, motors, frequency, is_angle=True)[0]
+    assert_allclose(angle * 2j * np.pi * frequency, found)
 
 
 def test_a_correlation_is_found_at_its_lag():

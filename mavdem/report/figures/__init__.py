@@ -8,13 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mavdem.dem import Learned
-from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
+from mavdem.evaluate.held_out import HeldOut, held_out_windows
 from mavdem.flight import Flight
 from mavdem.report import model_charts
 from mavdem.report.figures.style import figure_of
 from mavdem.report.labels import Labels
-from mavdem.report.systems import Truth, plant_of
+from mavdem.report.systems import plant_of
 
 __all__ = ["Plots"]
 
@@ -28,25 +27,25 @@ class Plots:
 
     learned: Learned
 
-    def forecast(self, held_out: Flight | HeldOut | None = None, output: int = 0) -> Figure:
+    def forecast(self, held_out: HeldOut | None = None, output: int = 0) -> Figure:
         """Draws an output beside forecasts of samples that no model saw, and the error of every window.
 
         Args:
-            held_out: the flight right after the training data, as one window; or the windows of
-                ``mavdem.evaluate.held_out_windows``, for which five models are trained unless given.
+            held_out: the windows of ``mavdem.evaluate.held_out_windows``, for which five models are trained unless
+                given.
             output: which, in the order of the flight's outputs.
         """
         record = self.learned.record
         labels = Labels.of(self.learned)
-        times = np.split(model_charts.sample_times(record), record.starts[1:])
-        flights = [
-            Flight(time, *channels, record.dt, *labels, effect_directions=record.effect_directions)
-            for time, channels in zip(times, record.segments, strict=True)
-        ]
         if held_out is None:
+            times = np.split(model_charts.sample_times(record), record.starts[1:])
+            flights = [
+                Flight(
+                    time, *channels, record.dt, *labels, effect_directions=record.effect_directions
+                )
+                for time, channels in zip(times, record.segments, strict=True)
+            ]
             held_out = held_out_windows(flights, self.learned.settings)
-        elif isinstance(held_out, Flight):
-            held_out = held_out_test(flights[-1], held_out, self.learned)
         output = range(len(labels.output_names))[output]
         return figure_of(model_charts.forecast(held_out, labels, output))
 
@@ -59,22 +58,21 @@ class Plots:
         """
         return figure_of(model_charts.residuals(self.learned, output))
 
-    def bode(self, output: int = -1, truth: Truth | None = None, model: str = "physical") -> Figure:
+    def bode(self, output: int = -1) -> Figure:
         """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
 
-        Of the physical plant; where it is not identifiable, or as ``model="dem"``, of DEM's model. The
-        output is the last one, a rate, unless given; ``truth`` is A (n, n) and B (n, r) of a simulated vehicle, whose
-        first states are the outputs, and its delay, s.
+        Of the physical plant or, where that is not identifiable, of DEM's model. The output is the last one, a rate,
+        unless given.
         """
-        return figure_of(model_charts.bode(self.learned, output, truth, model), note=self._remark)
+        return figure_of(model_charts.bode(self.learned, output), note=self._remark)
 
-    def disturbance(self, truth: Array | None = None) -> Figure:
-        """Draws the wind torque over time with band and gusts, its spectral density, and the ``truth`` (T,), rad/s².
+    def disturbance(self) -> Figure:
+        """Draws the wind torque over time with band and gusts, and its spectral density.
 
         Raises:
             ValueError: the wind torque is not identifiable.
         """
-        return figure_of(model_charts.disturbance(self.learned, truth))
+        return figure_of(model_charts.disturbance(self.learned))
 
     @property
     def _remark(self) -> str:

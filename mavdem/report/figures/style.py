@@ -6,7 +6,6 @@ shows it decides what it stands on.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO, StringIO
@@ -19,7 +18,6 @@ import numpy as np
 from cycler import cycler
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike
@@ -87,18 +85,10 @@ def svg(figure: Figure, name: str) -> Markup:
     """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is."""
     drawn = StringIO()
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-        # ``savefig`` would draw twice where there is a layout.
-        figure.dpi = PIXELS_PER_INCH
-        canvas: Any = FigureCanvasSVG(figure)
-        canvas.print_svg(drawn, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
-    # Hundredths of a point are enough of what is drawn; what is written keeps its digits.
-    text = re.sub("<[^>]+>", lambda tag: re.sub(r"(\.\d\d)\d+", r"\1", tag[0]), text)
-    # Groups of all figures have the same ids, to which nothing refers.
-    used = set(re.findall(r"#(\w+)", text))
-    return Markup(
-        re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)
-    )
+        unsaid = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(drawn, format="svg", metadata=unsaid)
+    text = drawn.getvalue()
+    return Markup(text[text.index("<svg") :])
 
 
 def legend_above(axes: Axes, columns: int = 5) -> None:
