@@ -31,6 +31,25 @@ PIPE_CLOSED = 141
 """Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
 shell reports SIGPIPE."""
 LOGS = (".tlog", ".mcap", ".bin", ".log", ".ulg")
+HELP = {
+    "review": "Reports everything that a log says: what happened, eight lights, what to do next.",
+    "info": "Reports what a log holds and if a model can be learned.",
+    "learn": "Learns a linear model, and reports what the vehicle does in wind.",
+    "open": "Learns from a log, and shows the dashboard at once.",
+    "wind": "Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.",
+    "tune": "Reports the margins of the rate and attitude loops, and gains to set.",
+    "compare": "Compares DEM with other methods, window by window.",
+    "order": "Finds the model order (number of states) by the free energy.",
+    "diff": "Reports what changed of a vehicle between A and B, and what stayed the same.",
+    "track": "Keeps a table of many flights: tiers, figures and health of each vehicle.",
+    "serve": "Shows logs that are dropped in a browser, and the library of all flights.",
+    "live": "Attaches to a link and learns while the vehicle flies.",
+    "convert": "Converts a log to another file format.",
+    "twin": "Makes a vehicle for simulators of a log, and flies the log again with it.",
+    "fly": "Simulates the flight of a quadrotor in wind.",
+    "reproduce": "Runs the paper's experiments again and checks its claims.",
+}
+"""What each command does, by name: the first line of its own help."""
 # Environment variable by which click's shell scripts ask for completions
 COMPLETION = "_MAVDEM_COMPLETE"
 
@@ -66,47 +85,7 @@ class _Commands(click.Group):
 
 @click.group(
     cls=_Commands,
-    commands=[
-        click.Command(
-            "review",
-            help="Reports everything that a log says: what happened, eight lights, what to do next.",
-        ),
-        click.Command("info", help="Reports what a log holds and if a model can be learned."),
-        click.Command(
-            "learn", help="Learns a linear model, and reports what the vehicle does in wind."
-        ),
-        click.Command("open", help="Learns from a log, and shows the dashboard at once."),
-        click.Command(
-            "wind",
-            help="Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.",
-        ),
-        click.Command(
-            "tune", help="Reports the margins of the rate and attitude loops, and gains to set."
-        ),
-        click.Command("compare", help="Compares DEM with other methods, window by window."),
-        click.Command("order", help="Finds the model order (number of states) by the free energy."),
-        click.Command(
-            "diff",
-            help="Reports what changed of a vehicle between A and B, and what stayed the same.",
-        ),
-        click.Command(
-            "track",
-            help="Keeps a table of many flights: tiers, figures and health of each vehicle.",
-        ),
-        click.Command(
-            "serve",
-            help="Shows logs that are dropped in a browser, and the library of all flights.",
-        ),
-        click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
-        click.Command("convert", help="Converts a log to another file format."),
-        click.Command(
-            "twin", help="Makes a vehicle for simulators of a log, and flies the log again with it."
-        ),
-        click.Command("fly", help="Simulates the flight of a quadrotor in wind."),
-        click.Command(
-            "reproduce", help="Runs the paper's experiments again and checks its claims."
-        ),
-    ],
+    commands=[click.Command(name, help=text) for name, text in HELP.items()],
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(package_name="mavdem")

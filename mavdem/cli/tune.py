@@ -31,7 +31,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Sentence
-from mavdem.report.loops import advice_blocks, tune_blocks
+from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 from mavdem.report.screen import conclusion
 
@@ -150,7 +150,7 @@ def tune_command(
         print_json(document)
     else:
         above, *lights, following = conclusion(judgement)
-        blocks = [*(tune_blocks if verbose else advice_blocks)(found)]
+        blocks = tune_blocks(found, verbose)
         blocks += [Sentence(notch.advised, "Notch filter:")] if notch else []
         page = [] if out is None else [Sentence(str(out / names[0]), "Page:")]
         print_screen(None, blocks, lights, [above, following, *page], verbose)

@@ -134,18 +134,12 @@ def vehicle_words(flights: Flights) -> str:
 def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
     """The vehicles that need a look, the worst first, those that recovered, and how many show nothing."""
     healths = {name: vehicle_health(flights) for name, flights in named.items()}
-    urgent = {name: urgency(flights) for name, flights in named.items()}
-    ill = []
-    for name in sorted(named, key=lambda name: (urgent[name], name)):
-        if urgent[name][0] >= 2:
-            continue
-        judged = (flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN)
-        suspects = {row.suspect_motor for row in next(judged, ()) if row.health == healths[name]}
-        found = [healths[name]] if healths[name] in TROUBLE else []
-        if motors := sorted(motor for motor in suspects if motor):
-            found.append(f"motor {listed(motors)}")
-        found += filter(None, [doubt(named[name]).rstrip(".")])
-        ill.append(f"{vehicle_name(name, named[name])} ({', '.join(found)})")
+    urgent = sorted((urgency(flights), name) for name, flights in named.items())
+    ill = [
+        f"{vehicle_name(name, named[name])} ({conclusion(named[name]).rstrip('.')})"
+        for (level, _), name in urgent
+        if level < 2
+    ]
     recovered = [name for name in named if healths[name] == OK and had_trouble(named[name])]
     return {
         "ill": len(ill),

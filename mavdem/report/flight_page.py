@@ -196,7 +196,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     ]
     for axis, gains in advice.items():
         blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
-        blocks += gain_blocks(gains) if gains.parameters else []
+        blocks += gain_blocks(gains)
     known = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
     if not known:
         return Chapter("Control loops", blocks)

@@ -26,42 +26,37 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 FASTEST = 0.15
 
 
-def tune_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
-    """Returns what is said of the loops by axis; a fact is why nothing is known of them."""
+def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> list[Block]:
+    """Returns what is said of the loops by axis; a fact is why nothing is known of them.
+
+    Unless ``whole``, that is a sentence each, and the gains to set.
+    """
     blocks = list[Block]()
+    is_advised = False
     for axis, advice in found.items():
         lead = f"{axis.capitalize()}:"
         if isinstance(advice, Fact):
             blocks.append(Sentence(str(advice), lead))
             continue
-        loop = advice.before
-        after = {"advised": advice.after} if advice.parameters else {}
-        blocks += [
-            Sentence(f"{advice.rating} {advice.sentence}", lead),
-            *margin_tables({"now": loop, **after}),
-        ]
-        if loop.crossover * loop.record.dt > FASTEST:
-            (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
-            blocks.append(caution(slow.text))
-        filters = gyro_filters(loop.controller, loop.crossover)
-        blocks += section("loop_filters", filters=filters, crossover=loop.crossover)
-        blocks += [*section("loop_measured", loop=loop), *map(caution, loop.cautions)]
-        blocks += gain_blocks(advice) if advice.gains else []
-    named = any(isinstance(advice, Advice) and advice.gains for advice in found.values())
-    return [*blocks, *section("loop_not_checked", named=named)]
+        is_advised |= bool(advice.gains)
+        blocks.append(Sentence(f"{advice.rating} {advice.sentence}", lead))
+        blocks += (
+            [*_loop_blocks(advice), *gain_blocks(advice)] if whole else gain_blocks(advice)[:1]
+        )
+    return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
 
 
-def advice_blocks(found: Mapping[str, Advice | Fact]) -> list[Block]:
-    """Returns in short what is advised by axis: a sentence each, and the gains to set."""
-    blocks = list[Block]()
-    for axis, advice in found.items():
-        lead = f"{axis.capitalize()}:"
-        if isinstance(advice, Fact):
-            blocks.append(Sentence(str(advice), lead))
-        else:
-            blocks.append(Sentence(f"{advice.rating} {advice.sentence}", lead))
-            blocks += gain_blocks(advice)[:1] if advice.gains else []
-    return blocks
+def _loop_blocks(advice: Advice) -> list[Block]:
+    """The margins, now and as advised, and what they rest on."""
+    loop = advice.before
+    after = {"advised": advice.after} if advice.parameters else {}
+    blocks = margin_tables({"now": loop, **after})
+    if loop.crossover * loop.record.dt > FASTEST:
+        (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
+        blocks.append(caution(slow.text))
+    filters = gyro_filters(loop.controller, loop.crossover)
+    blocks += section("loop_filters", filters=filters, crossover=loop.crossover)
+    return [*blocks, *section("loop_measured", loop=loop), *map(caution, loop.cautions)]
 
 
 def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:

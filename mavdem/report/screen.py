@@ -21,7 +21,6 @@ from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Level
-from mavdem.facts.identifiability import Status
 from mavdem.flight import Flight
 from mavdem.report.blocks import (
     Block,
@@ -52,32 +51,26 @@ ROWS: dict[str, str] = {
 INTERVAL = "± is the half width of the 90 % interval."
 
 
-def screen(
+def screen(learned: Learned) -> list[Block]:
+    """Returns what a ``learned`` model says without the log and windows that it has not seen."""
+    found = findings_of(learned)
+    step = Sentence(str(next_step(found.purposes)), "Next:")
+    return [*_model_blocks(found, learned), step]
+
+
+def _model_blocks(
+    found: Findings,
     learned: Learned,
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
-    assessment: Assessment | None = None,
 ) -> list[Block]:
-    """Returns the findings, the vehicle, the wind torque, prediction and warnings of a ``learned`` model.
-
-    ``held_out`` windows and the motors' ``hover`` figures are left out where there are none; with the ``assessment`` of
-    its log its headline and next step are first and last.
-    """
-    labels = Labels.of(learned)
-    if assessment is None or assessment.analysis is None:
-        found = findings_of(learned, held_out)
-        blocks = list[Block]([Sentence(str(next_step(found.purposes)), "Next:")])
-    else:
-        found = assessment.analysis.findings
-        blocks = conclusion(assessment.judgement)
+    """What was found, the vehicle, the wind torque, prediction and warnings."""
     return [
-        *blocks[:-1],
         *graded(found),
         *motor_blocks(learned, hover),
         *torque_blocks(learned.wind_torque, learned.physical),
-        *prediction_blocks(labels, held_out),
+        *prediction_blocks(Labels.of(learned), held_out),
         *map(warning, found.warnings),
-        blocks[-1],
     ]
 
 
@@ -117,12 +110,12 @@ def analysis_blocks(assessment: Assessment) -> list[Block]:
     if analysis is None:
         return conclusion(assessment.judgement)
     learned = analysis.learned
+    *above, following = conclusion(assessment.judgement)
     if learned is None:
-        *above, following = conclusion(assessment.judgement)
         above += [] if analysis.reason is None else [Sentence(str(analysis.reason), "No model:")]
     else:
         hover = analysis.condition.hover if analysis.tier.name == "a" else None
-        *above, following = screen(learned, analysis.held_out, hover, assessment)
+        above += _model_blocks(analysis.findings, learned, analysis.held_out, hover)
     above += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.name != "a" or learned is None:
         above += section("tier", **analysis.tier.as_dict())
@@ -271,15 +264,11 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     if physical is None:
         return []
     says = str if doubted else advised
-    reasons = {name: says(reason) for name, reason in physical.reasons.items() if reason}
-    status = Status(physical.status["effect"])
-    if status is not Status.REPORTED and set(map(Status, physical.status.values())) == {status}:
-        # What is wrong with the effectiveness is enough to know.
-        names = listed(PARAMETERS.values()).capitalize()
-        return [f"{names} are {status}: {reasons['effect']}"]
-    parameters: dict[str, list[str]] = {}
-    for name, reason in reasons.items():
-        parameters.setdefault(reason, []).append(f"{PARAMETERS[name]} {physical.status[name]}")
+    parameters = dict[str, list[str]]()
+    for name, reason in physical.reasons.items():
+        if reason is not None:
+            what = f"{PARAMETERS[name]} {physical.status[name]}"
+            parameters.setdefault(says(reason), []).append(what)
     return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items()]
 
 

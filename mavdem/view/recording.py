@@ -24,7 +24,7 @@ from mavdem.report.charts import Chart, Line, over_time
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables
 from mavdem.report.numbers import readable
-from mavdem.report.screen import detail_blocks, motor_blocks, screen, title
+from mavdem.report.screen import analysis_blocks, detail_blocks, motor_blocks, title
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
 from mavdem.report.timeline import Timeline, timeline_of
 from mavdem.report.words import advised, headline
@@ -57,7 +57,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
     assert learned is not None and held_out is not None
     with recorded(target, Path(assessment.log.source).name) as recording:
         page = _Page(recording, assessment, timeline)
-        words = [title(flights), *screen(learned, held_out, assessment=assessment)]
+        words = [title(flights), *analysis_blocks(assessment)]
         tabs: list[rrb.Container | rrb.View] = [
             page.flight(),
             *page.air(learned, flights),
