@@ -14,7 +14,7 @@ from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_h
 from mavdem.report.blocks import Block, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
-from mavdem.report.words import section
+from mavdem.report.words import go_on, section
 
 TROUBLE = MotorHealth.FAULT, MotorHealth.DRIFT
 LEVELS = {
@@ -136,7 +136,7 @@ def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
     healths = {name: vehicle_health(flights) for name, flights in named.items()}
     urgent = sorted((urgency(flights), name) for name, flights in named.items())
     ill = [
-        f"{vehicle_name(name, named[name])} ({conclusion(named[name]).rstrip('.')})"
+        f"{vehicle_name(name, named[name])} ({go_on(conclusion(named[name]))})"
         for (level, _), name in urgent
         if level < 2
     ]

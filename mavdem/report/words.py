@@ -174,5 +174,6 @@ def begin(text: object) -> str:
 
 
 def go_on(text: object) -> str:
-    """Returns ``text`` with a small letter at its beginning, for the inside of a sentence."""
-    return bare(str(text)[:1].lower() + str(text)[1:])
+    """Returns ``text`` with a small letter at its beginning, unless it is an acronym, for the inside of a sentence."""
+    said = bare(str(text))
+    return said if said[1:2].isupper() else said[:1].lower() + said[1:]

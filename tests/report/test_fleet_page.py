@@ -43,7 +43,10 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     assert list(found) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
     opened = [name for name, part in found.items() if " open>" in part.split("<summary>")[0]]
     assert opened == ["quad-1"]
-    assert "1 of 5 vehicles needs a look: quad-1 (fault, motor 3)." in text
+    assert (
+        "1 of 5 vehicles needs a look: quad-1 (motor 3: fault, probability of a fault 0.97)."
+        in text
+    )
     assert "Motor 3: fault, probability of a fault 0.97." in found["quad-1"]
     columns = "Quadrotor", "ArduCopter V4.5", "4 flights", "2026-01-08", "No drift and no fault."
     assert "".join(f"<span>{one}</span>" for one in columns) in found["quad-0"]

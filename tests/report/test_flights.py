@@ -26,9 +26,9 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     ]
     text = text_of(fleet_blocks(rows))
     worst = (
-        "beta (fault, motor 2), newer (drift), alpha (drift) and board [QUADROTOR and PX4 v1.16.0]"
+        "beta (motor 2: fault), newer (drift), alpha (drift) and board [QUADROTOR and PX4 v1.16.0]"
     )
-    assert text.startswith(f"4 of 5 vehicles need a look: {worst} (Oscillates")
+    assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates)")
     unjudged = text_of(
         fleet_blocks([flight_row("quad", number, health="unknown") for number in range(3)])
     )
