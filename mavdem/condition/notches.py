@@ -8,10 +8,9 @@ https://ardupilot.org/copter/docs/common-imu-notch-filtering.html, https://docs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_filters, gyro_response
@@ -51,23 +50,33 @@ def notch_advice(
     if shown is None or not named:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE, Level.GOOD)
     line = max(named, key=lambda one: one.density)
-    if any(
-        abs(notch.frequency - line.frequency) < notch.bandwidth / 2 for notch in controller.notches
-    ):
-        return Fact(NotchAdvice.NOTCH_IN_PLACE, Level.GOOD, frequency=line.frequency)
+    frequency = line.frequency
+    if any(abs(one.frequency - frequency) < one.bandwidth / 2 for one in controller.notches):
+        return Fact(NotchAdvice.NOTCH_IN_PLACE, Level.GOOD, frequency=frequency)
     left = shown.whole.mean(axis=0)
     if before is not None:
         left = left * np.abs(gyro_response(controller, shown.frequency)) ** 2
     low, high = AROUND
-    of_line = (shown.frequency > low * line.frequency) & (shown.frequency < high * line.frequency)
+    of_line = (shown.frequency > low * frequency) & (shown.frequency < high * frequency)
     share = float(left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum())
     if share < NEEDED:
-        return Fact(NotchAdvice.NOTCH_NOT_NEEDED, Level.GOOD, frequency=line.frequency, share=share)
-    has_speed = line.order is not None
+        return Fact(NotchAdvice.NOTCH_NOT_NEEDED, Level.GOOD, frequency=frequency, share=share)
+    # the notch moves as it would have in each window
+    drive = np.ones(len(shown.time))
+    if line.kind is PeakKind.MOTOR and line.order is not None:
+        drive = shown.speed / np.median(shown.speed)
+    elif line.kind is PeakKind.MOTOR and controller.derivative_of_error:
+        drive = np.sqrt(shown.throttle / np.median(shown.throttle))
+    at = shown.frequency[of_line] / drive[:, None]
+    power = shown.whole[:, of_line]
     for part in SHARES:
-        settings = _settings(controller, line, part * line.frequency, has_speed)
-        changed = controller.changed(_static(settings, line, part * line.frequency))
-        removed = 1 - _left(line, shown, of_line, controller, changed)
+        settings = _settings(controller, line, float(f"{part * frequency:.2g}"))
+        static = settings
+        if "IMU_GYRO_DNF_EN" in settings:
+            static = _static_of_px4(line, settings["IMU_GYRO_DNF_BW"])
+        changed = controller.changed(static)
+        kept = np.abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
+        removed = 1 - float((power * kept).sum() / power.sum())
         if removed >= ENOUGH:
             break
     cost = None
@@ -77,7 +86,7 @@ def notch_advice(
     return Fact(
         NotchAdvice.SET_NOTCH,
         Level.WATCH,
-        frequency=line.frequency,
+        frequency=frequency,
         share=removed,
         phase_cost=cost,
         crossover=crossover,
@@ -85,60 +94,30 @@ def notch_advice(
     )
 
 
-def _settings(
-    controller: Controller, line: Peak, bandwidth: float, has_speed: bool
-) -> dict[str, float]:
+def _settings(controller: Controller, line: Peak, bandwidth: float) -> dict[str, float]:
     """The parameters of a notch on a line, by name."""
-    frequency = float(f"{line.frequency:.3g}")
-    width = float(f"{bandwidth:.2g}")
-    moves = line.kind is PeakKind.MOTOR
-    if not controller.derivative_of_error:
-        if moves and has_speed:
-            return {
-                "IMU_GYRO_DNF_EN": 1.0,
-                "IMU_GYRO_DNF_BW": width,
-                "IMU_GYRO_DNF_HMC": float(max(line.harmonics)),
-            }
-        return {"IMU_GYRO_NF0_FRQ": frequency, "IMU_GYRO_NF0_BW": width}
     mode = 0.0
-    if moves:
-        mode = BY_SPEED if has_speed else BY_THROTTLE
-    hover = controller.parameters.get("MOT_THST_HOVER", 0.35)
-    return {
-        "INS_HNTCH_ENABLE": 1.0,
-        "INS_HNTCH_MODE": mode,
-        "INS_HNTCH_FREQ": frequency,
-        "INS_HNTCH_BW": width,
-        "INS_HNTCH_REF": float(f"{hover:.3g}") if mode == BY_THROTTLE else 1.0,
-        "INS_HNTCH_HMNCS": float(sum(1 << (multiple - 1) for multiple in line.harmonics)),
-        "INS_HNTCH_ATT": ATTENUATION,
-    }
-
-
-def _static(settings: Mapping[str, float], line: Peak, bandwidth: float) -> dict[str, float]:
-    """The parameters with which the controller has the notch where the line is."""
-    if "IMU_GYRO_DNF_EN" in settings:
-        return {"IMU_GYRO_NF0_FRQ": line.frequency, "IMU_GYRO_NF0_BW": bandwidth}
-    return dict(settings)
-
-
-def _left(
-    line: Peak,
-    shown: Spectrum,
-    of_line: NDArray[np.bool_],
-    controller: Controller,
-    changed: Controller,
-) -> float:
-    """Share of the line's power that is left in all windows, the notch moving as it would."""
-    drive = np.ones(len(shown.time))
     if line.kind is PeakKind.MOTOR:
-        followed = np.sqrt(shown.throttle) if line.order is None else shown.speed
-        drive = followed / np.median(followed)
-    if not changed.derivative_of_error and line.order is None:
-        drive = np.ones(len(shown.time))
-    left = 0.0
-    for power, speed in zip(shown.whole[:, of_line], drive, strict=True):
-        at = shown.frequency[of_line] / speed
-        kept = np.abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
-        left += float(power @ kept)
-    return left / float(shown.whole[:, of_line].sum())
+        mode = BY_THROTTLE if line.order is None else BY_SPEED
+    if controller.derivative_of_error:
+        hover = controller.parameters.get("MOT_THST_HOVER", 0.35)
+        return {
+            "INS_HNTCH_ENABLE": 1.0,
+            "INS_HNTCH_MODE": mode,
+            "INS_HNTCH_FREQ": float(f"{line.frequency:.3g}"),
+            "INS_HNTCH_BW": bandwidth,
+            "INS_HNTCH_REF": float(f"{hover:.3g}") if mode == BY_THROTTLE else 1.0,
+            "INS_HNTCH_HMNCS": float(sum(1 << (multiple - 1) for multiple in line.harmonics)),
+            "INS_HNTCH_ATT": ATTENUATION,
+        }
+    if mode == BY_SPEED:
+        return {
+            "IMU_GYRO_DNF_EN": 1.0,
+            "IMU_GYRO_DNF_BW": bandwidth,
+            "IMU_GYRO_DNF_HMC": float(max(line.harmonics)),
+        }
+    return _static_of_px4(line, bandwidth)
+
+
+def _static_of_px4(line: Peak, bandwidth: float) -> dict[str, float]:
+    return {"IMU_GYRO_NF0_FRQ": float(f"{line.frequency:.3g}"), "IMU_GYRO_NF0_BW": bandwidth}

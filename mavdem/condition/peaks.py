@@ -13,7 +13,6 @@ from enum import auto
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from mavdem.condition.resonance import FASTEST_LOOP
 from mavdem.condition.spectra import Spectrum
@@ -22,7 +21,9 @@ from mavdem.facts.fact import InWords
 
 LOWEST = 15.0  # Hz: below, vehicles are steered
 OVER = 6.0  # times what is around it, in power: a line elsewhere, smeared, makes at most 5
-AROUND = 0.15  # of a frequency to each side: what is around a line
+AROUND = 0.15
+FEWEST_BINS = 7
+"""What is around a line: so much of its frequency to each side, and so many bins at least."""
 NEAR = 0.08  # of a frequency: two lines closer than this are one
 EXPONENTS = np.round(np.arange(-6.0, 6.05, 0.1), 1)
 OF_FRAME = (-0.2, 0.2)
@@ -66,16 +67,19 @@ class Peak(NamedTuple):
 
 def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
     """Returns the lines of a ``spectrum``, the strongest first; harmonics of motors with their fundamental."""
+    from scipy.signal import find_peaks  # it takes half a second to import
+
+    frequency = spectrum.frequency
     logarithms = np.log(np.maximum(spectrum.whole, np.finfo(np.float64).tiny))
     drive = _drive(spectrum)
     found = list[Peak]()
-    for exponent in TRIED if drive is not None else (0.0,):
-        tracked = _tracked(logarithms, spectrum.frequency, drive, exponent)
-        for row in _lines(tracked, spectrum.frequency):
-            found.append(_peak(spectrum, logarithms, drive, row, exponent))
-    found.sort(key=lambda peak: -peak.ratio)
+    for exponent in TRIED:
+        tracked = _tracked(logarithms, frequency, drive, exponent)
+        for row in find_peaks(tracked, prominence=np.log(OVER) / 2)[0].tolist():
+            if frequency[row] >= LOWEST:
+                found.append(_peak(spectrum, logarithms, drive, row))
     kept = list[Peak]()
-    for peak in found:
+    for peak in sorted(found, key=lambda peak: -peak.ratio):
         apart = all(abs(peak.frequency / one.frequency - 1) > NEAR for one in kept)
         if apart and peak.ratio > OVER:
             kept.append(peak)
@@ -86,29 +90,23 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
     return _with_harmonics(clear)[:MOST]
 
 
-def _drive(spectrum: Spectrum) -> Array | None:
-    """(W,) the motors' speed, or else the throttle, over its median; None where it is not known throughout."""
+def _drive(spectrum: Spectrum) -> Array:
+    """(W,) the motors' speed, or else the throttle, over its median; 1 where it is not known throughout."""
     for driven in (spectrum.speed, spectrum.throttle):
         if np.isfinite(driven).all() and np.all(driven > 0):
             return np.asarray(driven / np.median(driven))
-    return None
+    return np.ones(len(spectrum.time))
 
 
-def _along(
-    logarithms: Array, frequency: Array, drive: Array | None, at: float, exponent: float
-) -> Array:
-    """(W,) the spectra at the line through ``at``, Hz, at the median throttle: the higher of the bins beside it."""
-    still = np.ones(len(logarithms))
-    place = at * (still if drive is None else drive**exponent) / frequency[1]
-    low = np.clip(place.astype(int), 0, len(frequency) - 2)
+def _along(logarithms: Array, frequency: Array, places: Array) -> Array:
+    """(…, W) the spectra at one frequency of each window, Hz (…, W): the higher of the bins beside it."""
+    low = np.clip((places / frequency[1]).astype(int), 0, len(frequency) - 2)
     windows = np.arange(len(logarithms))
     return np.asarray(np.maximum(logarithms[windows, low], logarithms[windows, low + 1]))
 
 
-def _tracked(logarithms: Array, frequency: Array, drive: Array | None, exponent: float) -> Array:
+def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float) -> Array:
     """(F,) mean of the windows' spectra, each with its frequencies divided by that of the line at its throttle."""
-    if drive is None or not exponent:
-        return np.asarray(logarithms.mean(axis=0))
     moved = [
         np.interp(frequency * speed**exponent, frequency, one)
         for speed, one in zip(drive, logarithms, strict=True)
@@ -116,44 +114,14 @@ def _tracked(logarithms: Array, frequency: Array, drive: Array | None, exponent:
     return np.asarray(np.mean(moved, axis=0))
 
 
-def _lines(tracked: Array, frequency: Array) -> list[int]:
-    """Rows of the lines in a mean spectrum (F,)."""
-    over = tracked - _around(tracked)
-    highest = (over[1:-1] >= over[:-2]) & (over[1:-1] > over[2:])
-    rows = 1 + np.flatnonzero(highest & (over[1:-1] > np.log(OVER)))
-    rows = rows[frequency[rows] >= LOWEST]
-    order = rows[np.argsort(-over[rows])]
-    kept = list[int]()
-    for row in order.tolist():
-        if all(abs(frequency[row] / frequency[one] - 1) > NEAR for one in kept):
-            kept.append(row)
-    return kept
-
-
-def _around(tracked: Array) -> Array:
-    """(F,) what is around each frequency: the median of a share of it to each side, and of 15 bins at least."""
-    rows = np.arange(len(tracked))
-    widths = np.maximum(2 * AROUND * rows, 15.0)
-    sizes = 15 * 2 ** np.arange(0, 8)
-    smoothed = np.array([median_filter(tracked, int(size), mode="nearest") for size in sizes])
-    chosen = np.clip(np.searchsorted(sizes, widths), 0, len(sizes) - 1)
-    return np.asarray(smoothed[chosen, rows])
-
-
-def _peak(
-    spectrum: Spectrum, logarithms: Array, drive: Array | None, row: int, first: float
-) -> Peak:
-    """The line at a ``row`` of the mean spectrum along an exponent, ``first``."""
+def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak:
+    """The line at a ``row`` of a mean spectrum."""
     frequency = spectrum.frequency
     at = float(frequency[row])
-    best = first
-    kind = PeakKind.UNNAMED
     # Once more about the place that the best exponent gives.
     for _ in range(2):
-        if drive is not None:
-            scores = np.array([_along(logarithms, frequency, drive, at, one) for one in EXPONENTS])
-            best = float(EXPONENTS[np.argmax(scores.mean(axis=1))])
-            kind = _kind(scores, best, at)
+        scores = _along(logarithms, frequency, at * drive ** EXPONENTS[:, None])
+        best = float(EXPONENTS[np.argmax(scores.mean(axis=1))])
         tracked = _tracked(logarithms, frequency, drive, best)
         middle = round(at / frequency[1])
         rows = np.arange(max(middle - 3, 1), min(middle + 4, len(frequency) - 1))
@@ -161,15 +129,15 @@ def _peak(
         before, here, after = tracked[top - 1 : top + 2].tolist()
         bend = before - 2 * here + after
         at = float((top + (0.5 * (before - after) / bend if bend < 0 else 0.0)) * frequency[1])
+    kind = _kind(scores, best, at)
     if kind is PeakKind.MOTOR and best > STEEPEST and spectrum.highest < FOLDING:
         kind = PeakKind.UNNAMED
-    exponent = None if kind is PeakKind.UNNAMED else best
-    base = float(_around(tracked)[top])
-    along = _along(logarithms, frequency, drive, at, best)
-    present = float(np.mean(along > base + np.log(OVER) / 2))
-    half = tracked > (here + base) / 2
-    edges = np.flatnonzero(~half)
-    low, high = edges[edges < top].max(initial=0), edges[edges > top].min(initial=len(frequency))
+    beside = max(FEWEST_BINS, round(AROUND * top))
+    base = float(np.median(tracked[max(top - beside, 0) : top + beside + 1]))
+    along = _along(logarithms, frequency, at * drive**best)
+    present = np.mean(along > base + np.log(OVER) / 2)
+    low = np.flatnonzero(tracked[:top] <= (here + base) / 2).max(initial=0)
+    wide = np.argmax(np.append(tracked[low + 1 :], -np.inf) <= (here + base) / 2)
     order = None
     if np.isfinite(spectrum.speed).all() and kind is PeakKind.MOTOR:
         order = at / float(np.median(spectrum.speed))
@@ -178,8 +146,8 @@ def _peak(
         frequency=at,
         ratio=float(np.exp(here - base)) if present >= LASTING else 0.0,
         density=float(np.exp(here)),
-        width=float((high - low - 1) * frequency[1]),
-        exponent=exponent,
+        width=float(wide * frequency[1]),
+        exponent=None if kind is PeakKind.UNNAMED else best,
         order=order,
     )
 
@@ -193,7 +161,7 @@ def _kind(scores: Array, best: float, at: float) -> PeakKind:
         rivals = scores[kinds == other]
         rival = rivals[np.argmax(rivals.mean(axis=1))]
         better = chosen - rival
-        if better.mean() < SURE * better.std() / np.sqrt(len(better)):
+        if better.mean() <= SURE * better.std() / np.sqrt(len(better)):
             return PeakKind.UNNAMED
     return own
 

@@ -7,31 +7,31 @@ hundred hertz or so. Vibration above that appears below it, as an alias.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from mavdem.alignment.align import Segment, within
-from mavdem.alignment.drive import AXES, Signal
+from mavdem.alignment.drive import AXES, Signal, recorded, series
 from mavdem.alignment.signals import Signals
-from mavdem.condition.resonance import spectra_of, windows_of
-from mavdem.ingest.telemetry import Array, Columns
+from mavdem.ingest.telemetry import Array
 
 SECONDS = 1.0  # of a window
 FEWEST_WINDOWS = 6
 SLOWEST = 20.0  # Hz of samples: there is nothing to see below half of that
 LEVELS = 12  # of the throttle, with as many windows each
-STAGES = {
-    "gyro_before": "GYRO_BEFORE",
-    "gyro": "GYRO_AFTER",
-    "accelerometer_before": "ACCEL_BEFORE",
-    "accelerometer": "ACCEL_AFTER",
-}
-"""The message of each sensor's samples."""
+SAMPLES = (
+    ("gyro_before", "GYRO_BEFORE", ("x", "y", "z")),
+    ("gyro_before", "HIGHRES_IMU", ("xgyro", "ygyro", "zgyro")),
+    ("gyro", "GYRO_AFTER", ("x", "y", "z")),
+    ("accelerometer_before", "ACCEL_BEFORE", ("x", "y", "z")),
+    ("accelerometer", "ACCEL_AFTER", ("x", "y", "z")),
+)
+"""Each sensor's messages and fields; PX4 fills HIGHRES_IMU with the gyro before its filters, rad/s."""
 RATE_MESSAGE = "ATTITUDE"
-FELT = "HIGHRES_IMU"  # which PX4 fills with the gyro before its filters, rad/s
+DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Spectrum:
     """Of one sensor, or of what was asked of the motors.
 
     Attributes:
-        name: a key of ``STAGES``, or "demand".
+        name: one in ``SAMPLES``, or "demand".
         unit: of what was measured: "rad/s", "m/s²" or "1".
         source: what the log calls it.
         frequency: (F,) Hz.
@@ -76,11 +76,10 @@ class Spectrum:
     @cached_property
     def by_throttle(self) -> tuple[Array, Array]:
         """(L,) throttle, and (L, F) mean density of all axes there, in windows of even number; empty without it."""
-        known = np.flatnonzero(np.isfinite(self.throttle))
-        order = known[np.argsort(self.throttle[known])]
-        parts = [part for part in np.array_split(order, min(LEVELS, len(order) or 1)) if len(part)]
-        if not parts:
+        order = np.argsort(self.throttle)[: np.count_nonzero(np.isfinite(self.throttle))]
+        if not len(order):
             return np.zeros(0), np.zeros((0, len(self.frequency)))
+        parts = np.array_split(order, min(LEVELS, len(order)))
         levels = np.array([self.throttle[part].mean() for part in parts])
         return levels, np.array([self.whole[part].mean(axis=0) for part in parts])
 
@@ -99,114 +98,94 @@ def thinned(frequency: Array, density: Array, most: int) -> tuple[Array, Array]:
 
 
 def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, Spectrum]:
-    """Returns what ``parts`` of a flight show, by name; without samples of the gyro's own its rates as controlled."""
+    """Returns what ``parts`` of a flight show, by name: of each the messages that show the highest frequency."""
     found = dict[str, Spectrum]()
-    messages = signals.telemetry.messages
-    for name, message in STAGES.items():
-        columns = messages.get(message)
-        if columns is None and name == "gyro_before":
-            message = FELT
-            columns = _felt(messages.get(message))
-        unit = "rad/s" if "gyro" in name else "m/s²"
+    for name, message, sampled in _sampled(signals):
         source = signals.telemetry.called(message)
-        if columns is not None:
-            values = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
-            sampled = Signal(columns["time"], columns["boot"], values)
-            found |= _spectrum(name, unit, source, sampled, signals, parts)
-    rates = _rates(signals)
-    fastest = found.get("gyro")
-    if rates is not None:
-        source = signals.telemetry.called(RATE_MESSAGE)
-        own = _spectrum("gyro", "rad/s", source, rates, signals, parts)
-        if own and (fastest is None or own["gyro"].highest > fastest.highest):
-            found |= own
-    demand = messages.get("ACTUATOR_CONTROL_TARGET")
-    if demand is not None:
-        source = signals.telemetry.called("ACTUATOR_CONTROL_TARGET")
-        asked = Signal(demand["time"], demand["boot"], demand["controls"][:, :3])
-        found |= _spectrum("demand", "1", source, asked, signals, parts)
+        one = _spectrum(name, source, sampled, signals, parts)
+        if one is not None and (name not in found or one.highest > found[name].highest):
+            found[name] = one
     return found
 
 
-def _felt(logged: Columns | None) -> Columns | None:
-    """HIGHRES_IMU with the names of samples; None where it has no gyro."""
-    if logged is None or "xgyro" not in logged:
-        return None
-    return {**logged, **{axis: logged[f"{axis}gyro"] for axis in "xyz"}}
-
-
-def _rates(signals: Signals) -> Signal | None:
-    """(N, 3) the rates of the controller, rad/s."""
+def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:
+    """Name, message and samples (N, 3) of what was recorded."""
+    for name, message, fields in SAMPLES:
+        values = recorded(signals.telemetry, message, *fields)
+        if values is not None:
+            yield name, message, values
     about = [signals.about(axis) for axis in AXES]
-    pairs = [one.rates for one in about]
-    kept = [pair[0] for pair in pairs if pair is not None]
-    if len(kept) < len(AXES):
-        kept = [one.attitude.rates for one in about if one.attitude is not None]
-    if len(kept) < len(AXES) or len({len(one.time) for one in kept}) > 1:
-        return None
-    return Signal(kept[0].time, kept[0].boot, np.column_stack([one.values for one in kept]))
+    for rates in (
+        [one.rates[0] for one in about if one.rates is not None],
+        [one.attitude.rates for one in about if one.attitude is not None],
+    ):
+        if len(rates) == len(AXES) and len({len(one.time) for one in rates}) == 1:
+            table = np.column_stack([one.values for one in rates])
+            yield "gyro", RATE_MESSAGE, Signal(rates[0].time, rates[0].boot, table)
+    demand = signals.telemetry.messages.get(DEMAND_MESSAGE)
+    if demand is not None:
+        yield "demand", DEMAND_MESSAGE, series(demand, demand["controls"][:, : len(AXES)])
 
 
 def _spectrum(
-    name: str,
-    unit: str,
-    source: str,
-    sampled: Signal,
-    signals: Signals,
-    parts: Sequence[Segment],
-) -> dict[str, Spectrum]:
-    """That of samples (N, k), by its name; nothing where they are few or slow."""
+    name: str, source: str, sampled: Signal, signals: Signals, parts: Sequence[Segment]
+) -> Spectrum | None:
+    """That of samples (N, k); None where they are few or slow."""
+    from scipy.signal import spectrogram  # it takes half a second to import
+
     steps = np.diff(sampled.time)
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
     if usual > 1 / SLOWEST:
-        return {}
+        return None
     size = int(2 ** np.round(np.log2(SECONDS / usual)))
     times = []
     powers = []
     for part in parts:
-        rows = within(sampled, part, slack=0)
-        time = sampled.time[rows]
-        values = np.nan_to_num(sampled.values[rows])
-        for run in np.split(
-            np.arange(len(time)), np.flatnonzero(np.abs(np.diff(time)) > 3 * usual) + 1
-        ):
+        rows = np.flatnonzero(within(sampled, part, slack=0))
+        gaps = np.flatnonzero(np.diff(sampled.time[rows]) > 3 * usual)
+        for run in np.split(rows, gaps + 1):
             if len(run) >= size:
-                even = np.linspace(time[run[0]], time[run[-1]], len(run))
-                columns = [np.interp(even, time[run], column) for column in values[run].T]
-                powers.append([np.abs(spectra_of(column, size)) ** 2 for column in columns])
-                times.append(windows_of(even, size).mean(axis=1))
+                time = sampled.time[run]
+                even = np.linspace(time[0], time[-1], len(run))
+                columns = [np.interp(even, time, column) for column in sampled.values[run].T]
+                frequency, middle, density = spectrogram(
+                    np.array(columns), 1 / usual, "hann", size, size // 2
+                )
+                times.append(even[0] + middle)
+                powers.append(density)
     if sum(map(len, times)) < FEWEST_WINDOWS:
-        return {}
-    middle = np.concatenate(times)
-    scale = 2 * usual / np.square(np.hanning(size)).sum()
-    density = scale * np.concatenate(powers, axis=1).swapaxes(0, 1)
-    boots = {part.boot for part in parts}
-    frequency = np.asarray(np.fft.rfftfreq(size, usual), np.float64)
-    throttle = _at(signals.collective, middle, boots)
-    speed = _at(_motor_speed(signals.telemetry.messages.get("ESC")), middle, boots)
-    return {name: Spectrum(name, unit, source, frequency, middle, density, throttle, speed)}
+        return None
+    time = np.concatenate(times)
+    unit = "1" if name == "demand" else "rad/s" if "gyro" in name else "m/s²"
+    return Spectrum(
+        name=name,
+        unit=unit,
+        source=source,
+        frequency=frequency,
+        time=time,
+        density=np.concatenate(powers, axis=2).transpose(2, 0, 1),
+        throttle=_at(signals.collective, time, parts),
+        speed=_at(_motor_speed(signals), time, parts),
+    )
 
 
-def _at(signal: Signal | None, middle: Array, boots: set[int]) -> Array:
+def _at(signal: Signal | None, middle: Array, parts: Sequence[Segment]) -> Array:
     """(W,) means of a signal over the second about each time; NaN where there is none, or several boots."""
+    boots = {part.boot for part in parts}
     if signal is None or len(boots) > 1:
         return np.full(len(middle), np.nan)
-    rows = np.isin(signal.boot, list(boots))
-    time = signal.time[rows]
-    total = np.append(0.0, np.cumsum(signal.values[rows]))
-    first, last = (np.searchsorted(time, middle + side * SECONDS / 2) for side in (-1, 1))
-    counts = last - first
-    return np.where(counts > 0, (total[last] - total[first]) / np.maximum(counts, 1), np.nan)
+    here = np.isin(signal.boot, list(boots))
+    total = np.append(0.0, np.cumsum(signal.values[here]))
+    edges = np.searchsorted(signal.time[here], middle + np.array([[-SECONDS / 2], [SECONDS / 2]]))
+    counts = np.ptp(edges, axis=0)
+    return np.where(counts > 0, np.ptp(total[edges], axis=0) / np.maximum(counts, 1), np.nan)
 
 
-def _motor_speed(logged: Columns | None) -> Signal | None:
+def _motor_speed(signals: Signals) -> Signal | None:
     """Turns a second of each motor that turns, one after another."""
+    logged = signals.telemetry.messages.get("ESC")
     if logged is None:
         return None
-    turning = logged["RPM"] > 0
-    if not turning.any():
-        return None
-    order = np.lexsort((logged["time"][turning], logged["boot"][turning]))
-    columns = (logged[name][turning][order] for name in ("time", "boot", "RPM"))
-    time, boot, speed = columns
-    return Signal(time, boot, speed / 60.0)
+    order = np.lexsort((logged["time"], logged["boot"]))
+    kept = order[logged["RPM"][order] > 0]
+    return Signal(logged["time"][kept], logged["boot"][kept], logged["RPM"][kept] / 60.0)
