@@ -109,9 +109,9 @@ def _compared(
 
 def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
-    found = spectra(asked, angle, parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
+    found = spectra((asked, angle), parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
     if found is None or not (known := found.coherence >= LEAST_COHERENCE).any():
         return None
-    peak = np.max(np.abs(found.across[known]) / found.driver[known])
+    peak = np.max(np.abs(found.response[known]))
     damping = np.sqrt((1 - np.sqrt(1 - min(1 / peak, 1.0) ** 2)) / 2)
     return float(np.exp(-np.pi * damping / np.sqrt(1 - damping**2))) if peak > 1 else 0.0

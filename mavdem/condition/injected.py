@@ -38,17 +38,16 @@ def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None
         return None
     injected = max((one.signal for one in signals.injected), key=lambda one: len(one.time))
     acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])
-    by_demand = spectra(injected, acted, parts)
-    by_rate = spectra(injected, signals.rates[0], parts)
-    if by_demand is None or by_rate is None or len(by_rate.across) != len(by_demand.across):
+    found = spectra((injected, signals.rates[0], acted), parts)
+    if found is None:
         return None
-    known = (by_rate.coherence >= SEEN) & (by_rate.frequency >= LOWEST)
+    known = (found.coherence >= SEEN) & (found.frequency >= LOWEST)
     if np.count_nonzero(known) < 2:
         return None
-    frequency = by_rate.frequency[known]
-    plant = by_rate.across[known] / by_demand.across[known]
+    frequency = found.frequency[known]
+    plant = (found.power[0, 1] / found.power[0, 2])[known]
     forward, back = transfer(controller, frequency)
     response = back * plant
     closed = forward * plant / (1 + response)
-    found = OpenLoop(frequency, response[None], closed[None], 0 * closed[None])
-    return found if isfinite(found.crossover) else None
+    loop = OpenLoop(frequency, response[None], closed[None], 0 * closed[None])
+    return loop if isfinite(loop.crossover) else None

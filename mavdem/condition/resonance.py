@@ -47,6 +47,7 @@ LOWEST = 1.0  # Hz, of T: below, the vehicle is moved to another place
 SLOWEST_PEAK = 6.0  # Hz, of the rate's own spectrum: below, it is steered, also by sines, and moved by the wind
 # of the highest frequency: above, interpolation between messages has lost a fifth of the power
 HIGHEST = 0.8
+TINY = np.finfo(np.float64).tiny
 
 
 @dataclass(frozen=True)
@@ -69,23 +70,31 @@ class Resonance:
 
 
 class Spectra(NamedTuple):
-    """Of a driver r and what follows it, p, summed over windows."""
+    """Of a driver r and what follows it, p, and perhaps more: summed over windows."""
 
     frequency: Array
-    """(F,) Hz, from 0 to half of the rate of the slower."""
+    """(F,) Hz, from 0 to half of the rate of the slowest."""
     windows: int
-    driver: Array
-    """(F,) |r|²; likewise |p|², and r* p."""
-    rate: Array
-    across: Complex
+    power: Complex
+    """(k, k, F) of each pair r and p: r* p."""
     usual: Array
     """(F,) the median of |p|² over windows: that of a flight that is steered at times."""
 
     @property
+    def driver(self) -> Array:
+        """(F,) |r|²."""
+        return np.asarray(np.maximum(self.power[0, 0].real, TINY))
+
+    @property
+    def response(self) -> Complex:
+        """(F,) of p to r."""
+        return np.asarray(self.power[0, 1] / self.driver)
+
+    @property
     def coherence(self) -> Array:
-        """(F,) of both."""
-        both_powers = np.maximum(self.driver * self.rate, np.finfo(np.float64).tiny)
-        return np.asarray(np.abs(self.across) ** 2 / both_powers)
+        """(F,) of r and p."""
+        powers = self.driver * self.power[1, 1].real
+        return np.asarray(np.abs(self.power[0, 1]) ** 2 / np.maximum(powers, TINY))
 
 
 def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
@@ -96,12 +105,11 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     if signals.rates is None:
         return None
     rate, asked = signals.rates
-    found = spectra(asked, rate, parts)
-    if found is None or not found.driver.any():
+    found = spectra((asked, rate), parts)
+    if found is None:
         return None
     hertz = np.maximum(found.frequency, found.frequency[1])
-    power = np.maximum(found.driver, np.finfo(np.float64).tiny)
-    response = found.across / power
+    response = found.response
     gain = USUAL_ANGLE_GAIN
     without_filters = response
     try:
@@ -114,7 +122,8 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     coherence = found.coherence
     back_by_angle = gain / (2j * np.pi * hertz)
     own = np.abs(1 + back_by_angle * response) ** 2
-    own += np.abs(back_by_angle) ** 2 * (found.rate / power - np.abs(response) ** 2)
+    by_wind = found.power[1, 1].real / found.driver - np.abs(response) ** 2
+    own += np.abs(back_by_angle) ** 2 * by_wind
     known = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
     known &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
     rows = _longest(known, hertz)
@@ -150,7 +159,7 @@ def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
         return None
     weights = drive.layout.effect(signals.axis)
     command = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
-    found = spectra(Signal(drive.time, drive.boot, command), attitude.rates, parts)
+    found = spectra((Signal(drive.time, drive.boot, command), attitude.rates), parts)
     if found is None or not found.usual.all():
         return None
     top = min(HIGHEST * found.frequency[-1], FASTEST_LOOP)
@@ -175,37 +184,33 @@ def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
 
 
 def spectra(
-    driver: Signal,
-    follower: Signal,
+    signals: Sequence[Signal],
     parts: Sequence[Segment],
     seconds: float = WINDOW_SECONDS,
     least_rate: float = MINIMUM_RATE,
 ) -> Spectra | None:
     """Returns those of all windows of so many ``seconds`` without gaps in ``parts`` of a flight.
 
-    None where either signal comes slower than ``least_rate``, Hz, or there are fewer than ``FEWEST_WINDOWS``.
+    None where a signal comes slower than ``least_rate``, Hz, or there are fewer than ``FEWEST_WINDOWS``.
     """
-    known = evenly_sampled((driver, follower), parts, seconds, least_rate)
-    if known is None:
-        return None
-    sampled, pieces = known
+    known = evenly_sampled(signals, parts, seconds, least_rate)
+    return None if known is None else spectra_of_pieces(*known, seconds)
+
+
+def spectra_of_pieces(
+    sampled: float, pieces: Sequence[Array], seconds: float = WINDOW_SECONDS
+) -> Spectra | None:
+    """Returns those of ``pieces`` (k, N) of series at so many Hz, as :func:`spectra` does."""
     size = round(seconds * sampled)
-    kept = [piece for piece in pieces if piece.shape[1] >= size]
-    r, p = (
-        np.concatenate(
-            [np.zeros((0, size // 2 + 1)), *(spectra_of(one[row], size) for one in kept)]
-        )
-        for row in range(2)
-    )
-    if len(r) < FEWEST_WINDOWS:
+    windows = [spectra_of(piece, size) for piece in pieces if piece.shape[1] >= size]
+    if sum(one.shape[1] for one in windows) < FEWEST_WINDOWS:
         return None
+    found = np.concatenate(windows, axis=1)
     return Spectra(
         frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
-        windows=len(r),
-        driver=np.square(np.abs(r)).sum(axis=0),
-        rate=np.square(np.abs(p)).sum(axis=0),
-        across=(r.conj() * p).sum(axis=0),
-        usual=np.median(np.square(np.abs(p)), axis=0),
+        windows=found.shape[1],
+        power=np.einsum("iwf,jwf->ijf", found.conj(), found),
+        usual=np.median(np.square(np.abs(found[1])), axis=0),
     )
 
 
@@ -248,15 +253,16 @@ def evenly_sampled(
 
 
 def windows_of(values: Array, size: int) -> Array:
-    """Returns the windows (W, size) of ``values`` (N,), half over each other."""
-    return np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 2]
+    """Returns the windows (…, W, size) of ``values`` (…, N), half over each other."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=-1)
+    return windows[..., :: size // 2, :]
 
 
 def spectra_of(values: Array, size: int) -> Complex:
-    """Returns the spectra (W, F) of those windows, about their means, through Hann's window."""
+    """Returns the spectra (…, W, F) of those windows, about their means, through Hann's window."""
     windows = windows_of(values, size)
-    centred = windows - windows.mean(axis=1, keepdims=True)
-    return np.asarray(np.fft.rfft(centred * np.hanning(size), axis=1))
+    centred = windows - windows.mean(axis=-1, keepdims=True)
+    return np.asarray(np.fft.rfft(centred * np.hanning(size)))
 
 
 def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:

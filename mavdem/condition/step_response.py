@@ -241,7 +241,7 @@ def _coherence(
     used: Sequence[Signal], parts: Sequence[Segment], least: float
 ) -> tuple[Array, Array]:
     """Frequencies, Hz, and the coherence of both signals there; 0 where nothing is asked."""
-    found = spectra(used[0], used[1], parts, least_rate=least)
+    found = spectra(used[:2], parts, least_rate=least)
     if found is None:
         return np.zeros(1), np.zeros(1)
     asked = found.driver >= LEAST_POWER * found.driver.max()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.margins import Complex, transfer
+from mavdem.condition.resonance import WINDOW_SECONDS, Spectra, spectra_of_pieces
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import SLOWEST_RATE
 from mavdem.dem.graybox.parameters import rate_column
@@ -16,9 +16,6 @@ from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Responses
 
-# of the windows of the spectra, by Welch, and how many it takes
-WINDOW_SECONDS = 5.0
-FEWEST = 6
 # Hz, Hz and share: of the band that is compared
 LOWEST = 0.3
 LEAST_BAND = 1.0
@@ -49,66 +46,50 @@ def measured_response(
     A demand of 1 moves the inputs by ``per_demand`` (r,). ArduPilot's ATTITUDE_TARGET lacks the attitude controller's
     correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
     """
-    usual = [
-        f"{controller.axis} rate setpoint",
-        *[f"{controller.axis} setpoint"] * controller.derivative_of_error,
-    ]
-    names = [name for name in usual if name in record.setpoint_names]
-    if record.setpoints is None or not names or "rate" not in names[0]:
+    setpoints = () if record.setpoints is None else record.setpoints.T
+    known = dict(zip(record.setpoint_names, setpoints, strict=False))
+    setpoint = known.get(f"{controller.axis} rate setpoint")
+    if setpoint is None:
         return None
-    size = round(WINDOW_SECONDS / record.dt)
-    asked = record.setpoints[:, [record.setpoint_names.index(name) for name in names]]
-    seen = record.outputs[:, [rate_column(record), 0]]
-    table = np.column_stack([seen, record.inputs @ per_demand / (per_demand @ per_demand), asked])
+    demand = record.inputs @ per_demand / (per_demand @ per_demand)
+    table = [setpoint, record.outputs[:, rate_column(record)], demand]
+    wanted = known.get(f"{controller.axis} setpoint")
+    if controller.derivative_of_error and wanted is not None:
+        table += [wanted, record.outputs[:, 0]]
+    given = np.isfinite(table).all(axis=0)
+    cuts = np.union1d(record.starts[1:], np.flatnonzero(np.diff(given)) + 1)
     plain, corrected = list[Array](), list[Array]()
-    for rows in np.split(table, record.starts[1:]):
-        known = np.isfinite(rows).all(axis=1)
-        edges = np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2)
-        for first, last in edges[np.ptp(edges, axis=1) >= size]:
-            rate, angle, demand, *given = rows[first:last].T
-            setpoint, *wanted = map(evenly, given)
-            if np.ptp(setpoint):  # not as of a heading that is held
-                plain.append(np.array([setpoint, rate, demand]))
-                for one in wanted:
-                    asked_for = setpoint + controller.angle * (one - angle)
-                    corrected.append(np.array([asked_for, rate, demand]))
-    if sum(2 * part.shape[1] // size - 1 for part in plain) < FEWEST:
-        return None
-    ways = [
-        _compared(record.dt, size, parts, controller, at, closed)
-        for parts in (plain, corrected)
-        if parts
+    for piece in np.split(np.array(table), cuts, axis=1):
+        if np.isfinite(piece).all() and np.ptp(piece[0]):  # not as of a heading that is held
+            asked, rate, moved, *angles = piece
+            asked = evenly(asked)
+            plain.append(np.array([asked, rate, moved]))
+            if angles:
+                turn = controller.angle * (evenly(angles[0]) - angles[1])
+                corrected.append(np.array([asked + turn, rate, moved]))
+    spectra = [
+        spectra_of_pieces(1 / record.dt, pieces, 2 * WINDOW_SECONDS)
+        for pieces in (plain, corrected)
     ]
-    return max(ways, key=lambda one: one.fit)
+    ways = [
+        _compared(found, record.dt, controller, at, closed)
+        for found in spectra
+        if found is not None
+    ]
+    return max(ways, key=lambda one: one.fit, default=None)
 
 
 def _compared(
-    dt: float,
-    size: int,
-    parts: Sequence[Array],
-    controller: Controller,
-    at: Array,
-    closed: Complex,
+    found: Spectra, dt: float, controller: Controller, at: Array, closed: Complex
 ) -> MeasuredResponse:
-    """The response by the ``parts`` (3, T), each of setpoint, rate and demand."""
-    from scipy.signal import csd  # it takes half a second to import
-
-    densities = sum(
-        part.shape[1] * csd(part[:, None], part, 1 / dt, nperseg=size)[1] for part in parts
-    )
-    smoothed = np.apply_along_axis(np.convolve, -1, densities, np.full(3, 1 / 3), mode="same")
-    of_setpoint, of_rate, of_demand = np.maximum(
-        np.einsum("iif->if", smoothed).real, np.finfo(float).tiny
-    )
-    across = smoothed[0, 1]
-    hertz = np.arange(len(across)) / (size * dt)
-    response = np.asarray(across / of_setpoint, np.complex128)
-    predicted = np.interp(hertz, at, closed)
-    coherence = np.abs(response) ** 2 * of_setpoint / of_rate
+    """The response by the spectra of setpoint, rate and demand."""
+    hertz = found.frequency
+    of_rate = found.power[1, 1].real
+    coherence = found.coherence
     unclear = hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)]
     highest = float(min([*unclear, at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
-    unlike = np.abs(response - predicted) ** 2 * of_setpoint
+    unlike = np.abs(found.response - np.interp(hertz, at, closed)) ** 2 * found.driver
     by_wind = (1 - coherence) * of_rate
     fit, agreement = (
         float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5))
@@ -118,10 +99,10 @@ def _compared(
     )
     # What the controller should have asked for, by its parameters, and what it did.
     forward, back = transfer(controller, np.maximum(hertz, hertz[1]))
-    likewise = forward.conj() * smoothed[0, 2] - back.conj() * smoothed[1, 2]
-    asked = np.abs(forward) ** 2 * of_setpoint + np.abs(back) ** 2 * of_rate
-    asked = asked - 2 * (forward.conj() * back * across).real
-    sure = np.abs(likewise) ** 2 > SURE_COHERENCE * asked * of_demand
+    asks = np.stack([forward, -back])
+    likewise = (asks.conj() * found.power[:2, 2]).sum(axis=0)
+    asked = np.einsum("if,ijf,jf->f", asks.conj(), found.power[:2, :2], asks).real
+    sure = np.abs(likewise) ** 2 > SURE_COHERENCE * asked * found.power[2, 2].real
     sure &= (hertz > LOWEST) & (hertz < 0.25 / dt)
     gain = np.nan
     if dt < 1 / SLOWEST_RATE and sure.sum() > 5:
@@ -134,8 +115,7 @@ def _compared(
     elif agreement < LEAST_FIT:
         share, needed = agreement / 100, LEAST_FIT / 100
         reason = Fact(Responses.RESPONSE_DISAGREES, Level.WATCH, share=share, needed=needed)
-    band = LOWEST, highest
-    return MeasuredResponse(band, fit, agreement, gain, reason)
+    return MeasuredResponse((LOWEST, highest), fit, agreement, gain, reason)
 
 
 def evenly(asked: Array) -> Array:
