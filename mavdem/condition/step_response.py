@@ -34,8 +34,9 @@ from mavdem.condition.resonance import (
     HIGHEST,
     LEAST_COHERENCE,
     USUAL_ANGLE_GAIN,
+    Spectra,
     evenly_sampled,
-    spectra,
+    spectra_of_pieces,
 )
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, one_thread
@@ -170,33 +171,11 @@ def rate_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | 
     if signals.rates is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} rate")
     rate, asked = signals.rates
-    attitude = signals.attitude
     used = [asked, rate]
+    attitude = signals.attitude
     if attitude is not None and rate.time is attitude.time:
-        used.append(attitude.angles)
-        if signals.asked is not None:
-            used.append(signals.asked)
-    found = _known(signals, "rate", used, parts, MINIMUM_RATE)
-    if isinstance(found, Fact):
-        return found
-    sampled, pieces = found
-    gain = _angle_gain(signals)
-    if len(used) < 3:
-        with_angle = [[*piece, np.cumsum(piece[1]) / sampled] for piece in pieces]
-    elif len(used) > 3 and not _is_corrected(sampled, pieces, gain):
-        with_angle = [[r + gain * (asked - angle), p, angle] for r, p, angle, asked in pieces]
-    else:
-        with_angle = [list(piece) for piece in pieces]
-    fit = _fitted(sampled, with_angle, gain, SECONDS["rate"])
-    return _described(signals.axis, "rate", sampled, fit, _coherence(used[:2], parts, MINIMUM_RATE))
-
-
-def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
-    """Whether the rate's setpoint has the correction of the attitude's error in it, by ``gain``, 1/s."""
-    asked, _, angle, wanted = np.concatenate(pieces, axis=1)
-    terms = np.column_stack([sampled * np.gradient(wanted), gain * (wanted - angle)])
-    share = np.linalg.lstsq(terms, asked)[0][1]
-    return bool(share > 0.5)
+        used += [one for one in (attitude.angles, signals.asked) if one is not None]
+    return _response(signals, "rate", used, parts, MINIMUM_RATE)
 
 
 def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | Fact:
@@ -204,29 +183,37 @@ def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepRespons
     if signals.asked is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
     used = [signals.asked, signals.attitude.angles]
-    found = _known(signals, "attitude", used, parts, SLOW_MOTION_RATE)
-    if isinstance(found, Fact):
-        return found
-    sampled, pieces = found
-    fit = _fitted(sampled, [list(piece) for piece in pieces], 0.0, SECONDS["attitude"])
-    return _described(
-        signals.axis, "attitude", sampled, fit, _coherence(used, parts, SLOW_MOTION_RATE)
-    )
+    return _response(signals, "attitude", used, parts, SLOW_MOTION_RATE)
 
 
-def _known(
+def _response(
     signals: Signals, loop: str, used: Sequence[Signal], parts: Sequence[Segment], least: float
-) -> tuple[float, list[Array]] | Fact:
-    """Parts of at least one window in which something was asked, or why there are too few."""
+) -> StepResponse | Fact:
+    """That of the second of ``used`` to the first; or that the messages are too slow, or too little was asked."""
+    subject = f"{signals.axis} {loop}"
     seconds = SECONDS[loop]
     found = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
     if found is None:
-        return Fact(StepResponses.TOO_SLOW, subject=f"{signals.axis} {loop}", least_rate=least)
+        return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=least)
     sampled, pieces = found
-    moved = [piece for piece in pieces if np.ptp(piece[0])]
-    if sum(piece.shape[1] for piece in moved) < 2 * FEWEST_WINDOWS * seconds * sampled:
-        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{signals.axis} {loop}")
-    return sampled, moved
+    pieces = [piece for piece in pieces if np.ptp(piece[0])]
+    if sum(piece.shape[1] for piece in pieces) < 2 * FEWEST_WINDOWS * seconds * sampled:
+        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
+    gain = _angle_gain(signals) if loop == "rate" else 0.0
+    if loop == "rate" and len(used) < 3:
+        pieces = [np.vstack([piece, np.cumsum(piece[1]) / sampled]) for piece in pieces]
+    if len(used) > 3 and not _is_corrected(sampled, pieces, gain):
+        for piece in pieces:
+            piece[0] += gain * (piece[3] - piece[2])
+    fit = _fitted(sampled, pieces, gain, seconds)
+    return _described(signals.axis, loop, sampled, fit, spectra_of_pieces(sampled, pieces))
+
+
+def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
+    """Whether the rate's setpoint has the correction of the attitude's error in it, by ``gain``, 1/s."""
+    asked, _, angle, wanted = np.concatenate(pieces, axis=1)
+    terms = np.column_stack([sampled * np.gradient(wanted), gain * (wanted - angle)])
+    return bool(np.linalg.lstsq(terms, asked)[0][1] > 0.5)
 
 
 def _angle_gain(signals: Signals) -> float:
@@ -237,17 +224,6 @@ def _angle_gain(signals: Signals) -> float:
         return USUAL_ANGLE_GAIN
 
 
-def _coherence(
-    used: Sequence[Signal], parts: Sequence[Segment], least: float
-) -> tuple[Array, Array]:
-    """Frequencies, Hz, and the coherence of both signals there; 0 where nothing is asked."""
-    found = spectra(used[:2], parts, least_rate=least)
-    if found is None:
-        return np.zeros(1), np.zeros(1)
-    asked = found.driver >= LEAST_POWER * found.driver.max()
-    return found.frequency, np.where(asked, found.coherence, 0.0)
-
-
 class _Fit(NamedTuple):
     """Impulse response, and its covariance."""
 
@@ -256,10 +232,8 @@ class _Fit(NamedTuple):
     windows: int
 
 
-def _fitted(
-    sampled: float, pieces: Sequence[Sequence[Array]], angle_gain: float, seconds: float
-) -> _Fit:
-    """By ``pieces`` of a setpoint, what follows it and, with an ``angle_gain``, the angle, (N,) each."""
+def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds: float) -> _Fit:
+    """By ``pieces`` (k, N) of a setpoint, what follows it and, with an ``angle_gain``, the angle."""
     taps = round(seconds * sampled)
     size = 3 * taps
     lags = np.arange(1, taps + 1) / taps
@@ -282,16 +256,15 @@ def _fitted(
     return fit
 
 
-def _without_feedback(
-    piece: Sequence[Array], angle_gain: float, weights: Array, sampled: float
-) -> Array:
+def _without_feedback(piece: Array, angle_gain: float, weights: Array, sampled: float) -> Array:
     """(N,) the rate's setpoint that remains where the angle moves by it alone: x / (1 + K T / s)."""
+    size = piece.shape[1]
     outer = piece[0] + angle_gain * piece[2]
     mirrored = np.fft.rfft(np.append(outer, outer[::-1]))
-    frequency = np.fft.rfftfreq(2 * len(outer), 1 / sampled)
+    frequency = np.fft.rfftfreq(2 * size, 1 / sampled)
     s = 2j * np.pi * np.maximum(frequency, frequency[1] / 100)
-    closed = np.fft.rfft(np.append(0.0, weights), 2 * len(outer))
-    return np.fft.irfft(mirrored / (1 + angle_gain * closed / s), 2 * len(outer))[: len(outer)]
+    closed = np.fft.rfft(np.append(0.0, weights), 2 * size)
+    return np.fft.irfft(mirrored / (1 + angle_gain * closed / s), 2 * size)[:size]
 
 
 def _windows(series: Sequence[Array], taps: int, size: int) -> Array:
@@ -385,7 +358,7 @@ def _matern(after: Array, length: float, decay: float) -> Array:
 
 
 def _described(
-    axis: str, loop: str, sampled: float, fit: _Fit, coherence: tuple[Array, Array]
+    axis: str, loop: str, sampled: float, fit: _Fit, spectra: Spectra | None
 ) -> StepResponse | Fact:
     """Figures of a fit, with intervals of draws; or that too little is known at any frequency."""
     taps = len(fit.weights)
@@ -401,9 +374,13 @@ def _described(
     responses = every @ np.exp(-2j * np.pi * np.outer(time, hertz))
     gains = np.abs(responses)
     unknown = np.append(np.flatnonzero(gains[1:].std(axis=0) > LEAST_KNOWN), len(hertz))[0]
-    asked = coherence[0][coherence[1] >= LEAST_COHERENCE].max(initial=0.0)
+    asked = 0.0
+    if spectra is not None:
+        is_asked = spectra.driver >= LEAST_POWER * spectra.driver.max()
+        coherence = np.where(is_asked, spectra.coherence, 0.0)
+        asked = spectra.frequency[coherence >= LEAST_COHERENCE].max(initial=0.0)
     unknown = min(unknown, np.searchsorted(hertz, asked))
-    if unknown < 2:
+    if spectra is None or unknown < 2:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
     shown = gains[:, :unknown]
     largest = shown.argmax(axis=1)
@@ -432,7 +409,7 @@ def _described(
         delay=_estimate(half),
         peak=_estimate(shown.max(axis=1)),
         peak_frequency=_estimate(hertz[largest]),
-        coherence=float(np.interp(at, *coherence)),
+        coherence=float(np.interp(at, spectra.frequency, coherence)),
     )
 
 
