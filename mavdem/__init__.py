@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import read_flight, read_segments
     from mavdem.assessment import Assessment, review
-    from mavdem.condition.condition import HoverFigures, hover, hover_figures
+    from mavdem.condition.condition import HoverFigures, hover
     from mavdem.condition.wind_of_log import wind
     from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
     from mavdem.dem import Drag, Learned, OnlineLearner, Settings, estimate_drag, learn, learn_many
@@ -43,7 +43,6 @@ __all__ = [
     "estimate_wind",
     "evaluate",
     "hover",
-    "hover_figures",
     "learn",
     "learn_many",
     "read_flight",
@@ -67,7 +66,6 @@ _ROOMS = {
     "estimate_drag": "dem",
     "estimate_wind": "condition.wind_velocity",
     "hover": "condition.condition",
-    "hover_figures": "condition.condition",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",

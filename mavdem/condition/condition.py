@@ -35,7 +35,6 @@ from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle
-from mavdem.flight import Flight
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 from mavdem.ingest.telemetry import Array
@@ -94,7 +93,7 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
         NotLearnable: it holds no vehicle, or several and none was chosen, or no settled flight with motor outputs.
 
     See Also:
-        :func:`mavdem.hover_figures`: the same of flights; :func:`mavdem.read_flight`.
+        :func:`mavdem.read_flight`.
     """
     log = read_log(path)
     return hover_of(Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors"), log.components)
@@ -113,46 +112,24 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
         axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts
     }
     seconds = sum(segment.duration for segment in segments)
-    return _figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
+    return hover_figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
 
 
-def hover_figures(flights: Sequence[Flight]) -> HoverFigures:
-    """Returns the figures of flights with the same motors as inputs, one at least, by the range in ``provenance``.
-
-    The lean is that of the angles among their outputs: flights of roll and of pitch give both.
-
-    Raises:
-        ValueError: their inputs differ or are the controller's demand, or have no known range.
-        NotLearnable: the motors never ran.
-    """
-    names = flights[0].input_names
-    known = flights[0].provenance.get("scale")
-    if not known or known["name"] == "demand" or any(one.input_names != names for one in flights):
-        raise ValueError("flights must have the same motors as inputs, and the scale of these")
-    # The motors of another axis are the same.
-    counted = [flight for flight in flights if flight.output_names == flights[0].output_names]
-    angles: dict[str, list[Array]] = {}
-    for one in flights:
-        for axis, column in zip(one.output_names, one.outputs.T, strict=True):
-            angles.setdefault(axis, []).append(column)
-    lean = {axis: float(np.degrees(np.concatenate(found).mean())) for axis, found in angles.items()}
-    seconds = sum(flight.duration for flight in counted)
-    inputs = np.concatenate([flight.inputs for flight in counted])
-    return _figures(names, OutputScale(**known), seconds, inputs, lean)
-
-
-def _figures(
+def hover_figures(
     names: tuple[str, ...],
     scale: OutputScale,
     seconds: float,
     outputs: Array,
     lean: Mapping[str, float],
 ) -> HoverFigures:
+    """Returns the figures of motor ``outputs`` (N, k) over so many seconds; ``lean`` is by axis, degrees.
+
+    Raises ``NotLearnable``: the motors never ran.
+    """
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)
     if not trims.mean() > 0:
         raise NotLearnable(Fact(MotorObstacle.MOTORS_OFF))
-
     upper, lower = at_limits(shares, scale)
     each = {
         "trim": outputs.mean(axis=0),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
 from os import PathLike
 from typing import Any
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.drive import AXES, Signal, floats
+from mavdem.alignment.drive import AXES, Signal, floats, recorded, series
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import CLIMB_FIELDS, Signals, attitude
+from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
 from mavdem.dem.airflow.identification import LONGEST_SECONDS
 from mavdem.dem.airflow.model import Drag
@@ -21,7 +21,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Array, Columns, rows_by
+from mavdem.ingest.telemetry import Array, Telemetry
 
 VELOCITIES = {name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"}
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
@@ -66,44 +66,13 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
     angles = [found for axis in AXES if (found := attitude(telemetry, axis)) is not None]
-    name = next(
-        (name for name in VELOCITIES if len(telemetry.messages.get(name, {}).get("vx", ())) > 1), ""
-    )
-    if len(angles) < len(AXES) or not name:
+    moving = _moving(telemetry)
+    if len(angles) < len(AXES) or moving is None:
         missing = AXES[len(angles) :]
         raise NotLearnable(Fact(NoWind.NO_VELOCITY, missing=missing))
-    columns = telemetry.messages[name]
-    factor = VELOCITIES[name]
-    moving = factor * np.column_stack([floats(columns, field) for field in ("vx", "vy", "vz")])
-    above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
-    flown = [(np.zeros((0, 8)), 0)]
-    for boot, rows in rows_by(columns["boot"]).items():
-        time, first = np.unique(columns["time"][rows], return_index=True)
-        velocity = moving[rows[first]]
-        height = above[rows[first]]
-        tracks = [
-            (angle.time[here], angle.angle[here])
-            for angle in angles
-            for here in [angle.boot == boot]
-        ]
-        # A message may have one angle that is none: only those with all three count.
-        at: Array = reduce(np.intersect1d, [stamps for stamps, _ in tracks])
-        if len(time) < 2:
-            continue
-        sure = _known(signals, boot, columns, rows[first], velocity)
-        kept = (
-            phases.during(at, _flights(signals, boot, time, height))
-            & (at >= time[0])
-            & (at <= time[-1])
-        )
-        after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
-        kept &= sure[after] & sure[after - 1] & (time[after] - time[after - 1] <= LONGEST_STEP)
-        turned = [angle[np.searchsorted(stamps, at)] for stamps, angle in tracks]
-        resets = at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)]
-        kept &= at > np.max(resets, initial=-np.inf) + LONGEST_STEP
-        moved = [np.interp(at, time, column) for column in (*velocity.T, height)]
-        flown.append((np.column_stack([at, *turned, *moved])[kept], int(boot)))
-    best, best_boot = max(flown, key=lambda pair: len(pair[0]))
+    boots = np.unique(moving.boot).tolist()
+    flown = [(_flown(signals, angles, moving, boot), boot) for boot in boots]
+    best, best_boot = max(flown, key=lambda pair: len(pair[0]), default=(np.zeros((0, 8)), 0))
     if len(best) < 10:
         raise NotLearnable(Fact(NoWind.NO_FLIGHT_WITH_VELOCITY))
     stuck = _longest_stuck(signals.position, best_boot, best)
@@ -111,12 +80,58 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(Fact(NoWind.STUCK, duration=stuck, lean=STUCK_LEAN))
     if np.ptp(best[:, 0]) > LONGEST_SECONDS:
         raise NotLearnable(Fact(NoWind.CLOCK_JUMPS))
-    if 0 in (still := np.ptp(best[:, 3:5], axis=0)):
+    if 0 in (still := np.ptp(best[:, 3:6], axis=0)[:2]):
         raise NotLearnable(Fact(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw"))
     drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
     return replace(
         estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot
     )
+
+
+def _moving(telemetry: Telemetry) -> Signal | None:
+    """(N, 4) velocity over ground, north, east and down, m/s, and height, m; perhaps (N, 6), north and east, m."""
+    for name, factor in VELOCITIES.items():
+        columns = telemetry.messages.get(name, {})
+        if len(columns.get("vx", ())) > 1:
+            above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
+            table = [factor * floats(columns, field) for field in ("vx", "vy", "vz")]
+            table.append(np.nan_to_num(above))
+            table += [floats(columns, axis) for axis in "xy" if axis in columns]
+            valid = np.asarray(columns["valid"], np.bool_) if "valid" in columns else None
+            return series(columns, np.column_stack(table), valid)
+    return None
+
+
+def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: int) -> Array:
+    """(N, 8) time, attitude, velocity and height of flight in a boot, where the estimator knows them."""
+    rows = moving.boot == boot
+    time = moving.time[rows]
+    moved = moving.values[rows].T
+    own = [one.boot == boot for one in angles]
+    at = angles[-1].time[own[-1]]
+    if len(time) < 2 or not all(map(np.any, own)):
+        return np.zeros((0, 8))
+    turned = [
+        np.interp(at, one.time[here], one.angle[here])
+        for one, here in zip(angles, own, strict=True)
+    ]
+    kept = phases.during(at, _flights(signals, boot, time, moved[3]))
+    kept &= (at >= time[0]) & (at <= time[-1])
+    after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+    kept &= time[after] - time[after - 1] <= LONGEST_STEP
+    jumps = np.any([_jumps(time, speed, VELOCITY_JUMP) for speed in moved[:2]], axis=0)
+    for place, speed in zip(moved[4:], moved, strict=False):
+        jumps |= is_reset(np.diff(place), speed[:-1], speed[1:], np.diff(time))
+    kept &= ~phases.during(at, [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]])
+    resets = at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)]
+    kept &= at > np.max(resets, initial=-np.inf) + LONGEST_STEP
+    for name in FLAGS:
+        flags = recorded(signals.telemetry, name, "flags")
+        if flags is not None and np.any(here := flags.boot == boot):
+            known = flags.values[here].astype(np.int64) & sum(VELOCITY_FLAGS)
+            kept &= np.interp(at, flags.time[here], known != VELOCITY_FLAGS[0]) == 0
+    table = [at, *turned, *(np.interp(at, time, column) for column in moved[:4])]
+    return np.column_stack(table)[kept]
 
 
 def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
@@ -148,29 +163,6 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.
         phases.armed(signals, boot), phases.where(time, height > np.nanmin(height) + LOWEST_FLIGHT)
     )
     return [flight for one in up if (flight := phases.between_transients(one, None)) is not None]
-
-
-def _known(
-    signals: Signals, boot: int, columns: Columns, rows: NDArray[np.intp], velocity: Array
-) -> NDArray[np.bool_]:
-    """(N,) where the estimator knows the velocity, without what surrounds a reset of the position."""
-    time = columns["time"][rows]
-    sure = np.isfinite(velocity).all(axis=1)
-    sure &= columns["valid"][rows] if "valid" in columns else True
-    speeds = velocity[:, :2].T
-    jumps = np.any([_jumps(time, speed, VELOCITY_JUMP) for speed in speeds], axis=0)
-    for axis, speed in zip("xy", speeds, strict=True):
-        if axis in columns:
-            steps = np.diff(floats(columns, axis)[rows])
-            jumps |= is_reset(steps, speed[:-1], speed[1:], np.diff(time))
-    resets = [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
-    sure &= ~phases.during(time, resets)
-    reports = (signals.telemetry.messages.get(name, {}) for name in FLAGS)
-    for flags in (report for report in reports if "flags" in report):
-        if np.any(here := flags["boot"] == boot):
-            lost = flags["flags"][here].astype(np.int64) & sum(VELOCITY_FLAGS) != VELOCITY_FLAGS[0]
-            sure &= np.interp(time, flags["time"][here], lost) == 0
-    return np.asarray(sure)
 
 
 def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:

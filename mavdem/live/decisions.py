@@ -343,7 +343,9 @@ def judged(
         signals = LiveSignals(telemetry, axis, motors=motors)
         tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
         swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
-        condition = replace(condition, hover=hover_figures([flight]), oscillation=swing)
+        lean = {axis: float(np.degrees(flight.outputs[:, 0].mean()))}
+        hover = hover_figures(setup.layout.names, setup.scale, duration, flight.inputs, lean)
+        condition = replace(condition, hover=hover, oscillation=swing)
     learned = disown_torque(learned, condition.oscillation is not None)
     physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = dict.fromkeys(AXES, Fact(Unjudged.NOT_JUDGED, because=None))

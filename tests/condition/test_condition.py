@@ -1,20 +1,18 @@
 """Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, disarmed, log_of, only, with_pulses, with_texts
+from hover import Hover, changed, columns, disarmed, only, with_pulses, with_texts
 from pytest import approx
 from recorded_flights import recorded
 from scipy.signal import lfilter
 
-from mavdem import Flight, hover_figures
 from mavdem.alignment.learnability import learnability_of
-from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition.condition import LEVEL, condition_of, hover_of, mean_interval
+from mavdem.condition.condition import LEVEL, condition_of, hover_figures, hover_of, mean_interval
 from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
 from mavdem.documents import vehicle as documents
 from mavdem.errors import NotLearnable
@@ -126,9 +124,6 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
     assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
 
 
-PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
-
-
 def leaning(motor_rate=100.0):
     """A hover about 10° of roll and -4° of pitch, motor 1 at 1800 µs and, every fourth message, at 1995 µs."""
     telemetry = HOVER.telemetry(motor_time=motor_rate)
@@ -209,32 +204,10 @@ def test_recorded_motors_at_their_stop(name):
     assert [left == 0 for left in found.headroom] == [share > 0.01 for share in RECORDED[name]]
 
 
-def test_flights_give_the_same_figures_and_count_their_motors_once():
-    log = log_of(leaning())
-    expected = hover_of(Signals(log.vehicles[0], inputs="motors"))
-    flights = [
-        one
-        for axis in ("roll", "pitch")
-        for one in usable_segments(Signals(log.vehicles[0], axis))[0]
-    ]
-    found = hover_figures(flights)
-    assert found.seconds == approx(expected.seconds, abs=0.1)
-    for name in ("trim", "trim_of_range", "trim_share", "headroom", "at_upper_limit"):
-        assert getattr(found, name) == approx(getattr(expected, name), abs=1e-3, rel=1e-3)
-    assert (found.roll, found.pitch) == approx((expected.roll, expected.pitch), abs=0.02)
-    assert hover_figures(flights[:1]).pitch is None
-
-
-def test_flights_need_the_range_of_their_motors():
-    flight = Flight(np.arange(4) / 100, [[1500.0, 1100.0]] * 4, [0.1] * 4, output_names=("roll",))
-    with pytest.raises(ValueError, match="scale"):
-        hover_figures([flight])
-    found = hover_figures([replace(flight, provenance={"scale": asdict(PULSES)})])
-    assert found.trim_of_range == approx((0.5, 0.1)) and found.at_lower_limit == (0.0, 1.0)
-    assert found.roll == approx(np.degrees(0.1)) and found.pitch is None
-    still = Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0], provenance={"scale": asdict(PULSES)})
+def test_motors_that_never_ran_have_no_figures():
+    pulses = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
     with pytest.raises(NotLearnable) as refusal:
-        hover_figures([still])
+        hover_figures(("motor",), pulses, 1.0, np.full((2, 1), 1000.0), {})
     assert refusal.value.fact.code is MotorObstacle.MOTORS_OFF
 
 
