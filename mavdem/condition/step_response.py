@@ -1,8 +1,9 @@
 """Step response: the closed loops of rate and attitude as a flight shows them, at any rate of its messages.
 
 The response T of what is seen, p, to what is asked, r, is an impulse response of ``TAPS`` values, fitted by generalised
-least squares: residuals are whitened by an autoregression. A smooth, decaying Gaussian process is its prior, whose size
-and decay maximise the evidence; that tells resonances from noise without smoothing them.
+least squares: residuals are whitened by an autoregression, and windows with more of the wind count less, which is what
+weights by coherence do. A smooth, decaying Gaussian process is its prior, whose size and decay maximise the evidence;
+that tells resonances from noise without smoothing them.
 
 Wind moves r as well, by the controller of the attitude: r = x − K φ. So r is replaced among the regressors by what of
 it the pilot or the autopilot's navigation asks, x / (1 + K T / s), x = r + K φ: an instrument, with the last T.
@@ -239,15 +240,19 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
     weights = np.exp(-5 * lags) / np.exp(-5 * lags).sum()
     asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
     whitening = np.array([1.0, -1.0])
+    emphasis = np.ones(len(seen))
     with one_thread():
         for _ in range(PASSES):
             driver = asked
             if angle_gain:
                 clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
                 driver = _windows(clean, taps, size)
-            fit = _step(asked, seen, driver, whitening)
+            fit = _step(asked, seen, driver, whitening, emphasis)
             weights = fit.weights
-            whitening = _autoregression(seen[:, taps:] - _regressors(asked, taps) @ weights)
+            left = seen[:, taps:] - _regressors(asked, taps) @ weights
+            whitening = _autoregression(left)
+            variance = _filtered(left, whitening).var(axis=1)
+            emphasis = np.median(variance) / np.maximum(variance, np.finfo(np.float64).tiny)
     return fit
 
 
@@ -294,10 +299,11 @@ def _autoregression(left: Array) -> Array:
     return np.convolve(np.append(1.0, -own), [1.0, -1.0])
 
 
-def _step(asked: Array, seen: Array, driver: Array, whitening: Array) -> _Fit:
+def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: Array) -> _Fit:
     """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``."""
     taps = seen.shape[1] // 3
-    r, p, z = (_filtered(one, whitening) for one in (asked, seen, driver))
+    root = np.sqrt(emphasis)[:, None]
+    r, p, z = (root * _filtered(one, whitening) for one in (asked, seen, driver))
     measured, instruments = (_regressors(one, taps) for one in (r, z))
     target = p[:, taps:]
     normal, own = (
