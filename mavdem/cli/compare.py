@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from time import perf_counter
 
 import click
@@ -17,7 +16,7 @@ from mavdem.cli.options import (
 )
 from mavdem.cli.output import print_result, progress
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.comparison import METHODS, Comparison, Outcome, outcomes
+from mavdem.evaluate.comparison import METHODS, compare
 from mavdem.evaluate.window import (
     TRAIN_SECONDS,
     Length,
@@ -80,14 +79,8 @@ def compare_command(
     if not cut:
         raise nothing_left(refused)
     windowed = [window for one in cut.values() for window in one]
-    made = list[Outcome]()
-    title = f"Comparing {len(METHODS)} methods on {len(windowed)} windows"
-    total = len(windowed) * len(METHODS)
-    with progress(title) as done, closing(outcomes(windowed, METHODS)) as coming:
-        for outcome in coming:
-            made.append(outcome)
-            done(len(made) / total)
-    compared = Comparison.of(windowed, made)
+    with progress(f"Comparing {len(METHODS)} methods on {len(windowed)} windows") as done:
+        compared = compare(windowed, METHODS, done)
     report = {
         **compared.to_dict(),
         "axis": axis,

@@ -70,10 +70,6 @@ class Horizon(Document):
     """horizon in steps"""
     relative: Number
     """median error ratio"""
-    relative_per_output: list[Number]
-    """median error ratio of each output"""
-    per_output: list[Number]
-    """median squared error of each output over its training variance"""
     reference: Paired
     """paired test of the first method with this one"""
     inside: Number
@@ -120,30 +116,6 @@ class Mspe(Document):
     """sum over the outputs"""
 
 
-class Skill(Document):
-    """Errors by horizon."""
-
-    steps: int
-    """horizon in steps"""
-    per_output: list[Number]
-    """squared error of each output over its training variance"""
-    total: Number
-    """sum over the outputs"""
-    relative_per_output: list[Number]
-    """error ratio of each output"""
-    relative: Number
-    """error ratio (NMSE)"""
-
-
-class FromZero(Document):
-    """Errors of forecasts that start at state 0."""
-
-    mspe: Mspe
-    """errors over the whole test part"""
-    skill: Skill
-    """error ratios over the whole test part"""
-
-
 class Outcome(Document):
     """Each method, by name."""
 
@@ -155,12 +127,10 @@ class Outcome(Document):
     """limits of the model"""
     mspe: Mspe
     """errors over the whole test part"""
-    skill: list[Skill]
-    """errors by horizon"""
+    relative: list[Number]
+    """error ratio (NMSE), by horizon"""
     inside_90_percent_band: list[Number]
     """share inside the 90 % band, by horizon"""
-    from_zero: FromZero
-    """errors of forecasts that start at state 0"""
     seconds: Seconds
     """processor time"""
 

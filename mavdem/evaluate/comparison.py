@@ -8,8 +8,8 @@ flights it is the geometric mean of these medians, so that each flight counts on
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
@@ -31,7 +31,6 @@ from mavdem.evaluate.scores import (
     UNKNOWN,
     Question,
     Scores,
-    error_over,
     horizons,
     mspe,
     units_of,
@@ -115,20 +114,16 @@ class Outcome:
         return np.asarray(self.scores[question].squared_error[-1])
 
     def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
-        """Returns values for its document, without the forecasts themselves; of a ``question``, and from zero."""
-        mspe, from_zero = (
-            {"per_output": values.tolist(), "total": float(values.sum())}
-            for values in (self.mspe(question), self.mspe(FROM_ZERO))
-        )
+        """Returns values of a ``question`` for its document, without the forecasts themselves."""
+        errors = self.mspe(question)
         scores = self.scores[question]
         return {
             "failure": self.failure,
             "stable": self.stable,
             "cautions": self.cautions,
-            "mspe": mspe,
-            "skill": scores.values(),
+            "mspe": {"per_output": errors.tolist(), "total": float(errors.sum())},
+            "relative": scores.ratio.tolist(),
             "inside_90_percent_band": [_mean([share]) for share in scores.inside.tolist()],
-            "from_zero": {"mspe": from_zero, "skill": self.scores[FROM_ZERO].values()[-1]},
             "seconds": round(self.seconds, 4),
         }
 
@@ -205,29 +200,30 @@ def _doubts(model: Forecaster, window: Window) -> Iterator[Fact]:
             yield Fact(Forecasts.WORSE_THAN_MEAN_EXPECTED, Level.WATCH)
 
 
-def outcomes(
-    windows: Iterable[Window], methods: Sequence[Method] = METHODS, executor: Executor | None = None
-) -> Generator[Outcome, None, None]:
-    """Yields the outcomes of all ``methods`` on each of the ``windows``, one window after the other, as they are ready.
-
-    By default it uses all cores of this process, in processes that import the running script: call it below ``if
-    __name__ == "__main__":``. An outcome depends on its window and method only, so that it can be stored.
-    An ``executor`` is any ``concurrent.futures.Executor``, and is left running.
-
-    Raises:
-        concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
-    """
-    return parallel_map(_evaluate, product(windows, methods), executor)
-
-
 def compare(
-    windows: Sequence[Window], methods: Sequence[Method] = METHODS, executor: Executor | None = None
+    windows: Sequence[Window],
+    methods: Sequence[Method] = METHODS,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Comparison:
     """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
 
-    ``executor`` and errors are those of ``outcomes`` and :meth:`Comparison.of`.
+    It uses all cores of this process, in processes that import the running script: call it below ``if __name__ ==
+    "__main__":``. ``progress`` is called with the share done.
+
+    Raises:
+        ValueError: there is no window.
+        concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
     """
-    return Comparison.of(windows, outcomes(windows, methods, executor))
+    if not windows:
+        raise ValueError("windows must be one at least")
+    made = list[Outcome]()
+    total = len(windows) * len(methods)
+    with closing(parallel_map(_evaluate, product(windows, methods))) as coming:
+        for outcome in coming:
+            made.append(outcome)
+            progress(len(made) / total)
+    rows = (tuple(made[at : at + len(methods)]) for at in range(0, total, len(methods)))
+    return Comparison(tuple(windows), tuple(one.name for one in methods), tuple(rows))
 
 
 def _evaluate(job: tuple[Window, Method]) -> Outcome:
@@ -245,30 +241,6 @@ class Comparison:
     windows: tuple[Window, ...]
     methods: tuple[str, ...]
     outcomes: tuple[tuple[Outcome, ...], ...]
-
-    @classmethod
-    def of(cls, windows: Sequence[Window], outcomes: Iterable[Outcome]) -> Comparison:
-        """Returns the comparison of ``outcomes`` in any order: one for every method on each of the ``windows``.
-
-        Methods are in order of appearance.
-
-        Raises:
-            ValueError: an outcome is missing or of no window, or there is no window.
-        """
-        left = {(one.flight, one.start, one.method): one for one in outcomes}
-        methods = tuple(dict.fromkeys(method for _, _, method in left))
-        try:
-            rows = tuple(
-                tuple(left.pop((one.flight, one.start, name)) for name in methods)
-                for one in windows
-            )
-        except KeyError as missing:
-            raise ValueError(
-                f"outcomes must hold every method on every window; {missing} is missing"
-            ) from None
-        if left or not (windows and methods):
-            raise ValueError("outcomes must be of the windows, of which there must be one at least")
-        return cls(tuple(windows), methods, rows)
 
     @cached_property
     def flights(self) -> tuple[str, ...]:
@@ -290,9 +262,9 @@ class Comparison:
 
         ``windows`` and the ``COUNTS`` are numbers of windows; ``failure`` is the first reason; ``mspe`` per output and
         ``mspe_total`` are means over windows, as the paper has them; ``relative`` and ``worst`` the median and the
-        largest error ratio. Of each of the ``horizons``, the last that of the whole test part, there are medians
-        (``per_output`` over the training variance), ``inside``, the mean share in the 90 % band or None, and
-        ``reference``, the first method beside this one (:class:`mavdem.evaluate.Paired`).
+        largest error ratio. Of each of the ``horizons``, the last that of the whole test part, there are the median,
+        ``inside``, the mean share in the 90 % band or None, and ``reference``, the first method beside this one
+        (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[flight, question]
 
@@ -316,10 +288,7 @@ class Comparison:
         ratios = np.array([each.ratio for each in scores])
         reference_ratios = np.array([one.scores[question].ratio for one in columns[reference]])
         squares = np.array([each.squared_error for each in scores])
-        over_mean = np.array([error_over(each.squared_error, each.baseline) for each in scores])
-        over_variance = np.array([each.squared_error / each.variance for each in scores])
         inside = np.array([each.inside for each in scores])
-        whole = UNKNOWN if question == UNKNOWN else KNOWN
         errors = squares[:, -1].mean(axis=0)
         return {
             "method": method,
@@ -327,7 +296,7 @@ class Comparison:
             "failed": sum(one.failure is not None for one in mine),
             "failure": next((one.failure for one in mine if one.failure), None),
             "diverged": sum(
-                one.failure is None and not np.isfinite(one.mspe(whole)).all() for one in mine
+                one.failure is None and not np.isfinite(one.mspe(question)).all() for one in mine
             ),
             "unstable": sum(one.stable is False for one in mine),
             "mspe": errors.tolist(),
@@ -339,8 +308,6 @@ class Comparison:
                 {
                     "steps": steps,
                     "relative": float(np.median(ratios[:, place])),
-                    "relative_per_output": np.median(over_mean[:, place], axis=0).tolist(),
-                    "per_output": np.median(over_variance[:, place], axis=0).tolist(),
                     "reference": paired(reference_ratios[:, place], ratios[:, place], self.windows),
                     "inside": _mean(inside[:, place].tolist()),
                 }
@@ -416,7 +383,6 @@ class Comparison:
         train = part.windows[0].train
         test = part.windows[0].test
         kept = set(self.methods_of(question))
-        shown = UNKNOWN if question == UNKNOWN else KNOWN
         return {
             "flight": flight,
             "dt": train.dt,
@@ -430,7 +396,7 @@ class Comparison:
                     "start": window.start,
                     "time": float(window.train.time[0]),
                     "methods": {
-                        one.method: one.to_dict(shown) for one in row if one.method in kept
+                        one.method: one.to_dict(question) for one in row if one.method in kept
                     },
                 }
                 for window, row in zip(part.windows, part.outcomes, strict=True)

@@ -9,7 +9,7 @@ training.
 from __future__ import annotations
 
 from enum import StrEnum, auto
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,22 +55,6 @@ class Scores(NamedTuple):
         """
         ours = (self.squared_error / self.variance).sum(axis=1)
         return error_over(ours, (self.baseline / self.variance).sum())
-
-    def values(self) -> list[dict[str, Any]]:
-        """Returns plain JSON values by horizon; ``relative`` errors are over the mean's, others over the variance."""
-        over_variance = self.squared_error / self.variance
-        over_mean = error_over(self.squared_error, self.baseline)
-        rows = zip(self.steps, over_variance, over_mean, self.ratio.tolist(), strict=True)
-        return [
-            {
-                "steps": steps,
-                "per_output": per_output.tolist(),
-                "total": float(per_output.sum()),
-                "relative_per_output": relative_per_output.tolist(),
-                "relative": relative,
-            }
-            for steps, per_output, relative_per_output, relative in rows
-        ]
 
 
 class Mspe(NamedTuple):

@@ -16,7 +16,6 @@ from mavdem.evaluate.comparison import (
     Outcome,
     compare,
     evaluate_window,
-    outcomes,
 )
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN
 from mavdem.evaluate.window import windows
@@ -142,22 +141,6 @@ def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_
     (window, *_) = windows("still", still)
     for method in (HOLD, MEAN, METHODS[0]):
         assert "vary" in str(evaluate_window(method, window).failure)
-
-
-def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
-    found = list(outcomes(WINDOWS, [HOLD, MEAN]))
-    assert [(one.flight, one.start, one.method) for one in found[:3]] == [
-        ("a", 0, "hold"),
-        ("a", 0, "constant mean"),
-        ("a", 425, "hold"),
-    ]
-    one, other = (Comparison.of(WINDOWS, some) for some in (found, [found[0], *found[:0:-1]]))
-    assert one.methods == ("hold", "constant mean")
-    assert [row[0].start for row in other.outcomes] == [row[0].start for row in one.outcomes]
-    with pytest.raises(ValueError, match="is missing"):
-        Comparison.of(WINDOWS, found[:-1])
-    with pytest.raises(ValueError, match="of the windows"):
-        Comparison.of(WINDOWS[:-1], found)
 
 
 def test_a_summary_is_the_median_of_its_windows(compared):

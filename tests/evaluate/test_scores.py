@@ -48,8 +48,6 @@ def test_a_prediction_beyond_all_numbers_errs_infinitely(wild):
 def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
     scores = scores_of(baselines.constant_mean)
     np.testing.assert_allclose(scores.ratio, 1)
-    for row in scores.values():
-        np.testing.assert_allclose(row["relative_per_output"], 1)
     assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
     still = Flight(TEST.time, TEST.inputs, np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
     assert evaluate.relative_mspe(TRAIN, still, still.outputs) == 1  # neither errs
@@ -71,9 +69,6 @@ def test_each_sample_counts_once_and_the_last_horizon_is_the_mspe():
     errors = (TEST.outputs - np.repeat(before, 25, axis=0)) ** 2
     place = HORIZONS.index(25)
     np.testing.assert_allclose(scores.squared_error[place], errors.mean(axis=0))
-    assert scores.values()[place]["total"] == pytest.approx(
-        (errors / TRAIN.outputs.var(axis=0)).mean(axis=0).sum()
-    )
     whole = baselines.hold(TRAIN).forecast(TEST.inputs)
     assert scores.ratio[-1] == pytest.approx(evaluate.relative_mspe(TRAIN, TEST, whole))
 
