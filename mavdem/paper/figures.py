@@ -85,13 +85,13 @@ def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> 
         return figure
 
 
-def histograms(series: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
-    """Draws the densities of series over the edges of their bins, by name, each with a Gaussian of unit variance."""
+def histograms(series: Mapping[str, Array]) -> Figure:
+    """Draws the densities of series by name, each with a Gaussian of unit variance."""
     grid = np.linspace(-4, 4, 161)
     with picture(0.8 * len(series)) as figure:
         panels = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, (name, (density, edges)) in zip(panels, series.items(), strict=True):
-            axes.stairs(density, edges, fill=True, color=PREDICTED, alpha=0.55)
+        for axes, (name, values) in zip(panels, series.items(), strict=True):
+            axes.hist(values, "auto", density=True, color=PREDICTED, alpha=0.55)
             axes.plot(grid, norm.pdf(grid), color=MEASURED)
             axes.set_title(name)
         return figure

@@ -29,38 +29,29 @@ from mavdem.evaluate.window import Window
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, REAL, Check, Result, Runner
 from mavdem.report.figures.style import Picture
-from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.truth import axis
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
-# samples that a second-order derivative is estimated from; values farther apart share none
-SHARED = 3
-# keys of ``numbers.json``
-LEARNED = "learnt"
-KNOWN = "System 2"
 
 
 def run(runner: Runner) -> Result:
-    """Tests the process noise of the learned models and of the known System 2."""
+    """Tests the process noise of the learned models."""
     named = {f"experiment {number}": window for number, window in runner.experiments.items()}
     # Every other window: those next to each other share a half.
     apart = runner.recorded.get(REAL, ())[::2]
     noises = runner.each(noise_of_model, (*named.values(), *apart))
     learned = dict(zip(named, noises, strict=False))
     real = noises[len(named) :]
-    known = {name: noise_of_known_model(window) for name, window in named.items()}
     by_p = sorted(real, key=lambda noise: noise.normality.p_value)
     shown = learned | ({"real AR.Drone": by_p[len(by_p) // 2]} if by_p else {})
     bound = max(noise.bound for noise in shown.values())
+    correlations = {name: noise.autocorrelation[:60] for name, noise in shown.items()}
     return Result(
         checks=(
             *checks(list(learned.values()), "w^φ̇ of the learned models", "flights"),
-            *checks(list(known.values()), "w^φ̇ of the known System 2", "flights"),
             *(checks(real, "w^φ̇ of the real AR.Drone", "windows") if real else ()),
         ),
         numbers={
-            LEARNED: {name: noise.to_dict() for name, noise in learned.items()},
-            KNOWN: {name: noise.to_dict() for name, noise in known.items()},
+            "learnt": {name: noise.to_dict() for name, noise in learned.items()},
             "real AR.Drone, learnt": [noise.to_dict() for noise in real],
         },
         pictures=(
@@ -68,26 +59,13 @@ def run(runner: Runner) -> Result:
                 "Histograms of the process noise w^φ̇",
                 "Under DEM’s models (the paper’s settings), in units of its standard deviation; line: a Gaussian. Of "
                 "the real AR.Drone, the window with the median p.",
-                partial(
-                    figures.histograms,
-                    {name: (noise.histogram, noise.edges) for name, noise in shown.items()},
-                ),
+                partial(figures.histograms, {name: noise.values for name, noise in shown.items()}),
             ),
             Picture(
                 "Autocorrelation of w^φ̇",
-                f"Lines: 95 % bounds of white noise. Values at lags below {SHARED} share samples, so they correlate "
-                "even if the noise is white.",
-                partial(
-                    figures.lines,
-                    {
-                        "": {
-                            name: np.array(noise.autocorrelation[:60])
-                            for name, noise in shown.items()
-                        }
-                    },
-                    "lag, samples",
-                    bounds=(-bound, bound),
-                ),
+                f"Lines: 95 % bounds of white noise. Values at lags below {PAPER.window} share samples, so they "
+                "correlate even if the noise is white.",
+                partial(figures.lines, {"": correlations}, "lag, samples", bounds=(-bound, bound)),
             ),
         ),
     )
@@ -103,17 +81,7 @@ def noise_of_model(window: Window) -> Noise:
     runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
     overlap = learned.settings.window
     assert overlap is not None
-    return analyse_noise(noise[max(runs, key=len)] @ learned.model.C[-1], learned.dt, overlap)
-
-
-def noise_of_known_model(window: Window) -> Noise:
-    """Returns φ̈ − B(u − ū), rad/s², with the B of System 2, which is known for the simulated vehicle."""
-    train = window.train
-    B = axis(VehicleSpec(model="ardrone2")).B[-1]
-    rate = train.outputs[:, -1]
-    acceleration = (rate[2:] - rate[:-2]) / (2 * train.dt)
-    driven = (train.inputs - train.inputs.mean(axis=0))[1:-1] @ B
-    return analyse_noise(acceleration - driven, train.dt, overlap=SHARED)
+    return analyse_noise(noise[max(runs, key=len)] @ learned.model.C[-1], overlap)
 
 
 def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
@@ -152,15 +120,10 @@ class Significance(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """The statistics of one series of noise."""
+    """One series of noise."""
 
-    dt: float  # step between the values, s
-    sd: float  # in the unit of the noise
-    skewness: float
-    excess_kurtosis: float
-    histogram: tuple[float, ...]  # density of the values, in units of sd about the mean
-    edges: tuple[float, ...]  # of its bins
-    autocorrelation: tuple[float, ...]  # at lags 0, 1, … in steps
+    values: Array  # (N,) about their mean, in units of their standard deviation
+    autocorrelation: Array  # at lags 0, 1, … in steps
     bound: float  # 95 % of white noise's autocorrelations lie within ± it
     normality: Significance  # test for Gaussian noise of any colour
     whiteness: Significance  # test for white noise, of values that share no samples
@@ -168,30 +131,25 @@ class Noise(NamedTuple):
 
     def to_dict(self) -> dict[str, Any]:
         """Returns plain JSON values by name."""
-        tests = ("normality", "whiteness")
-        return self._asdict() | {name: getattr(self, name)._asdict() for name in tests}
+        return {
+            "autocorrelation": self.autocorrelation.tolist(),
+            "bound": self.bound,
+            "normality": self.normality._asdict(),
+            "whiteness": self.whiteness._asdict(),
+        }
 
 
-def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
-    """Returns the statistics of a series of noise: ``values`` (N,) that vary, ``dt`` seconds apart, in any unit.
+def analyse_noise(values: ArrayLike, overlap: int = 1) -> Noise:
+    """Returns the statistics of a series of noise: ``values`` (N,) that vary, in any unit.
 
     ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.
     """
     series = np.asarray(values, np.float64)
-    sd = float(series.std())
-    scaled = (series - series.mean()) / sd
-    correlation = autocovariance(scaled)
-    histogram, edges = np.histogram(scaled, bins="auto", density=True)
-    bound = WHITE_BOUND / float(np.sqrt(len(series)))
+    scaled = (series - series.mean()) / series.std()
     return Noise(
-        dt,
-        sd,
-        skewness=float((scaled**3).mean()),
-        excess_kurtosis=float((scaled**4).mean()) - 3,
-        histogram=tuple(histogram.tolist()),
-        edges=tuple(edges.tolist()),
-        autocorrelation=tuple(correlation[: min(MAX_LAGS, len(series) // 4) + 1].tolist()),
-        bound=bound,
+        scaled,
+        autocorrelation=autocovariance(scaled)[: min(MAX_LAGS, len(series) // 4) + 1],
+        bound=WHITE_BOUND / float(np.sqrt(len(series))),
         normality=normality(scaled),
         whiteness=whiteness(series[::overlap]),
         overlap=overlap,

@@ -55,7 +55,7 @@ def test_whiteness_is_of_values_that_share_no_samples():
         return np.convolve(rng.standard_normal(VALUES + 4), np.full(5, 0.2), "valid")
 
     def apart(series):
-        return noise.analyse_noise(series, 1.0, overlap=5).whiteness
+        return noise.analyse_noise(series, overlap=5).whiteness
 
     assert rejections(noise.whiteness, averaged, 100) == 100
     assert FEWEST <= rejections(apart, averaged) <= MOST

@@ -44,7 +44,7 @@ def noises(draw, colour):
     """Five series of 1000 values, white where ``colour`` is 0, else of that kernel width in samples."""
     series = [draw(np.random.default_rng(seed)) for seed in range(5)]
     return [
-        noise.analyse_noise(gaussian_filter1d(one, colour) if colour else one, 0.01, overlap=3)
+        noise.analyse_noise(gaussian_filter1d(one, colour) if colour else one, overlap=3)
         for one in series
     ]
 
