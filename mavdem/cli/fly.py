@@ -250,12 +250,7 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
         with progress(f"Flying {name}") as done:
             simulation = Simulation(scenario)
             outcome = fly_live(
-                scenario,
-                simulation,
-                ground,
-                speed,
-                lambda now: done(min(now / whole, 1.0)),
-                say_aside,
+                scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0))
             )
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")

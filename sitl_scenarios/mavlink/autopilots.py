@@ -1,4 +1,4 @@
-"""The two simulated autopilots: their numbers, rates, modes and texts.
+"""The two simulated autopilots: their numbers, rates, modes and parameters.
 
 As PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) sent them. Sources: PX4's ``mavlink_main.cpp``, ``mavlink_stream.cpp``,
 ``px4_custom_mode.h`` and ``Commander.cpp``; ArduPilot's ``GCS_Common.cpp``, ``GCS_MAVLink_Copter.cpp``,
@@ -18,9 +18,6 @@ from pydantic import TypeAdapter
 
 from sitl_scenarios.scenario import shortened
 
-DISARMED = 0
-"""The state of the flight while disarmed; when armed it is the MAV_LANDED_STATE."""
-
 
 class Result(IntEnum):
     """MAV_RESULT."""
@@ -29,13 +26,6 @@ class Result(IntEnum):
     DENIED = 2
     UNSUPPORTED = 3
     FAILED = 4
-
-
-class Severity(IntEnum):
-    """MAV_SEVERITY."""
-
-    CRITICAL = 2
-    INFO = 6
 
 
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
@@ -59,15 +49,6 @@ class Autopilot:
     apart: bool
     unused: float  # output of channels without a motor, PWM in µs
     modes: tuple[Mode, ...]  # by MAV_LANDED_STATE, from on the ground on
-    starting: int  # MAV_STATE while it starts
-    # whether its MAV_STATE is ACTIVE from arming on, rather than from take-off
-    active_when_armed: bool
-    words: tuple[
-        tuple[int, int, str], ...
-    ]  # its STATUSTEXT as its state changes: before, after, text
-    # its STATUSTEXT when asked to disarm in the air, and its MAV_RESULT
-    denied_in_air: tuple[str, int]
-    unknown_message: int  # MAV_RESULT when it is asked for a message that it does not have
     # values of others, which a scenario may change, by MAV_PARAM_TYPE
     parameters: Mapping[int, Mapping[str, float]]
     # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast

@@ -1,18 +1,17 @@
 """Commands: what a ground station asks of a simulated vehicle, and what the vehicle answers.
 
-Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html;
-where the autopilots differ, ``sitl_scenarios.mavlink.autopilots``.
+Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from enum import IntEnum
 from math import inf, isfinite
 from typing import Any
 
 from mavdem.ingest.mavlink.definitions import definitions, messages_in
-from sitl_scenarios.mavlink.autopilots import Result, Severity
+from sitl_scenarios.mavlink.autopilots import Result
 from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.simulation import Simulation
 
@@ -47,17 +46,11 @@ FORCE = 21196
 
 
 class CommandHandler:
-    """Executes a vehicle's commands, ``accepted`` so many; ``report`` is called with a sentence when rates change."""
+    """Executes a vehicle's commands, ``accepted`` so many."""
 
-    def __init__(
-        self,
-        transmitter: Transmitter,
-        simulation: Simulation,
-        report: Callable[[str], None] = lambda _: None,
-    ) -> None:
+    def __init__(self, transmitter: Transmitter, simulation: Simulation) -> None:
         self._transmitter = transmitter
         self._simulation = simulation
-        self._report = report
         self.accepted = 0
 
     def answer(self, received: Any) -> None:
@@ -108,49 +101,31 @@ class CommandHandler:
             return Result.DENIED
         if self._simulation.set_armed(round(arm) == 1, force == FORCE):
             return Result.ACCEPTED
-        if round(arm) == 1:
-            return Result.FAILED
-        text, result = self._transmitter.autopilot.denied_in_air
-        if text:
-            self._transmitter.ask("STATUSTEXT", severity=Severity.CRITICAL, text=text.encode())
-        return result
+        return Result.FAILED
 
     def _set_interval(self, message: float, interval: float) -> int:
         schedule = self._transmitter.schedule
         name = _name(message)
         if name not in schedule.usual or not isfinite(interval):
-            return self._transmitter.autopilot.unknown_message
+            return Result.DENIED
         usual = 1 / schedule.usual[name] if schedule.usual[name] else inf
         self._set_intervals([name], inf if interval < 0 else interval / 1e6 or usual)
         return Result.ACCEPTED
 
     def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
-        """Sets the interval of messages, and reports those whose interval was another."""
-        schedule = self._transmitter.schedule
-        changed = []
         for name in names:
-            before = schedule.interval(name)
-            schedule.set(name, seconds, self._transmitter.clock)
-            after = schedule.interval(name)
-            if after != before:
-                changed.append(f"{name} {_in_hertz(after)} instead of {_in_hertz(before)}")
-        if changed:
-            self._report(f"A ground station asked for {', '.join(changed)}.")
+            self._transmitter.schedule.set(name, seconds, self._transmitter.clock)
 
     def _tell_interval(self, message: float) -> int:
         """Says at what interval the message of that id is sent: 0 of one that it does not have, -1 of one at rest."""
         if not 0 <= message < 2**16:
-            return self._transmitter.autopilot.unknown_message
+            return Result.DENIED
         schedule = self._transmitter.schedule
         name = _name(message)
         interval = schedule.interval(name) if name in schedule.usual else 0.0
         microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
         self._transmitter.ask("MESSAGE_INTERVAL", message_id=int(message), interval_us=microseconds)
         return Result.ACCEPTED
-
-
-def _in_hertz(interval: float) -> str:
-    return f"{1 / interval:.3g} Hz" if isfinite(interval) else "none"
 
 
 def _name(message: float) -> str:

@@ -80,15 +80,14 @@ def fly_live(
     ground: Ground,
     speed: float,
     progress: Callable[[float], None],
-    report: Callable[[str], None] = lambda _: None,
 ) -> LiveOutcome:
     """Flies to the end, or until Ctrl-C, sending every frame in a datagram of its own, and obeying.
 
-    It flies ``speed`` seconds in a second. ``progress`` is called with the seconds flown, ``report`` with a sentence
-    when a ground station changes message rates. Raises ValueError: as ``Transmitter``; or the vehicle tumbles.
+    It flies ``speed`` seconds in a second. ``progress`` is called with the seconds flown. Raises ValueError: as
+    ``Transmitter``; or the vehicle tumbles.
     """
     transmitter = Transmitter(scenario, simulation.cycle)
-    commands = CommandHandler(transmitter, simulation, report)
+    commands = CommandHandler(transmitter, simulation)
     outcome = LiveOutcome()
     link = LossyLink(scenario.faults, scenario.seed)
     began = monotonic()

@@ -85,12 +85,7 @@ def written(
     outputs[:, : len(SPINS)] = motion.outputs
     match name:
         case "HEARTBEAT":
-            flies = motion.armed & (autopilot.active_when_armed | (states != ON_GROUND))
-            status = np.select(
-                [flies, ~motion.armed & (boot < 3e6)],
-                [ACTIVE, autopilot.starting],
-                STANDBY,
-            )
+            status = np.where(motion.armed & (states != ON_GROUND), ACTIVE, STANDBY)
             fields = {
                 "type": QUADROTOR,
                 "autopilot": autopilot.number,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
 from mavdem.ingest.mavlink.framing import Bytes, Frames, gathered
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, Severity
+from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.messages import Parameter, Payloads, named, parameters, payload, written
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
@@ -87,13 +87,10 @@ class Schedule:
         first, interval = self._courses[name]
         if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)
-        # One more than there can be: which of them are due is for one comparison to decide, since two might differ.
-        until = int(np.floor((times[-1] + EARLY - first) / interval)) + 2
-        due = first + interval * np.arange(self._sent[name], until)
-        rows = np.searchsorted(times, due - EARLY)
-        rows = rows[rows < len(times)]
-        self._sent[name] += len(rows)
-        return np.unique(rows)
+        until_now = np.maximum(np.floor((times + EARLY - first) / interval) + 1, 0)
+        rows = np.flatnonzero(np.diff(until_now, prepend=self._sent[name]))
+        self._sent[name] = int(until_now[-1])
+        return rows
 
 
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
@@ -194,7 +191,6 @@ class Transmitter:
         self._boot = boot
         self._first = first
         self._sequence = 0
-        self._state = DISARMED
         self.clock = first - boot
         self.schedule = self._scheduled(self.clock)
         self.parameters = parameters(self._scenario, self.autopilot, self._cycle)
@@ -202,7 +198,7 @@ class Transmitter:
         if not self._scenario.stream.only_when_asked:
             self.tell_parameters()
         text = f"Simulated by mavdem, frame {self._scenario.vehicle.mixer or self._scenario.vehicle.frame}"
-        self.ask("STATUSTEXT", severity=Severity.INFO, text=text.encode())
+        self.ask("STATUSTEXT", severity=6, text=text.encode())  # MAV_SEVERITY_INFO
         self._fresh = True
 
     def _scheduled(self, start: float) -> Schedule:
@@ -233,7 +229,6 @@ class Transmitter:
             (name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked
         ]
         self._asked = []
-        placed += self._changes(motion)
         # Of the parameters one in each row.
         listed = self._to_tell[: len(motion)]
         self._to_tell = self._to_tell[len(motion) :]
@@ -242,19 +237,6 @@ class Transmitter:
         )
         placed += self._streams(motion, clock)
         return self._framed(placed, motion.time) if placed else _nothing()
-
-    def _changes(self, motion: Motion) -> list[Placed]:
-        """STATUSTEXT where the state changes."""
-        states = np.where(motion.armed, motion.landed_state.astype(np.int64), DISARMED)
-        placed: list[Placed] = []
-        for row in np.flatnonzero(np.diff(states, prepend=self._state)):
-            before = self._state
-            self._state = int(states[row])
-            for *change, text in self.autopilot.words:
-                if change == [before, self._state]:
-                    told = payload("STATUSTEXT", severity=Severity.INFO, text=text.encode())
-                    placed.append(("STATUSTEXT", np.array([row]), told))
-        return placed
 
     def _streams(self, motion: Motion, clock: NDArray[np.float64]) -> list[Placed]:
         placed: list[Placed] = []

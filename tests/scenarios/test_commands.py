@@ -74,11 +74,10 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     loop = {"px4": 250, "ardupilot": 400}[autopilot]
     for interval, rate in ((0, 100), (1, loop)):
         assert len(vehicle.command(511, 30, interval)[1]["ATTITUDE"]) == pytest.approx(rate, abs=1)
-    refused = {"px4": 4, "ardupilot": 2}[autopilot]
     for number in (77, 999_999, 1e30):
-        assert vehicle.command(511, number, 10_000)[0] == refused
+        assert vehicle.command(511, number, 10_000)[0] == 2
     assert vehicle.command(511, float("nan"), 10_000)[0] == 2
-    assert vehicle.command(511, 30, float("nan"))[0] == refused
+    assert vehicle.command(511, 30, float("nan"))[0] == 2
     assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
 
 
@@ -89,9 +88,7 @@ def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
     assert vehicle.command(400, 0)[0] == 0
     assert vehicle.asked == [(True, False), (False, False)]
     vehicle = Vehicle(autopilot, armable=False)
-    result, said = vehicle.command(400, 0)
-    assert result == {"px4": 1, "ardupilot": 4}[autopilot]
-    assert (2 in [text.severity for text in said.get("STATUSTEXT", [])]) == (autopilot == "px4")
+    assert vehicle.command(400, 0)[0] == 4
     for given, result in (((0, 21196), 0), ((1,), 4), ((7,), 2), ((float("inf"),), 2)):
         assert vehicle.command(400, *given)[0] == result
 
