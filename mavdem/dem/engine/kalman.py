@@ -100,22 +100,6 @@ class SteadyFilter(NamedTuple):
         gain, P = steady_gain(transition, C, process, np.array([[noise**2]]))
         return cls(transition, P, gain[:, 0], float(P[0, 0]) + noise**2, transition - gain @ C)
 
-    def step(self, state: Array, push: Array, error: float) -> Array:
-        """Returns (n,) the next sample's state, from a sample's and the ``error`` of its prediction."""
-        return self.transition @ state + push + self.gain * error
-
-    def predicted(self, pushes: Array, measured: Array, first: Array) -> Array:
-        """Returns (T, n) the states, each given the samples before it, from the ``first`` (n,) on."""
-        return np.vstack(
-            [first, recursion(self.closed, pushes + measured[:-1, None] * self.gain, first)]
-        )
-
-    def weights(self, number: int, read: Array) -> Array:
-        """Returns (number,) weights of a sample's innovation and of those after it, in the smoothed ``read`` · x."""
-        first = self.covariance @ read
-        following = recursion(self.closed, np.zeros((number - 1, len(read))), first)
-        return np.append(first[0], following[:, 0]) / self.variance
-
     def smoothed(
         self,
         pushes: Array,
@@ -127,13 +111,15 @@ class SteadyFilter(NamedTuple):
 
         ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,).
         """
-        predicted = self.predicted(pushes, measured, first)
+        pushed = pushes + measured[:-1, None] * self.gain
+        predicted = np.vstack([first, recursion(self.closed, pushed, first)])
         back = np.zeros_like(predicted)
         back[:, 0] = (measured - predicted[:, 0])[::-1] / self.variance
         later = np.vstack([back[0], recursion(self.closed.T, back[1:], back[0])])[::-1]
         toward = self.covariance @ read
         # Each sample is known by the innovations of those from it on.
-        known = self.variance * np.cumsum(self.weights(len(measured), read) ** 2)[::-1]
+        following = recursion(self.closed, np.zeros_like(pushes), toward)[:, 0]
+        known = np.cumsum(np.append(toward[0], following) ** 2)[::-1] / self.variance
         return SteadySmoothed(predicted @ read + later @ toward, read @ toward - known, predicted)
 
 

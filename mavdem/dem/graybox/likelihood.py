@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gains
@@ -185,33 +186,25 @@ class Parameters(NamedTuple):
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
-        values = theta[self.noise_index + 1 :]
-        return np.asarray(self._refined(tuple(values.tolist()), windows) @ self.effect(theta))
-
-    def _refined(self, values: tuple[float, ...], windows: FlightWindows) -> Array:
-        """(W, N, r) inputs with refinements of such ``values``."""
         inputs = windows.inputs
-        for name, value in zip(self.refinements, values, strict=True):
+        for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
             jumps = name is Refinement.JUMPS
             inputs = jumping(inputs, value) if jumps else inputs + value * inputs**2 / 2
-        return inputs
+        return np.asarray(inputs @ self.effect(theta))
 
     def _driven(self, thetas: Array, windows: FlightWindows) -> Array:
-        """(b, W, N − 1, 3) what drives the filter: torque at both ends of each step, and the rate."""
+        """(b, 3, W, N − 1) what drives the filter: torque at both ends of each step, and the rate."""
         W, N = windows.rate.shape
-        driven = np.empty((len(thetas), W, N - 1, 3))
-        driven[..., 2] = windows.rate[:, :-1]
-        values = [tuple(row) for row in thetas[:, self.noise_index + 1 :].tolist()]
-        # Few of the parameters are refinements, and most rows have the same.
-        refined = {each: self._refined(each, windows) for each in set(values)}
-        for theta, each, torque in zip(thetas, values, driven, strict=True):
+        driven = np.empty((len(thetas), 3, W, N - 1))
+        driven[:, 2] = windows.rate[:, :-1]
+        for theta, torque in zip(thetas, driven, strict=True):
             steps = float(theta[self.motors + 3]) / windows.dt
-            effect = self.effect(theta)
             # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
-            answer = windows.answers @ effect
+            answer = windows.answers @ self.effect(theta)
             held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
-            for end, part in enumerate(delayed((refined[each] @ effect - answer).T, steps)):
-                torque[..., end] = (part + held).T
+            commanded = self.commanded(theta, windows)
+            for end, part in enumerate(delayed((commanded - answer).T, steps)):
+                torque[end] = (part + held).T
         return driven
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
@@ -220,57 +213,43 @@ class Parameters(NamedTuple):
         They are without what a constant acceleration in each window explains.
         """
         of, gain, variance = self.filters(thetas, windows.dt)
-        now = of.step.input_now[..., 0]
-        later = of.step.input_next[..., 0]
+        now = of.step.input_now
+        later = of.step.input_next
         step = of.step.state.copy()
         step[:, :, 0] -= gain
         driven = self._driven(thetas, windows)
-        first = np.zeros((len(windows.rate), len(gain[0])))
-        first[:, 0] = windows.rate[:, 0]
-        predicted = followed(step, np.stack([now, later, gain], axis=2), driven, first)
+        # A state at the beginning acts like an input that nothing follows: the first rate, and a steady torque.
+        gains = np.concatenate([now, later, gain[:, :, None], step[:, :, :2]], axis=2)
+        effects = np.swapaxes(responses(step, driven.shape[-1]) @ gains, 1, 2)
+        predicted = convolved(driven, effects[:, :3]) + windows.rate[:, :1] * effects[:, 3:4]
         # A constant acceleration of 1 rad/s² acts like a steady torque.
-        steady = np.eye(1, len(gain[0]), k=1)
-        alike = np.ones((len(thetas), 1, driven.shape[2], 1))
-        response = followed(step, (now + later)[..., None], alike, steady)
+        steady = np.cumsum(effects[:, 0] + effects[:, 1], axis=1) + effects[:, 4]
         settled = round(SETTLING_SECONDS / windows.dt)
         errors = windows.rate[:, settled + 1 :] - predicted[:, :, settled:]
-        response = response[:, :, settled:]
+        response = steady[:, None, settled:]
         share = (errors * response).sum(axis=2) / np.square(response).sum(axis=2)
         return errors - share[:, :, None] * response, variance
 
 
-def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
-    """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
+def responses(step: Array, number: int) -> Array:
+    """(b, N, n) rows [1, 0, …] · stepᵏ, k = 0 … N − 1, of b models (b, n, n), N the ``number``.
 
-    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, W, N, c), and ``first`` (W, n) the state that a window
-    begins with. Blocks of a window run side by side from 0, each as one product; what each begins with is added.
+    Of x_{k+1} = step x_k + gain · input_k they give what an input does to the first state, any number of steps later.
     """
-    b, W, N, c = inputs.shape
-    n = step.shape[-1]
-    size = int(np.sqrt(N) / 2) + 1
-    blocks = -(-N // size)
-    padded = np.zeros((b, W, blocks * size, c))
-    padded[:, :, :N] = inputs
-    powers = np.empty((b, size + 1, n, n))
-    powers[:, 0] = np.eye(n)
-    for k in range(size):
-        powers[:, k + 1] = powers[:, k] @ step
-    # what an input does to the block's last state, and to the first entry after each step
-    later = powers[:, :size] @ gains[:, None]
-    effects = np.zeros((b, size, c, n + size))
-    effects[..., :n] = np.swapaxes(later[:, ::-1], 2, 3)
-    for k in range(size):
-        effects[:, k, :, n + k :] = np.swapaxes(later[:, : size - k, 0], 1, 2)
-    alone = padded.reshape(b, W * blocks, size * c) @ effects.reshape(b, size * c, n + size)
-    ends = np.ascontiguousarray(alone.reshape(b, W, blocks, -1)[..., :n].transpose(2, 0, 1, 3))
-    begins = np.empty((blocks, b, W, n))
-    begins[0] = first
-    over = np.ascontiguousarray(np.swapaxes(powers[:, size], 1, 2))
-    for at in range(1, blocks):
-        begins[at] = begins[at - 1] @ over + ends[at - 1]
-    shown = np.swapaxes(powers[:, 1:, 0], 1, 2)
-    whole = alone[..., n:] + begins.transpose(1, 2, 0, 3).reshape(b, W * blocks, n) @ shown
-    return whole.reshape(b, W, blocks * size)[:, :, :N]
+    row = np.eye(1, step.shape[-1])
+    rows = []
+    for _ in range(number):
+        rows.append(row)
+        row = row @ step
+    return np.concatenate(np.broadcast_arrays(*rows), axis=1)
+
+
+def convolved(inputs: Array, effects: Array) -> Array:
+    """(b, W, N) sum of c inputs (b, c, W, N), each convolved with its effects (b, c, N)."""
+    number = inputs.shape[-1]
+    length = next_fast_len(2 * number, real=True)
+    both = (rfft(inputs, length) * rfft(effects, length)[:, :, None]).sum(axis=1)
+    return np.asarray(irfft(both, length)[..., :number])
 
 
 def jumping(inputs: Array, sooner: float) -> Array:
@@ -314,19 +293,18 @@ class Plant(NamedTuple):
 
     def smoothed(
         self,
-        noise: float,
+        steady: SteadyFilter,
         commanded: Array,
         steps: float,
         rate: Array,
     ) -> SteadySmoothed:
-        """Returns the wind's torque in a segment, rad/s², from all of its ``rate`` (T,), rad/s; else as above.
+        """Returns the wind's torque in a segment, rad/s², from all of its ``rate`` (T,), rad/s, by a ``steady`` filter.
 
         At its beginning the motors have settled at what is commanded, with all that is steady, and there is no wind.
         """
         first = np.zeros(len(self.wind))
         first[:2] = rate[0], commanded[0]
-        pushes = self.pushes(commanded, steps)
-        return self.filter(noise).smoothed(pushes, rate, first, self.wind)
+        return steady.smoothed(self.pushes(commanded, steps), rate, first, self.wind)
 
 
 def with_wind(

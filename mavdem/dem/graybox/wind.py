@@ -194,6 +194,7 @@ def _torques(
     (damping, lag, delay) = theta[-3:].tolist()
     jumps = physical.refinements.get(Refinement.JUMPS, 0.0)
     axis = plant(damping, lag, physical.components, record.dt, jumps)
+    filtered = axis.filter(physical.noise)
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []
@@ -202,7 +203,7 @@ def _torques(
         commanded = (inputs - trim) @ effect
         # What is steady acts like a steady command; about it the wind's mean is 0.
         constant = steady(rate, commanded, damping, record.dt)
-        smoothed = axis.smoothed(physical.noise, commanded + constant, delay / record.dt, rate)
+        smoothed = axis.smoothed(filtered, commanded + constant, delay / record.dt, rate)
         parts.append((smoothed.mean + constant + level, smoothed.variance))
     return _Torques(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 

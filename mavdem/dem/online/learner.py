@@ -178,7 +178,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(u, y, weak_since)
+        torque = self._wind.update(weak_since)
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],
