@@ -307,28 +307,6 @@ class Plant(NamedTuple):
         return steady.smoothed(self.pushes(commanded, steps), rate, first, self.wind)
 
 
-def with_wind(
-    vehicle: Array, components: Sequence[tuple[Coloured, Array | float, Array | float]]
-) -> tuple[Array, Array, Array]:
-    """A (…, n, n) of the ``vehicle`` (…, m, m) and, uncoupled, the wind's states; their drive, and the torque (…, n).
-
-    ``components`` are colour, standard deviation in rad/s² (…), and time in s (…) of each.
-    """
-    start = vehicle.shape[-1]
-    n = start + sum(len(colour.A) for colour, _, _ in components)
-    A, drive = np.zeros((2, *vehicle.shape[:-2], n, n))
-    wind = np.zeros(A.shape[:-1])
-    A[..., :start, :start] = vehicle
-    for colour, size, time in components:
-        states = slice(start, start + len(colour.A))
-        pace = 1 / np.asarray(time)[..., None, None]
-        A[..., states, states] = colour.A * pace
-        drive[..., states, states] = colour.drive * pace
-        wind[..., states] = colour.C * np.asarray(size)[..., None]
-        start = states.stop
-    return A, drive, wind
-
-
 def plant(
     damping: Array | float,
     lag: Array | float,
@@ -336,18 +314,29 @@ def plant(
     dt: float,
     jumps: float = 0.0,
 ) -> Plant:
-    """The plant with ``damping``, 1/s, ``lag``, s, and wind as in :func:`with_wind`, sampled every ``dt`` seconds.
+    """The plant with ``damping``, 1/s, ``lag``, s, and wind, sampled every ``dt`` seconds.
 
-    Of several (…) side by side its arrays have these axes first.
+    ``components`` of the wind are colour, standard deviation in rad/s² (…), and time in s (…) of each. Of several (…)
+    side by side its arrays have these axes first.
     """
-    vehicle = np.zeros((*np.shape(damping), 2, 2))
-    vehicle[..., 0, 0] = -damping
-    vehicle[..., 0, 1] = 1.0
-    vehicle[..., 1, 1] = -1 / np.asarray(lag)
-    A, drive, wind = with_wind(vehicle, components)
-    A[..., 0, :] += wind
-    B = np.zeros((*wind.shape, 1))
+    shape = np.shape(damping)
+    n = 2 + sum(len(colour.A) for colour, _, _ in components)
+    A, drive = np.zeros((2, *shape, n, n))
+    B = np.zeros((*shape, n, 1))
+    wind = np.zeros((*shape, n))
+    start = 2
+    for colour, size, time in components:
+        states = slice(start, start + len(colour.A))
+        pace = 1 / np.asarray(time)[..., None, None]
+        A[..., states, states] = colour.A * pace
+        drive[..., states, states] = colour.drive * pace
+        wind[..., states] = colour.C * np.asarray(size)[..., None]
+        start = states.stop
+    A[..., 0, :] = wind
+    A[..., 0, 0] = -np.asarray(damping)
+    A[..., 0, 1] = 1.0
     B[..., 1, 0] = 1 / np.asarray(lag)
+    A[..., 1, 1] = -B[..., 1, 0]
     process = step_covariance(A, drive, dt)
     process = (process + np.swapaxes(process, -1, -2)) / 2
     return Plant(discretize(A, B, dt), process, wind, jumps)

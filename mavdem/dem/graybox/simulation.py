@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm, solve_continuous_lyapunov
+from scipy.linalg import solve_discrete_lyapunov
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import discretize, recursion
+from mavdem.dem.engine.model import recursion
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.graybox.likelihood import delayed, step_covariance, with_wind
+from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, slopes_of
+from mavdem.dem.graybox.wind import steady
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 
@@ -28,15 +29,15 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
         raise ValueError(
             "a simulation needs two outputs, an angle and its rate: the plant has no others"
         )
-    order = list(pairs[0])
+    columns = list(pairs[0])
     theta = np.array([*physical.effect, physical.damping, physical.lag])
-    mean = _mean(theta, physical.delay, record, order, inputs)
+    mean = _mean(theta, physical.delay, record, columns, inputs)
     slopes = slopes_of(
-        lambda theta: _mean(theta, physical.delay, record, order, inputs), theta, mean
+        lambda theta: _mean(theta, physical.delay, record, columns, inputs), theta, mean
     )
     variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance[:-1, :-1], slopes)
     variance += _of_wind(physical, record.dt, len(inputs))
-    back = np.argsort(order)
+    back = np.argsort(columns)
     return Forecast(mean[:, back], variance[:, back])
 
 
@@ -44,56 +45,50 @@ def _mean(
     theta: Array,
     delay: float,
     record: Record,
-    order: list[int],
+    columns: list[int],
     inputs: Array,
 ) -> Array:
     """(H, 2) angle and rate of the plant with motors, damping and lag ``theta`` (r + 2,), without wind."""
-    motors = theta[:-2]
-    damping = theta[-2]
-    lag = theta[-1]
+    dt = record.dt
+    damping, lag = theta[-2:]
+    axis = plant(damping, lag, (), dt)
     trim = record.inputs.mean(axis=0)
-    steps = delay / record.dt
-    A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])
-    state, now, later = discretize(A, np.array([[0.0], [0.0], [1 / lag]]), record.dt)
-
-    def pushes(commands: Array) -> Array:
-        """(T − 1, 3) what commands (T, r) add to angle, rate and torque in each step."""
-        early, late = delayed(commands - trim, steps)
-        return np.asarray(
-            np.outer(early @ motors, now[:, 0]) + np.outer(late @ motors, later[:, 0])
-        )
-
-    # The disturbance is what the mean of rate' = torque − damping · rate + disturbance leaves.
-    turned = 0.0
-    torques = []
+    constants = []
     for before, outputs in record.segments:
-        start = (before[0] - trim) @ motors
-        driven = recursion(state[2:, 2:], pushes(before)[:, 2:], np.array([start]))
-        torques.append(np.append(start, driven))
-        turned += outputs[-1, order[1]] - outputs[0, order[1]]
-    rate = record.outputs[:, order[1]].mean()
-    torque = np.concatenate(torques)
-    steady = turned / (len(record) * record.dt) + damping * rate - torque.mean()
-    before, outputs = record.segments[-1]
-    ahead = pushes(np.vstack([before, inputs]))[len(before) - 1 :]
+        commanded = (before - trim) @ theta[:-2]
+        pushes = axis.pushes(commanded, delay / dt)
+        driven = recursion(axis.step.state[1:, 1:], pushes[:, 1:], commanded[:1])
+        torque = np.append(commanded[0], driven)
+        constants.append(steady(outputs[:, columns[1]], torque, damping, dt))
     # A steady disturbance acts like a steady command.
-    ahead += steady * (now + later)[:, 0]
-    first = np.array([*outputs[-1, order], torques[-1][-1] + steady])
-    return recursion(state, ahead, first)[:, :2]
+    constant = np.average(constants, weights=record.lengths)
+    whole = np.append(commanded, (inputs - trim) @ theta[:-2]) + constant
+    ahead = axis.pushes(whole, delay / dt)[len(commanded) - 1 :]
+    first = np.append(outputs[-1, columns], torque[-1] + constant)
+    step, turned = _with_angle(axis, dt)
+    return recursion(step, ahead @ turned.T, first)[:, :2]
 
 
 def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     """(H, 2) variance that the wind gives angle and rate from a known beginning."""
-    A, drive, wind = with_wind(
-        np.array([[0.0, 1.0], [0.0, -physical.damping]]), physical.components
-    )
-    A[1] += wind
-    P = np.zeros_like(A)
-    P[2:, 2:] = solve_continuous_lyapunov(A[2:, 2:], -drive[2:, 2:])
+    axis = plant(physical.damping, physical.lag, physical.components, dt)
+    step, turned = _with_angle(axis, dt)
+    process = turned @ axis.process @ turned.T
+    P = np.zeros_like(process)
+    P[3:, 3:] = solve_discrete_lyapunov(step[3:, 3:], process[3:, 3:])
     variance = np.empty((steps, 2))
-    state = expm(A * dt)
-    process = step_covariance(A, drive, dt)
-    for step in range(steps):
-        P = state @ P @ state.T + process
-        variance[step] = P.diagonal()[:2]
+    for at in range(steps):
+        P = step @ P @ step.T + process
+        variance[at] = P.diagonal()[:2]
     return variance
+
+
+def _with_angle(axis: Plant, dt: float) -> tuple[Array, Array]:
+    """The plant's step with the angle before its states, and what a push on these, (n,), does to all of them."""
+    n = len(axis.wind)
+    half = np.eye(1, n) * dt / 2  # of the rate before and after each step
+    turned = np.vstack([half, np.eye(n)])
+    step = np.eye(n + 1)
+    step[:, 1:] = turned @ axis.step.state
+    step[:1, 1:] += half
+    return step, turned
