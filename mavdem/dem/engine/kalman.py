@@ -13,12 +13,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
 
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
+MOST_DOUBLINGS = 60  # of steps: a covariance that then still changes has no bound
 
 
 def steady_gain(
@@ -28,52 +28,37 @@ def steady_gain(
     R: Array,
     S: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Returns the gain (n, m) K of x̂⁺ = A x̂ + K (y − C x̂), with which A − K C is stable, and the covariance (n, n).
+    """Returns the gain (…, n, m) K of x̂⁺ = A x̂ + K (y − C x̂), and the covariance (…, n, n) of the predicted state.
 
-    That is of the predicted state of x⁺ = A x + w, y = C x + v, once it is steady. ``Q`` (n, n), ``R`` (m, m) and ``S``
-    (n, m) are the covariances E wwᵀ, E vvᵀ and E wvᵀ; ``LinAlgError`` where no filter is steady.
-    """
-    crossed = np.zeros((len(A), len(C))) if S is None else S
-    try:
-        P = solve_discrete_are(A.T, C.T, (Q + Q.T) / 2, R, s=crossed)
-    except ValueError:  # LinAlgError is one
-        P = np.full_like(A, np.nan)
-    gain = np.linalg.solve(C @ P @ C.T + R, (A @ P @ C.T + crossed).T).T
-    if not (np.isfinite(gain).all() and np.abs(np.linalg.eigvals(A - gain @ C)).max() < 1):
-        raise np.linalg.LinAlgError(
-            "there is no steady filter: an unstable state may not be seen in the outputs"
-        )
-    return np.asarray(gain), np.asarray(P)
-
-
-def steady_gains(A: Array, Q: Array, R: Array) -> tuple[Array, Array]:
-    """Returns the gains (b, n) of b systems of which the first state is measured, and their variances (b,) of it.
-
-    As :func:`steady_gain` of each ``A`` and ``Q`` (b, n, n) and ``R`` (b,), by doubling the steps of Riccati's
-    equation: a twentieth of the time, the same to 1e-11. ``LinAlgError`` where one has no steady filter.
+    That is of x⁺ = A x + w, y = C x + v, once it is steady, of one system or of several side by side. ``Q`` (…, n, n),
+    ``R`` (…, m, m) and ``S`` (…, n, m) are the covariances E wwᵀ, E vvᵀ and E wvᵀ. By doubling the steps of Riccati's
+    equation; ``LinAlgError`` where one has no steady filter, with which A − K C is stable.
 
     Reference: E. K.-W. Chu, H.-Y. Fan, W.-W. Lin and C.-S. Wang, "Structure-preserving algorithms for periodic
     discrete-time algebraic Riccati equations", International Journal of Control 77 (2004).
     """
     n = A.shape[-1]
-    step = A.swapaxes(1, 2)
-    seen = np.zeros_like(A)
-    seen[:, 0, 0] = 1 / R
-    P = (Q + Q.swapaxes(1, 2)) / 2
-    largest = np.abs(P).max(axis=(1, 2))
-    # A covariance without bound doubles each time, and is too large before it overflows.
-    while np.all(largest < np.finfo(np.float64).max ** (1 / 3)):
-        solved = np.linalg.solve(np.eye(n) + seen @ P, np.concatenate([step, seen], axis=2))
-        turned = solved[:, :, :n]
-        seen = seen + step @ solved[:, :, n:] @ step.swapaxes(1, 2)
-        more = step.swapaxes(1, 2) @ P @ turned
-        P = P + more
-        step = step @ turned
-        largest = np.abs(P).max(axis=(1, 2))
-        if np.all(np.abs(more).max(axis=(1, 2)) <= STEADY * largest):
-            variance = P[:, 0, 0]
-            return (A @ P[:, :, :1])[:, :, 0] / (variance + R)[:, None], variance
-    raise np.linalg.LinAlgError("there is no steady filter")
+    crossed = np.zeros((n, C.shape[-2])) if S is None else S
+    heard = np.linalg.solve(R, C)
+    step = _transposed(A - crossed @ heard)
+    seen = _transposed(C) @ heard
+    P = (Q + _transposed(Q)) / 2 - crossed @ np.linalg.solve(R, _transposed(crossed))
+    with np.errstate(all="ignore"):  # what has no bound overflows
+        for _ in range(MOST_DOUBLINGS):
+            solved = np.linalg.solve(np.eye(n) + seen @ P, np.concatenate([step, seen], axis=-1))
+            more = _transposed(step) @ P @ solved[..., :n]
+            seen = seen + step @ solved[..., n:] @ _transposed(step)
+            step = step @ solved[..., :n]
+            P = P + more
+            sizes = (np.abs(part).max(axis=(-1, -2)) for part in (more, P))
+            if np.all(np.divide(*sizes) <= STEADY):
+                gain = A @ P @ _transposed(C) + crossed
+                return gain @ np.linalg.inv(C @ P @ _transposed(C) + R), P
+    raise np.linalg.LinAlgError("there is no steady filter: an unstable state may not be seen")
+
+
+def _transposed(matrices: Array) -> Array:
+    return np.swapaxes(matrices, -1, -2)
 
 
 class SteadySmoothed(NamedTuple):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gains
+from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gain
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
 from mavdem.dem.graybox.identifiability import RESOLVED_LAG
@@ -177,12 +177,13 @@ class Parameters(NamedTuple):
         return np.exp(theta[..., self.motors + 5 : self.noise_index : 2])
 
     def filters(self, thetas: Array, dt: float) -> tuple[Plant, Array, Array]:
-        """Plant, gain (b, n) and variance (b,) of the innovations of the steady filter, for parameters (b, k)."""
+        """Plant, gain (b, n, 1) and variance (b,) of the innovations of the steady filter, for parameters (b, k)."""
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
         of = plant(self.damping(thetas), self.lag(thetas, dt), list(components), dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
-        gain, variance = steady_gains(of.step.state, of.process, noise)
-        return of, gain, variance + noise
+        seen = np.eye(1, of.process.shape[-1])
+        gain, covariance = steady_gain(of.step.state, seen, of.process, noise[:, None, None])
+        return of, gain, covariance[:, 0, 0] + noise
 
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
@@ -216,10 +217,10 @@ class Parameters(NamedTuple):
         now = of.step.input_now
         later = of.step.input_next
         step = of.step.state.copy()
-        step[:, :, 0] -= gain
+        step[:, :, :1] -= gain
         driven = self._driven(thetas, windows)
         # A state at the beginning acts like an input that nothing follows: the first rate, and a steady torque.
-        gains = np.concatenate([now, later, gain[:, :, None], step[:, :, :2]], axis=2)
+        gains = np.concatenate([now, later, gain, step[:, :, :2]], axis=2)
         effects = np.swapaxes(responses(step, driven.shape[-1]) @ gains, 1, 2)
         predicted = convolved(driven, effects[:, :3]) + windows.rate[:, :1] * effects[:, 3:4]
         # A constant acceleration of 1 rad/s² acts like a steady torque.
