@@ -245,7 +245,7 @@ def test_a_band_and_the_unit_of_surprise_end_at_their_limits(share):
 
 def test_predictions_meet_their_own_sample():
     """Without a model the last sample is held; what was predicted before a gap is not held against what is after it."""
-    ahead = OnlineJoint(DT, 10, (1, 3), 1, None)
+    ahead = OnlineJoint(DT, (1, 3), 1, None)
     memory = Memory(DT, 10, 6)
     for sample in range(34):
         if sample == 30:

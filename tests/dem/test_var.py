@@ -171,13 +171,3 @@ def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     np.testing.assert_array_equal(initial_lags(samples, 3), samples[2:])
     np.testing.assert_array_equal(initial_lags(samples[:2], 4), samples[[0, 0, 0, 1]])
     np.testing.assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))
-
-
-def test_the_maps_ahead_are_the_model_s_own_steps():
-    true = model()
-    samples = run(true, 40)
-    maps, constant = true.ahead((1, 30), OUTPUTS)
-    ahead = true.predict(samples[-LAGS:], 30).mean[:, :OUTPUTS]
-    np.testing.assert_allclose(
-        maps @ samples[: -LAGS - 1 : -1].ravel() + constant, ahead[[0, 29]], rtol=1e-9
-    )

@@ -12,6 +12,7 @@ L, the prior's precision and, where the mixer is not known, the combination of t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -114,17 +115,20 @@ def _statistics(
     return units, statistics
 
 
-def choose(statistics: var.LagStatistics, lags: int) -> tuple[Choice, var.Regression]:
-    """Returns the choice of the highest F̄, and its posterior, for ``statistics`` of so many ``lags`` or fewer."""
-    choices = [one for one in CHOICES if one.lags <= lags] or [
-        Choice(lags, ridge) for ridge in RIDGES
-    ]
-    grams = {
-        fewer: statistics.shortened(lags, fewer) for fewer in {choice.lags for choice in choices}
-    }
+def choose(
+    statistics: var.LagStatistics, lags: int, choices: Sequence[Choice] = CHOICES
+) -> tuple[Choice, var.Regression]:
+    """Returns the one of these ``choices`` of the highest F̄, and its posterior, for ``statistics`` of so many ``lags``.
+
+    Where all need more lags, that of so many.
+    """
+    possible = [one for one in choices if one.lags <= lags]
     tried = [
-        (choice, var.regress(grams[choice.lags], statistics.rows, choice.prior))
-        for choice in choices
+        (
+            choice,
+            var.regress(statistics.shortened(lags, choice.lags), statistics.rows, choice.prior),
+        )
+        for choice in possible or [Choice(lags, ridge) for ridge in RIDGES]
     ]
     return max(tried, key=lambda one: one[1].free_energy)
 

@@ -276,45 +276,33 @@ class Var(NamedTuple):
         The ``past`` ends with the latest sample; leading axes are separate pasts. Where a mean overflows it is the mean
         of the training data, with infinite variance.
         """
-        maps, constants = self.ahead(tuple(range(1, steps + 1)), len(self.offset))
+        maps, constants = self.ahead(steps)
+        k = len(self.offset)
         latest = latest_first(self.units.scaled(past))
         with np.errstate(over="ignore", invalid="ignore"):
             mean = np.einsum("...i,hki->...hk", latest, maps, optimize=True) + constants
-        return self._physical(mean, self.variances(steps))
+            # An innovation changes later samples as its own sample does.
+            responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
+            each = np.einsum("hij,jl,hil->hi", responses, self.covariance, responses)
+            return self._physical(mean, each.cumsum(axis=0))
 
-    def variances(self, steps: int) -> Array:
-        """Returns (steps, k) those of :meth:`predict` in the model's ``units``, the same for every past."""
-        k = len(self.offset)
-        across = self.across
-        # Rows of Ψ, the response of a sample to each innovation before it.
-        response = np.eye(self.lags * k, k)
-        variance = np.empty((steps, k))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for step in range(steps):
-                variance[step] = np.einsum(
-                    "ij,jl,il->i", response[:k], self.covariance, response[:k]
-                )
-                response = np.concatenate([across @ response, response[:-k]])
-            return variance.cumsum(axis=0)
+    def ahead(self, steps: int) -> tuple[Array, Array]:
+        """Returns maps (steps, k, lags k) of the lags, the latest first, and constants (steps, k), to the next samples.
 
-    def ahead(self, horizons: tuple[int, ...], outputs: int) -> tuple[Array, Array]:
-        """Returns maps (H, m, lags k) of the lags, the latest first, and constants (H, m), to the first ``outputs``.
-
-        They are of samples in the model's units, and predict so many samples ahead.
+        They are of samples in the model's units.
         """
         across = self.across
-        k = len(self.offset)
-        width = self.lags * len(self.offset)
+        k, width = across.shape
         # Rows of a later sample above those of the samples before it, of columns [lag 1 … lag p, 1].
         later = np.eye(width, width + 1)
-        rows = {}
+        rows = []
         with np.errstate(over="ignore", invalid="ignore"):
-            for horizon in range(1, horizons[-1] + 1):
+            for _ in range(steps):
                 first = across @ later
                 first[:, -1] += self.offset
                 later = np.concatenate([first, later[:-k]])
-                rows[horizon] = first[:outputs]
-        maps = np.array([rows[horizon] for horizon in horizons])
+                rows.append(first)
+        maps = np.array(rows)
         return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
 
     def latest(self, m: int) -> tuple[Array, Array]:

@@ -6,16 +6,16 @@ the past and prior that F̄ chooses, of which each time one other is tried. Befo
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from contextlib import suppress
 from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice
-from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags, regress
+from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice, choose
+from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
 from mavdem.dem.online.memory import Memory, MemoryBlock
 
 MEMORY_SECONDS = 30.0  # time constant of forgetting
@@ -50,25 +50,24 @@ class OnlineJoint:
     def __init__(
         self,
         dt: float,
-        block: int,
         horizons: tuple[int, ...],
         outputs: int,
         combinations: Array | None,
     ) -> None:
-        """Begins without a sample; ``horizons`` are steps of ``dt``, s, and a ``block`` is so many samples.
+        """Begins without a sample; ``horizons`` are steps of ``dt``, s.
 
         There is no model without ``combinations`` (r, c) of the inputs, which :meth:`begin_with` may bring.
         """
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
         self._rows = np.arange(len(horizons))
-        self.combinations: Array | None = None
         self._prediction: Prediction | None = None
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
         self._ring = np.full((horizons[-1] + 1, 3, len(horizons), outputs), np.nan)
         self._place = 0
-        self._errors: list[Array] = []
         self.errors = np.full((len(horizons), outputs), np.nan)
         """(H, m) of what was predicted of the latest sample at each horizon; NaN where nothing was."""
+        self._number = 0
+        self._mean = np.zeros(outputs)
         self._unknown = np.full(outputs, np.nan)
         self._choice = Choice(LAGS[2], 1e-3)
         self._others = cycle(CHOICES)
@@ -78,24 +77,14 @@ class OnlineJoint:
         """Learns anew from these blocks: later samples, or the mixer, were not what they seemed to be."""
         self.combinations = combinations
         self._statistics: LagStatistics | None = None
-        self._before, self._waiting = np.empty((0, 0)), deque(blocks)
+        self._before = np.empty((0, 0))
+        self._waiting: list[MemoryBlock] = []
         # of the first second, in which rows are summed
         self._units: ChannelUnits | None = None
         self._uncounted = 0
-        self._fitting: Iterator[None] | None = None  # what of it is done, a piece at a time
-        self._errors.clear()
         self._sizes = np.full((len(self._horizons), 3, self._outputs), np.nan)
-        seen = np.concatenate(
-            [np.empty((0, self._outputs)), *(block.outputs for block in self._waiting)]
-        )
-        self._number, self._mean = len(seen), seen.sum(axis=0) / max(len(seen), 1)
-
-    def add(self, block: MemoryBlock) -> None:
-        """Learns from the block that was just closed, whose samples were predicted from."""
-        self._waiting.append(block)
-        if self._errors:
-            self._average(np.square(self._errors))
-            self._errors.clear()
+        for block in blocks:
+            self.add(block, fits=False)
 
     def end_segment(self) -> None:
         """A gap follows: no sample after it is compared with predictions before it."""
@@ -105,9 +94,14 @@ class OnlineJoint:
         """Returns (m,) the latest sample, from those before it and its own inputs, or NaN; and (H, m) the next ones."""
         inputs, outputs = memory.latest(LAGS[-1] + 1)
         latest = outputs[-1]
-        before = self._ring[(self._place - self._horizons) % len(self._ring), :, self._rows]
-        self._errors.append(latest - before)
-        self.errors = self._errors[-1][:, 0]
+        errors = (
+            latest - self._ring[(self._place - self._horizons) % len(self._ring), :, self._rows]
+        )
+        self.errors = errors[:, 0]
+        squares = errors**2
+        sizes = np.where(np.isfinite(self._sizes), self._sizes, squares)
+        sizes += (1 - np.exp(-self._dt / ERROR_SECONDS)) * (squares - sizes)
+        self._sizes = np.where(np.isfinite(squares), sizes, self._sizes)
         self._number += 1
         self._mean += (latest - self._mean) / self._number
         expected = self._unknown
@@ -125,57 +119,43 @@ class OnlineJoint:
         self._place = (self._place + 1) % len(self._ring)
         return expected, ahead
 
-    def advance(self) -> None:
-        """Counts a waiting block, or goes on with a fit unless another thread is computing: a piece for each sample."""
+    def add(self, block: MemoryBlock, fits: bool = True) -> None:
+        """Learns from a block that was just closed; ``fits`` when due, unless another thread is computing."""
         if self.combinations is None:
             return
-        if self._waiting:
-            self._count()
-        elif self._fitting is not None:
-            with one_thread(wait=False) as free:
-                if free and next(self._fitting, "done") == "done":
-                    self._fitting = None
-
-    def _count(self) -> None:
+        self._waiting.append(block)
         if self._units is None:
             if sum(len(block.outputs) for block in self._waiting) * self._dt < FIRST_SECONDS:
                 return
-            channels = np.concatenate(
-                [self._channels(block.inputs, block.outputs) for block in self._waiting]
-            )
+            channels = np.concatenate([self._channels(block) for block in self._waiting])
             scale = channels.std(axis=0)
             self._units = ChannelUnits(channels.mean(axis=0), np.where(scale > 0, scale, 1.0))
-        block = self._waiting.popleft()
-        channels = self._units.scaled(self._channels(block.inputs, block.outputs))
-        if not block.begins and len(self._before):
-            channels = np.vstack([self._before, channels])
-        self._before = channels[-LAGS[-1] :]
-        self._uncounted += len(block.outputs)
-        new = LagStatistics.of([channels], LAGS[-1])
-        if self._statistics is not None:
-            new += self._statistics.forgotten(float(np.exp(-new.rows * self._dt / MEMORY_SECONDS)))
-        self._statistics = new
-        due = self._uncounted * self._dt >= REFIT_SECONDS and new.rows >= 1
-        if due and not self._waiting and self._fitting is None:
-            self._uncounted, self._fitting = 0, self._fit(new, self._units)
+        for block in self._waiting:
+            channels = self._units.scaled(self._channels(block))
+            if not block.begins and len(self._before):
+                channels = np.vstack([self._before, channels])
+            self._before = channels[-LAGS[-1] :]
+            self._uncounted += len(block.outputs)
+            new = LagStatistics.of([channels], LAGS[-1])
+            if self._statistics is not None:
+                kept = float(np.exp(-new.rows * self._dt / MEMORY_SECONDS))
+                new += self._statistics.forgotten(kept)
+            self._statistics = new
+        self._waiting.clear()
+        if fits and self._uncounted * self._dt >= REFIT_SECONDS and new.rows >= 1:
+            with one_thread(wait=False) as free, suppress(np.linalg.LinAlgError):
+                if free:
+                    self._uncounted = 0
+                    self._fit(self.combinations, new, self._units)
 
-    def _channels(self, inputs: Array, outputs: Array) -> Array:
+    def _channels(self, block: MemoryBlock) -> Array:
         assert self.combinations is not None
-        return np.hstack([outputs, inputs @ self.combinations])
+        return np.hstack([block.outputs, block.inputs @ self.combinations])
 
-    def _fit(self, statistics: LagStatistics, units: ChannelUnits) -> Iterator[None]:
-        """Fits the last choice and another, in pieces of some milliseconds."""
-        assert self.combinations is not None
-        fits = []
-        for choice in (self._choice, next(self._others)):
-            yield
-            gram = statistics.shortened(LAGS[-1], choice.lags)
-            try:
-                fits.append((choice, regress(gram, statistics.rows, choice.prior)))
-            except np.linalg.LinAlgError:  # of these samples; the next are others
-                return
-        yield
-        choice, found = max(fits, key=lambda fit: fit[1].free_energy)
+    def _fit(self, combinations: Array, statistics: LagStatistics, units: ChannelUnits) -> None:
+        """Fits the last choice and another; ``LinAlgError`` of these samples, where the next are others."""
+        choices = self._choice, next(self._others)
+        choice, found = choose(statistics, LAGS[-1], choices)
         process = Var.of(found, units)
         if process.spectral_radius > 1 + 1 / self._horizons[-1]:
             # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
@@ -183,14 +163,16 @@ class OnlineJoint:
             return
         self._choice = choice
         m = self._outputs
-        maps, constants = process.ahead(tuple(self._horizons.tolist()), m)
+        maps, constants = (
+            part[self._horizons - 1, :m] for part in process.ahead(int(self._horizons[-1]))
+        )
         latest, constant = process.latest(m)
         # The latest sample follows from one lag more.
         weights = np.zeros((len(maps) + 1, m, (LAGS[-1] + 1) * len(units.center)))
         weights[:-1, :, : maps.shape[2]] = maps
         weights[-1, :, : latest.shape[1]] = latest
         self._prediction = Prediction(
-            self.combinations, units, weights, np.vstack([constants, constant])
+            combinations, units, weights, np.vstack([constants, constant[None]])
         )
 
     @property
@@ -199,11 +181,3 @@ class OnlineJoint:
         ours, held, mean = np.moveaxis(self._sizes, 1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(ours / np.minimum(held, mean))
-
-    def _average(self, errors: Array) -> None:
-        known = np.isfinite(errors).all(axis=2, keepdims=True)
-        number = known.sum(axis=0)
-        mean = np.where(known, errors, 0.0).sum(axis=0) / np.maximum(number, 1)
-        before = np.where(np.isfinite(self._sizes), self._sizes, mean)
-        gain = 1 - np.exp(-len(errors) * self._dt / ERROR_SECONDS)
-        self._sizes = np.where(number > 0, before + gain * (mean - before), self._sizes)

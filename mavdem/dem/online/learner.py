@@ -135,7 +135,7 @@ class OnlineLearner:
         self._gaps = 0
         self._bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
-        self._ahead = OnlineJoint(self._dt, block, self.horizons, n_outputs, combinations)
+        self._ahead = OnlineJoint(self._dt, self.horizons, n_outputs, combinations)
         self._wind = OnlineWind(self._memory, executor, prior)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
@@ -191,8 +191,6 @@ class OnlineLearner:
             self._surprise.update_quantiles()
             self._remember()
         self._relearn()
-        if self.refits:
-            self._ahead.advance()
         if self._gaps >= MAX_GAPS:
             self.obstacle = Fact(Online.SAMPLES_MISPLACED, interval=step, step=self._dt)
         return estimate
@@ -277,7 +275,7 @@ class OnlineLearner:
 
     def _remember(self) -> None:
         """Learns what comes next, and the wind's torque, from the block that was just closed."""
-        self._ahead.add(self._memory.blocks[-1])
+        self._ahead.add(self._memory.blocks[-1], self.refits)
         self._wind.add(self._memory.blocks[-1], self.fits_physical)
 
     def _missing(self) -> Fact | None:
