@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mavdem.dem.engine.ascent import CoordinateAscent
+from mavdem.dem.engine.ascent import at_theta
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
@@ -163,7 +163,7 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
             refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record)
             if refined is None:
                 return fitted
-            iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)
+            iterate = at_theta(model, samples, refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
     except np.linalg.LinAlgError:
         return fitted

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
-from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, UniformRecord, is_whole
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
@@ -137,51 +135,25 @@ class OrderChoice:
         }
 
 
-def choose_order(
-    flights: UniformRecord | Iterable[UniformRecord | Sequence[UniformRecord]],
-    max_order: int = DEFAULT_MAX_ORDER,
-    known_inputs: bool = True,
-) -> OrderChoice:
-    """Compares model orders by F̄ᵒ, which increases with the number of states and saturates.
-
-    Every flight is fitted by itself with 1, 2, … states, with A, B and C free, to the same data and under priors of the
-    same form. Only states that the outputs show are counted: not a state that no output depends on, or that nothing
-    excites; but states of coloured wind are.
-
-    Args:
-        flights: one, or several of the same inputs and outputs, each a ``Flight`` or segments of one.
-        max_order: the highest order that is fitted, up to ``LARGEST_ORDER``.
-        known_inputs: whether the recorded inputs drive the system; if not, as many unknown ones do, η̃ᵛ = 0.
-
-    Raises:
-        ValueError: an argument of the wrong kind; flights of other channels; or one that is too short, or for which no
-            order can be fitted.
-    """
-    records = [
-        Record.of(flight) for flight in (flights if isinstance(flights, Iterable) else [flights])
-    ]
-    if not records:
-        raise ValueError("flights must be at least one")
-    channels = {(record.inputs.shape[1], record.outputs.shape[1]) for record in records}
-    if len(channels) > 1:
-        raise ValueError(
-            f"flights must have the same numbers of inputs and outputs, not {sorted(channels)}"
-        )
-    return OrderChoice(
-        tuple(
-            parallel_map(
-                partial(orders_of, max_order=max_order, known_inputs=known_inputs), records
-            )
-        )
-    )
-
-
 def orders_of(
     flight: UniformRecord | Sequence[UniformRecord],
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
 ) -> FlightOrders:
-    """F̄ᵒ of one ``flight``, or of its segments, by order; arguments and errors are as for :func:`choose_order`."""
+    """F̄ᵒ of one ``flight``, or of its segments, by order: it increases with the number of states and saturates.
+
+    Models with 1, 2, … states, with A, B and C free, are fitted to the same data under priors of the same form. Only
+    states that the outputs show are counted: not a state that no output depends on, or that nothing excites; but states
+    of coloured wind are.
+
+    Args:
+        flight: a ``Flight`` or segments of one.
+        max_order: the highest order that is fitted, up to ``LARGEST_ORDER``.
+        known_inputs: whether the recorded inputs drive the system; if not, as many unknown ones do, η̃ᵛ = 0.
+
+    Raises:
+        ValueError: an argument of the wrong kind; or a flight that is too short, or for which no order can be fitted.
+    """
     if not (is_whole(max_order) and 1 <= max_order <= LARGEST_ORDER):
         raise ValueError(
             f"max_order must be a whole number from 1 to {LARGEST_ORDER}, not {max_order!r}"
@@ -193,7 +165,7 @@ def orders_of(
         allowed = min(max_order, max(1, int(box.counted.number * box.m / (box.r + box.m))))
         fits = fits_by_order(box, allowed)
     values = np.full(max_order, np.nan)
-    values[:allowed] = [np.nan if fit is None else fit.iterate.free_energy for fit in fits]
+    values[:allowed] = [np.nan if fit is None else fit.free_energy for fit in fits]
     if not np.isfinite(values).any():
         raise NotLearnable(Fact(ModelRefusal.NO_ORDER_FITTED))
     remarks = [

@@ -1,25 +1,23 @@
-"""F̄ by model order: one flight fitted as a black box with one state, two, and so on, from the highest order down.
+"""F̄ by model order: one flight fitted as a black box with one state, two, and so on.
 
 docs/order.md says why F̄ of different orders is comparable. The effective sample size is counted: noise of width s is
 correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²). A prior of variance 1 means the same for any flight, by the units:
 outputs and all inputs together of variance 1, and a unit of time in which outputs change by as much as they vary.
 
-F̄ of a model with hidden states has many maxima, most of them far below the highest. So the highest order starts from
-the data, and each other one from the fit of the order above it. A start is a linear map from the data to the states and
-their rates; θ follows by regression, in the coordinates of the priors: states of variance 1, independent noises.
+F̄ of a model with hidden states has many maxima, most of them far below the highest. So each order starts from the data:
+a linear map from them to the states and their rates; θ follows by regression, in the coordinates of the priors: states
+of variance 1, independent noises.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import ceil, e, pi, sqrt
-from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
 from scipy.ndimage import gaussian_filter1d
 
-from mavdem.dem.engine.ascent import CoordinateAscent, Iterate
+from mavdem.dem.engine.ascent import Iterate, continued, started
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
@@ -27,7 +25,7 @@ from mavdem.dem.engine.generative import (
     temporal_precision,
 )
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
-from mavdem.dem.engine.model import pack, unpack
+from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
@@ -198,40 +196,30 @@ def _time_of_change(values: Array, rates: Array) -> float:
 ROUNDS = 200  # at most
 
 
-class OrderFit(NamedTuple):
-    """The fit of one order: its model, and the iterate of highest F̄ᵒ."""
-
-    model: GenerativeModel
-    iterate: Iterate
-
-
-def fits_by_order(box: BlackBox, most: int) -> tuple[OrderFit | None, ...]:
-    """The fit of each order from 1 to ``most``; None where it broke down."""
-    fits: list[OrderFit | None] = []
-    larger = None
-    for order in range(most, 0, -1):
+def fits_by_order(box: BlackBox, most: int) -> tuple[Iterate | None, ...]:
+    """The iterate of highest F̄ᵒ of each order from 1 to ``most``; None where the fit broke down."""
+    fits: list[Iterate | None] = []
+    for order in range(1, most + 1):
         try:
             with raise_on_overflow():
-                larger = _fitted(box, order, larger)
+                fits.append(_fitted(box, order))
         except np.linalg.LinAlgError:
-            larger = None
-        fits.insert(0, larger)
+            fits.append(None)
     return tuple(fits)
 
 
-def _fitted(box: BlackBox, order: int, larger: OrderFit | None) -> OrderFit:
-    """The fit of an order, from one with a state more, or else from the data, with the noise at its prior."""
-    ascent = CoordinateAscent(box.model(order), box.counted)
-    theta = chain(box, order) if larger is None else reduced(box, larger)
-    prior = ascent.model.prior
-    start = ascent.start((theta, prior.lambda_mean), np.zeros_like(prior.lambda_precision))
-    return OrderFit(ascent.model, ascent.continued(start, ROUNDS)[0][-1])
+def _fitted(box: BlackBox, order: int) -> Iterate:
+    """The fit of an order, from the data, with the noise at its prior."""
+    model = box.model(order)
+    samples = box.counted
+    prior = model.prior
+    given = chain(box, order), prior.lambda_mean
+    start = started(model, samples, given, np.zeros_like(prior.lambda_precision))
+    return continued(model, samples, start, ROUNDS)[0][-1]
 
 
 # of a variance: keeps a combination of channels without variance from being divided by
 NEGLIGIBLE = 1e-9
-# 1/unit of time beyond the fastest growth: of the weight exp(−t · rate) on a state's effect on the outputs
-FORGETTING_RATE = 1.0
 
 
 def chain(box: BlackBox, order: int) -> Array:
@@ -262,25 +250,6 @@ def chain(box: BlackBox, order: int) -> Array:
         if len(states) == order:
             return _theta(box, states, rates)
     raise np.linalg.LinAlgError("too few derivatives for as many states")
-
-
-def reduced(box: BlackBox, fit: OrderFit) -> Array:
-    """θ with one state less: without the states' direction of the least effect on the outputs (balanced truncation).
-
-    Moore 1981, IEEE Transactions on Automatic Control 26, 17; outputs are weighted by exp(−t · forgetting), since a
-    model may be unstable, and the states' covariance is that of the data.
-    """
-    n = fit.model.n
-    A, _, C = unpack(fit.iterate.belief.theta, *fit.model.sizes)
-    states = fit.iterate.state_map[:n]
-    rates = fit.iterate.state_map[n : 2 * n]
-    whitening = _whitening(_moments(box, states, states))
-    growth = max(0.0, float(np.linalg.eigvals(A).real.max()))
-    damped = A - (growth + FORGETTING_RATE) * np.eye(n)
-    observability = solve_continuous_lyapunov(damped.T, -C.T @ C)
-    back = np.linalg.inv(whitening)
-    kept = _directions(back.T @ observability @ back)[:-1] @ whitening
-    return _theta(box, kept @ states, kept @ rates)
 
 
 def _channels(box: BlackBox) -> tuple[list[Array], list[Array]]:

@@ -122,7 +122,7 @@ STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
 
 
 def order_advice(choice: OrderChoice, known_inputs: bool = True) -> str:
-    """Returns what to do with the order of a ``choice``, one sentence; ``known_inputs`` as for ``choose_order``."""
+    """Returns what to do with the order of a ``choice``, one sentence; ``known_inputs`` as for ``orders_of``."""
     (said,) = section(
         "order_advice",
         choice=choice,
@@ -138,7 +138,7 @@ def order_report(
 ) -> list[Block]:
     """Returns F̄ by order and flight, and the chosen order with its reason, and last what to do with it.
 
-    ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``choose_order``.
+    ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``orders_of``.
     """
     rows = []
     several = len(names) > 1

@@ -9,7 +9,7 @@ from scipy.stats import binom
 from simulated import simulated
 
 from mavdem import Flight
-from mavdem.dem.order_choice import FlightOrders, OrderChoice, choose_order, orders_of
+from mavdem.dem.order_choice import FlightOrders, OrderChoice, orders_of
 from mavdem.facts.model import OrderFact
 from mavdem.paper.order import lateral_flight
 
@@ -67,17 +67,17 @@ def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
 @pytest.mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 99}])
 def test_what_is_no_argument_is_named(arguments):
     with pytest.raises(ValueError, match=next(iter(arguments))):
-        choose_order(simulated(samples=200), **arguments)
+        orders_of(simulated(samples=200), **arguments)
 
 
 @pytest.mark.slow
 def test_orders_that_the_data_do_not_allow_are_not_tried_and_said():
-    choice = choose_order(simulated(samples=100, wind=1.0), max_order=6)
-    told_orders = np.isfinite(choice.free_energy[0])
+    found = orders_of(simulated(samples=100, wind=1.0), max_order=6)
+    told_orders = np.isfinite(found.free_energy)
     assert told_orders[0] and not told_orders[-1]
-    assert OrderFact.ORDERS_NOT_FITTED in {remark.code for remark in choice.remarks}
+    assert OrderFact.ORDERS_NOT_FITTED in {remark.code for remark in found.remarks}
     with pytest.raises(ValueError, match="^40 samples are too few"):
-        choose_order(simulated(samples=40, wind=1.0))
+        orders_of(simulated(samples=40, wind=1.0))
 
 
 @pytest.mark.slow

@@ -1,14 +1,10 @@
-"""Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges.
-
-Coordinate steps converge slowly where X and θ are strongly coupled. So rounds are extrapolated.
-"""
+"""Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -18,8 +14,8 @@ from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse
 
-# F̄ has converged when two rounds and their extrapolation gain less: so little does not separate two models
-CONVERGED_NATS = 0.1
+# F̄ has converged when a round gains less: so little does not separate two models
+CONVERGED_NATS = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +75,7 @@ class Ascent:
     state_map: Array  # L with X = L [ỹ; η̃], of the last D step's exact limit
     free_energy: FreeEnergy
     learning: Learning
-    # whether rounds gained less than ``CONVERGED_NATS`` before the iterations ran out
+    # whether a round gained less than ``CONVERGED_NATS`` before the iterations ran out
     converged: bool
 
 
@@ -90,12 +86,10 @@ LARGEST_LAMBDA = 150.0  # noise precisions beyond e^±150 are lost in rounding
 def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: int) -> Ascent:
     """Maximises F̄ by at most ``iterations`` rounds from the priors' means.
 
-    After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. After every two rounds a
-    third starts from an extrapolation, and is kept if F̄ᵒ increases. When they gain less than ``CONVERGED_NATS``, F̄ has
-    converged. ``LinAlgError`` where at the start a curvature is not negative definite.
+    After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. When a round gains less
+    than ``CONVERGED_NATS``, F̄ has converged. ``LinAlgError`` where at the start a curvature is not negative definite.
     """
-    ascent = CoordinateAscent(model, samples)
-    iterates, converged = ascent.continued(ascent.start(), iterations)
+    iterates, converged = continued(model, samples, started(model, samples), iterations)
     beliefs = [iterate.belief for iterate in iterates]
     return Ascent(
         belief=beliefs[-1],
@@ -119,11 +113,10 @@ def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: in
 def plain_rounds(
     model: GenerativeModel, samples: SufficientStatistics, number: int
 ) -> list[Belief]:
-    """The belief at the start and after each of so many rounds, without extrapolation or a test of convergence."""
-    ascent = CoordinateAscent(model, samples)
-    iterates = [ascent.start()]
+    """The belief at the start and after each of so many rounds, without a test of convergence."""
+    iterates = [started(model, samples)]
     for _ in range(number):
-        iterates.append(ascent.round(iterates[-1], iterates[-1].belief))
+        iterates.append(_round(model, samples, iterates[-1], iterates[-1].belief))
     return [iterate.belief for iterate in iterates]
 
 
@@ -141,123 +134,96 @@ class Iterate:
         return sum(self.terms.values())
 
 
-@dataclass(frozen=True, eq=False)
-class CoordinateAscent:
-    """Rounds of D, E and M steps on one model and data."""
+def started(
+    model: GenerativeModel,
+    samples: SufficientStatistics,
+    given: tuple[Array, Array] | None = None,
+    lambda_covariance: Array | None = None,
+) -> Iterate:
+    """At ``given`` θ (k,) and λ (g,), or the priors' means, with the prior's covariance of λ or another (g, g)."""
+    prior = model.prior
+    theta, lambda_ = given or (prior.theta_mean, prior.lambda_mean)
+    # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
+    certain = np.zeros_like(prior.theta_precision)
+    uncertain = inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
+    none = np.empty(0)
+    unstated = GeneralizedMoments.of(model, samples, np.empty((0, len(samples.gram))))
+    belief = Belief(unstated, none, theta, certain, lambda_, uncertain)
+    return _iterate(model, samples, *_d_step(model, samples, belief))
 
-    model: GenerativeModel
-    samples: SufficientStatistics
 
-    def start(
-        self, given: tuple[Array, Array] | None = None, lambda_covariance: Array | None = None
-    ) -> Iterate:
-        """At ``given`` θ (k,) and λ (g,), or the priors' means, with the prior's covariance of λ or another (g, g)."""
-        prior = self.model.prior
-        theta, lambda_ = given or (prior.theta_mean, prior.lambda_mean)
-        certain = np.zeros_like(prior.theta_precision)
-        # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
-        uncertain = (
-            inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
-        )
-        none = np.empty(0)
-        unstated = GeneralizedMoments.of(
-            self.model, self.samples, np.empty((0, len(self.samples.gram)))
-        )
-        return self.at_belief(Belief(unstated, none, theta, certain, lambda_, uncertain))
+def continued(
+    model: GenerativeModel, samples: SufficientStatistics, start: Iterate, iterations: int
+) -> tuple[list[Iterate], bool]:
+    """The iterates from ``start`` on, after at most so many rounds, and whether F̄ has converged.
 
-    def at_belief(self, belief: Belief) -> Iterate:
-        """The iterate of a belief, with X at its maximum."""
-        return self._iterate(*self._d_step(belief))
+    Where X and θ are strongly coupled, rounds converge slowly. So each begins ever further along the last one's change
+    of θ and λ, as long as F̄ᵒ increases (Salakhutdinov and Roweis, "Adaptive overrelaxed bound optimization", 2003).
+    """
+    iterates = [start]
+    reach = 0.0
+    for _ in range(iterations):
+        now = iterates[-1]
+        before = iterates[max(len(iterates) - 2, 0)].belief
+        theta = now.belief.theta + reach * (now.belief.theta - before.theta)
+        lambda_ = now.belief.lambda_ + reach * (now.belief.lambda_ - before.lambda_)
+        then = _round(model, samples, now, now.belief._replace(theta=theta, lambda_=lambda_))
+        iterates.append(then)
+        gains = then.free_energy - now.free_energy > CONVERGED_NATS
+        if not gains and not reach:
+            return iterates, True
+        reach = 2 * reach + 1 if gains else 0.0
+    return iterates, False
 
-    def at_theta(self, theta: Array, belief: Belief) -> Iterate:
-        """D and M steps in turn with θ fixed at ``theta``, from a belief: the λ and X that belong to that θ."""
-        iterate = self.at_belief(belief._replace(theta=theta))
-        for _ in range(ROUNDS_AT_FIXED_THETA):
-            lambda_ = steps.m_step(self.model, self.samples, iterate.belief)
-            iterate = self.at_belief(iterate.belief._replace(lambda_=lambda_))
-            _require_sane(iterate.belief.lambda_)
-        return iterate
 
-    def continued(self, start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
-        """The iterates from ``start`` on, after at most so many rounds, and whether F̄ has converged."""
-        iterates = [start]
-        converged = False
-        while not converged and len(iterates) <= iterations:
-            before = iterates[-1].free_energy
-            iterates += islice(self.rounds(iterates[-1]), iterations + 1 - len(iterates))
-            converged = iterates[-1].free_energy - before < CONVERGED_NATS
-        return iterates, converged
+def at_theta(
+    model: GenerativeModel, samples: SufficientStatistics, theta: Array, belief: Belief
+) -> Iterate:
+    """D and M steps in turn with θ fixed at ``theta``, from a belief: the λ and X that belong to that θ."""
+    belief, state_map = _d_step(model, samples, belief._replace(theta=theta))
+    for _ in range(ROUNDS_AT_FIXED_THETA):
+        belief = steps.with_optimal_precisions(model, belief)
+        belief = belief._replace(lambda_=_m_step(model, samples, belief))
+        belief, state_map = _d_step(model, samples, belief)
+    return _iterate(model, samples, belief, state_map)
 
-    def rounds(self, now: Iterate) -> Iterator[Iterate]:
-        """Two rounds in turn, and one from their extrapolation."""
-        first = self.round(now, now.belief)
-        yield first
-        second = self.round(first, first.belief)
-        yield second
-        ahead = _extrapolated(now.belief, first.belief, second.belief)
-        if ahead is not None:
-            yield self.round(second, ahead)
 
-    def round(self, now: Iterate, start: Belief) -> Iterate:
-        """D, E and M steps from ``start``; ``now`` again if F̄ᵒ would decrease.
+def _round(
+    model: GenerativeModel, samples: SufficientStatistics, now: Iterate, start: Belief
+) -> Iterate:
+    """D, E and M steps from ``start``; ``now`` again if F̄ᵒ would decrease.
 
-        From ``now`` itself only rounding can decrease it; from an extrapolation anything can.
-        """
-        try:
-            then = self._steps(start, known=start is now.belief)
-        except (np.linalg.LinAlgError, FloatingPointError):
-            # Noise so small, or an extrapolation so far, that the rest is lost in rounding.
-            return now
-        return then if then.free_energy >= now.free_energy else now
-
-    def _steps(self, start: Belief, known: bool) -> Iterate:
-        """A D step, and E and M steps after it.
-
-        The covariances of a ``known`` start are already optimal and are updated at the end of the round: updating them
-        after each step as well would raise F̄ hardly more, at twice the cost.
-        """
-        model = self.model
-        samples = self.samples
-        _require_sane(start.lambda_)
-        belief, state_map = self._d_step(start)
-        if not known:
-            belief = steps.with_optimal_precisions(model, belief)
+    From ``now`` itself only rounding can decrease it; from further on anything can. The covariances are updated at the
+    end of the round: updating them after each step as well would raise F̄ hardly more, at twice the cost.
+    """
+    try:
+        belief, state_map = _d_step(model, samples, start)
         belief = belief._replace(theta=steps.e_step(model, samples, belief))
-        belief = belief._replace(lambda_=steps.m_step(model, samples, belief))
-        _require_sane(belief.lambda_)
-        return self._iterate(belief, state_map)
-
-    def _d_step(self, belief: Belief) -> tuple[Belief, Array]:
-        """A belief with X at its maximum, and the map of the data to that."""
-        state_map = steps.d_step(self.model, belief)
-        moments = GeneralizedMoments.of(self.model, self.samples, state_map)
-        return belief._replace(moments=moments), state_map
-
-    def _iterate(self, belief: Belief, state_map: Array) -> Iterate:
-        belief = steps.with_optimal_precisions(self.model, belief)
-        return Iterate(belief, state_map, optimal_terms(self.model, self.samples, belief))
+        belief = belief._replace(lambda_=_m_step(model, samples, belief))
+        then = _iterate(model, samples, belief, state_map)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        # Noise so small, or a start so far, that the rest is lost in rounding.
+        return now
+    return then if then.free_energy >= now.free_energy else now
 
 
-def _require_sane(lambda_: Array) -> None:
+def _d_step(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
+) -> tuple[Belief, Array]:
+    """A belief with X at its maximum, and the map of the data to that."""
+    state_map = steps.d_step(model, belief)
+    return belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)), state_map
+
+
+def _m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
+    lambda_ = steps.m_step(model, samples, belief)
     if not np.abs(lambda_).max() < LARGEST_LAMBDA:
         raise np.linalg.LinAlgError("a noise precision diverges")
+    return lambda_
 
 
-def _extrapolated(first: Belief, second: Belief, third: Belief) -> Belief | None:
-    """θ and λ extrapolated from three rounds; None if that is not beyond the third.
-
-    Squared extrapolation of a fixed-point iteration (Varadhan and Roland 2008, scheme S3), in units of the posterior.
-    """
-    unit = np.sqrt(
-        np.concatenate([np.diag(third.theta_covariance), np.diag(third.lambda_covariance)])
-    )
-    a, b, c = (
-        np.concatenate([belief.theta, belief.lambda_]) / unit for belief in (first, second, third)
-    )
-    step = b - a
-    bend = (c - b) - (b - a)
-    if not np.linalg.norm(step) > np.linalg.norm(bend) > 0:
-        return None
-    length = float(np.linalg.norm(step) / np.linalg.norm(bend))
-    theta, lambda_ = np.split((a + 2 * length * step + length**2 * bend) * unit, [len(third.theta)])
-    return third._replace(theta=theta, lambda_=lambda_)
+def _iterate(
+    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, state_map: Array
+) -> Iterate:
+    belief = steps.with_optimal_precisions(model, belief)
+    return Iterate(belief, state_map, optimal_terms(model, samples, belief))
