@@ -17,7 +17,6 @@ EXTRAS = {
     "serve": ("python_multipart", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
-    "xarray": ("xarray",),
 }
 """Modules by the name of the extra."""
 

@@ -42,7 +42,6 @@ from mavdem.report.series import series_of
 if TYPE_CHECKING:
     import control
     import pandas
-    import xarray
 
 # columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"
 Table = Mapping[str, Array]
@@ -124,41 +123,15 @@ def to_pandas(flight: Flight) -> pandas.DataFrame:
     return frame
 
 
-def to_xarray(flight: Flight) -> xarray.Dataset:
-    """Returns variables ``inputs (time, input)``, ``outputs (time, output)`` and what else the flight has, by name.
-
-    ``time`` is in s on the autopilot's boot clock. Units stand beside the names, as ``input_unit (input)`` and so on;
-    the sampling step and the source are in ``attrs``.
-    """
-    import xarray
-
-    variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {
-        "time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})
-    }
-    for kind, names, units, values in _channels(flight):
-        variables[f"{kind}s"] = (("time", kind), values)
-        coordinates |= {kind: (kind, list(names)), f"{kind}_unit": (kind, list(units))}
-    if flight.effect_directions is not None:
-        variables["effect_directions"] = ("input", flight.effect_directions)
-    return xarray.Dataset(
-        variables,
-        coordinates,
-        {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))},
-    )
-
-
-# of the delay, exact to 1° up to 0.3/delay Hz; plants from the posterior
-PADE_ORDER = 2
-PLANT_DRAWS = 100
+PADE_ORDER = 2  # of the delay, exact to 1° up to 0.3/delay Hz
 
 
 def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     """Returns the axis in continuous time, in the units of the data, radians and s, about its trim.
 
     The ``model`` "physical" is the plant: from the motors to angle and rate by their effect, lag and delay, which is
-    approximated to second order (Padé), and the damping. ``.delay`` is that delay, s; ``.draws`` are plants from the
-    posterior, for what is to hold under uncertainty. It needs no controller, and has no bias of the closed loop.
+    approximated to second order (Padé), and the damping. ``.delay`` is that delay, s. It needs no controller, and has
+    no bias of the closed loop.
 
     The ``model`` "dem" is DEM's own ẋ = A x + B u, y = C x of the flight in closed loop, without noise and offset.
 
@@ -177,9 +150,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     outputs = list(map(column_name, labels.output_names, labels.output_units))
     names: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
     if model == "physical":
-        (plant, *draws), delay = _plants(learned, names)
-        vars(plant).update(delay=delay, draws=draws)
-        return plant
+        return _plant(learned, names)
     states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
     if states_are_outputs(learned):
         states = [*outputs, *states[len(outputs) :]][: len(states)]
@@ -187,8 +158,8 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     return control.StateSpace(A, B, C, np.zeros((len(C), len(inputs))), states=states, **names)
 
 
-def _plants(learned: Learned, names: dict[str, Any]) -> tuple[list[control.StateSpace], float]:
-    """The physical plant and draws from its posterior; and its delay, s."""
+def _plant(learned: Learned, names: dict[str, Any]) -> control.StateSpace:
+    """The physical plant."""
     import control
 
     physical = learned.physical
@@ -204,25 +175,17 @@ def _plants(learned: Learned, names: dict[str, Any]) -> tuple[list[control.State
         given = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
         reasons = " ".join(given)
         warn(f"Of this plant are not well known: {', '.join(doubtful)}. {reasons}", stacklevel=4)
-    outputs = names["outputs"]
-    states = [
-        *(f"delay_{i + 1}" for i in range(PADE_ORDER if physical.delay else 0)),
-        *outputs,
-        "motors_torque",
-    ]
-    plants = []
-    for *effect, damping, lag, delay in physical.draws(PLANT_DRAWS).tolist():
-        late = control.tf2ss(*control.pade(delay, PADE_ORDER if physical.delay else 0))
-        A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])[
-            2 - count :, 2 - count :
-        ]
-        B = np.zeros((count + 1, 1))
-        B[-1] = 1 / lag
-        motion = control.StateSpace(A, B, np.eye(count, count + 1), np.zeros((count, 1)))
-        plants.append(
-            control.StateSpace(motion * late * np.array([effect]), states=states, **names)
-        )
-    return plants, physical.delay
+    order = PADE_ORDER if physical.delay else 0
+    late = control.tf2ss(*control.pade(physical.delay, order))
+    A = np.array([[0, 1, 0], [0, -physical.damping, 1], [0, 0, -1 / physical.lag]])
+    A = A[2 - count :, 2 - count :]
+    B = np.zeros((count + 1, 1))
+    B[-1] = 1 / physical.lag
+    motion = control.StateSpace(A, B, np.eye(count, count + 1), np.zeros((count, 1)))
+    states = [*(f"delay_{i + 1}" for i in range(order)), *names["outputs"], "motors_torque"]
+    plant = control.StateSpace(motion * late * physical.effect[None], states=states, **names)
+    plant.delay = physical.delay
+    return plant
 
 
 STREAMS = {".tlog": write_tlog, ".mcap": write_mcap}

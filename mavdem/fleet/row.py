@@ -39,7 +39,7 @@ from mavdem.units import (
     units_of_fields,
 )
 
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
 # the vehicle of a log that does not say whose it is, and health that is not known
@@ -227,8 +227,6 @@ class FlightRow:
     """share of held-out samples in the 90 % band"""
     residual_mean: AngularAcceleration = None
     """mean acceleration that models of its healthy flights leave unexplained in this one"""
-    residual_mean_interval: AngularAcceleration = None
-    """distance of residual_mean from 0 within which 90 % of healthy flights are"""
     health: str = UNKNOWN
     """ok, drift, fault or unknown"""
     fault_probability: float | None = None
@@ -353,52 +351,49 @@ def row_schema() -> Any:
 
 def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
     """The columns that a document of ``report.json`` has; nothing is known by an empty text or list."""
-
-    def value_at(place: str) -> Any:
-        value: Any = report
-        for key in place.split("."):
-            if value is not None:
-                value = value.get(key) if isinstance(value, Mapping) else getattr(value, key)
-        return value
-
     places = {
         column.name: column.metadata["place"] for column in fields(FlightRow) if column.metadata
     }
     columns = {
         name: value
         for name, place in places.items()
-        if (value := value_at(place)) not in (None, "", [], ())
+        if (value := _value_at(report, place)) not in (None, "", [], ())
     }
-    axis = value_at("verdict.axis") if not report.get("outputs") else report["outputs"][0]
-    unit = value_at("condition.hover.unit")
-    inputs = None if unit is None else MOTORS
-    names = list(report.get("inputs") or ())
-    cautions = value_at("verdict.cautions")
-    if names or report.get("physical") is not None:  # a model
-        by_demand = value_at("flight.scale.name") == DEMAND or (
-            len(names) == 1 and names[0].endswith(f" {DEMAND}")
-        )
-        unit = value_at("flight.scale.unit")
-        inputs = DEMAND if by_demand else MOTORS
-        cautions = report.get("cautions")
-        if not by_demand:
-            columns = {"motors": names or None} | columns
-    if value_at("wind.reason") or value_at("physical.status.effect") in (None, NOT_IDENTIFIABLE):
+    if _value_at(report, "wind.reason") or columns.get("effect_status") in (None, NOT_IDENTIFIABLE):
         # It is not resolved, or what it is computed with is not identifiable.
         columns = {
             name: value for name, value in columns.items() if not name.startswith("wind_torque")
         }
-    overrides = report.get("overrides") or ()
+    cautions = _value_at(report, "verdict.cautions")
+    unit = columns.get("trim_unit")
+    inputs = None if unit is None else MOTORS
+    if "flight" in report:  # a model
+        cautions = report["cautions"]
+        unit = _value_at(report, "flight.scale.unit")
+        inputs = MOTORS
+        if _value_at(report, "flight.scale.name") == DEMAND:
+            inputs = DEMAND
+        else:
+            columns = {"motors": report["inputs"]} | columns
+    overrides = report.get("overrides", ())
     warnings = [*(override["sentence"] for override in overrides), *(cautions or ())]
     known = {
-        "axis": axis,
         "inputs": inputs,
         "input_unit": unit,
         "overrides": [override["kind"] for override in overrides],
         "warnings": warnings,
-        "warning_codes": [fact.code for fact in warnings if isinstance(fact, Fact)],
+        "warning_codes": [fact.code for fact in warnings],
     }
-    return ({} if "tier" in report else {"tier": "a"}) | columns | known
+    return columns | known
+
+
+def _value_at(report: Mapping[str, Any], place: str) -> Any:
+    """What a document of records has at a place; None of what is not known."""
+    value: Any = report
+    for key in place.split("."):
+        if value is not None:
+            value = value.get(key) if isinstance(value, Mapping) else getattr(value, key)
+    return value
 
 
 Flight = Sequence[FlightRow]

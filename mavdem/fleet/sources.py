@@ -114,17 +114,11 @@ def _remote(url: str) -> Iterator[Source]:
         if glob.has_magic(path) and not is_http:
             files = system.glob(path, detail=True)
         # Over HTTP, to ask whether it is a folder would load the file to look for links in it.
-        elif url.endswith("/") or not (
-            url.lower().endswith(LOG_ENDINGS) or is_http or not system.isdir(path)
-        ):
-            files = system.find(path, detail=True)
-            files = {
-                name: details
-                for name, details in files.items()
-                if name.lower().endswith(LOG_ENDINGS)
-            }
-        else:
+        elif not url.endswith("/") and (is_http or system.isfile(path)):
             files = {path: system.info(path)}
+        else:
+            files = system.find(path, detail=True)
+            files = {name: files[name] for name in files if name.lower().endswith(LOG_ENDINGS)}
     except Exception as error:  # of whatever library the file system takes
         raise _unreadable(url, error, fetched=False) from None
     for name, details in files.items():

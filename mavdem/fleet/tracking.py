@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import MotorGeometry
-from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
@@ -32,7 +31,7 @@ from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights
 # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 SATURATED = 0.01
 OF_ASSESSMENT = ("health", "fault_probability", "change_probability", "suspect_motor")
-BESIDE_OTHERS = ("health_reason", "health_code", "residual_mean", "residual_mean_interval")
+BESIDE_OTHERS = ("health_reason", "health_code", "residual_mean")
 
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
@@ -57,38 +56,30 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
         return rows
     if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
         unnamed = Fact(HealthUnknown.VEHICLE_UNNAMED)
-        said: dict[str, Any] = {
-            "health_reason": f"{unnamed} {unnamed.remedy}",
-            "health_code": unnamed.code,
-        }
+        said: dict[str, Any] = {"health_reason": unnamed.advised, "health_code": unnamed.code}
         return [replace(row, **said) if row.status == OK else row for row in rows]
     healthy_rows = [row for row in baseline if row.status == OK]
+    judged = {_key(row): health_figures(row) for row in flown}
     # A flight that is among both is one flight.
-    figures = {_key(row): health_figures(row) for row in (*healthy_rows, *flown)}
-    judged, given = (
-        {_key(row): figures[_key(row)] for row in some} for some in (flown, healthy_rows)
-    )
+    given = {_key(row): judged.get(_key(row)) or health_figures(row) for row in healthy_rows}
     found = assess([*judged.values()], [*given.values()] or None)
     assessments = dict(zip(judged, found, strict=True))
     names = {flight.name for flight in given.values() or healthy_flights([*judged.values()])}
-    healthy = {
-        (*_key(row), row.axis): row
-        for row in (*healthy_rows, *flown)
-        if figures[_key(row)].name in names
-    }.values()
-    return [
-        replace(
+    figures = given | judged
+    models = [row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names]
+    healthy = {(*_key(row), row.axis): row for row in models}.values()
+
+    def with_health(row: FlightRow) -> FlightRow:
+        assessment = assessments[_key(row)]
+        return replace(
             row,
-            **{name: getattr(assessments[_key(row)], name) for name in OF_ASSESSMENT},
+            **{name: getattr(assessment, name) for name in OF_ASSESSMENT},
             residual_mean=residual_mean(row, healthy),
-            residual_mean_interval=residual_interval(row, healthy),
-            health_reason=" ".join(map(str, assessments[_key(row)].facts)),
-            health_code=assessments[_key(row)].facts[0].code,
+            health_reason=" ".join(map(str, assessment.facts)),
+            health_code=assessment.facts[0].code,
         )
-        if row.status == OK
-        else row
-        for row in rows
-    ]
+
+    return [with_health(row) if row.status == OK else row for row in rows]
 
 
 def health_figures(row: FlightRow) -> HealthFigures:
@@ -156,15 +147,6 @@ def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
 def _is_model(row: FlightRow) -> bool:
     is_known = row.effect is not None and row.mean_inputs is not None
     return is_known and row.effect_status != Status.NOT_IDENTIFIABLE
-
-
-def residual_interval(like: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
-    """Half width of the 90 % interval of that in a healthy flight with axis and inputs ``like`` a row; None of few."""
-    models = [row for row in healthy if _is_model(row) and _kind(row) == _kind(like)]
-    left = [residual for row in models if (residual := residual_mean(row, models)) is not None]
-    if len(left) < 3:
-        return None
-    return float(quantile(LEVEL, len(left) - 1) * np.sqrt(np.mean(np.square(left))))
 
 
 def track(

@@ -86,7 +86,13 @@ class Outcome:
 
 def failed(job: Job, ended: Ended, status: Fact, key: str = "") -> Outcome:
     """Returns the outcome of a log of which only ``status`` can be said."""
-    return Outcome(job.path, ended, (FlightRow.without_flight(job.path, status, key=key),), key)
+    row = FlightRow.without_flight(status=status, **_of_job(job, key))
+    return Outcome(job.path, ended, (row,), key)
+
+
+def _of_job(job: Job, key: str) -> dict[str, Any]:
+    """Columns that a row has of what was asked for."""
+    return {"file": job.path, "key": key, "mavdem_version": metadata.version("mavdem")}
 
 
 class Reader(Protocol):
@@ -295,13 +301,13 @@ def outcome_of(
             if key in job.known:
                 return Outcome(job.path, "known", key=key)
             rows, pages = read(path, key, resolve_name(job.page) if job.page else None)
-            own = tuple(_named(row, job, path, key) for row in rows)
+            own = tuple(replace(row, **_of_job(job, key)) for row in rows)
             return Outcome(job.path, "read", own, key, pages)
     except Unreadable as error:
         if isinstance(error.__context__, MemoryError):
             raise MemoryError from None  # with a higher limit it may be read
-        outcome = failed(job, "read" if key else "source", error.fact, key)
-        return replace(outcome, rows=(_named(outcome.rows[0], job, Path(job.path), key),))
+        # Copies of a log have equal rows, but for the column of their names.
+        return failed(job, "read" if key else "source", error.fact.but(path="The log"), key)
     except OSError as error:
         unreachable = Fact(Reading.LOG_UNREACHABLE, because=error.strerror or error)
         return failed(job, "source", unreachable, key)
@@ -328,17 +334,3 @@ def _as_file(path: str) -> Iterator[Path]:
         copy = Path(folder) / (urlsplit(path).path.rpartition("/")[2][-100:] or "log")
         fetch(path, copy)
         yield copy
-
-
-def _named(row: FlightRow, job: Job, path: Path, key: str) -> FlightRow:
-    """The row with the name of the log, which is only there: copies of a log have equal rows."""
-    status, *warnings = (_nameless(sentence, str(path)) for sentence in (row.status, *row.warnings))
-    version = metadata.version("mavdem")
-    return replace(
-        row, file=job.path, key=key, status=status, warnings=tuple(warnings), mavdem_version=version
-    )
-
-
-def _nameless(sentence: str, path: str) -> str:
-    """A sentence about a log without its name, which has its own column."""
-    return sentence.replace(path, "It", sentence.startswith(path)).replace(path, "the log")

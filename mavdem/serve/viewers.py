@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections import OrderedDict
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,32 +18,32 @@ if TYPE_CHECKING:
     from mavdem.view import WebServer
 
 PATIENCE_SECONDS = 20.0  # for a viewer to start, which takes one
-MOST_OPEN = 3
-"""Viewers: each holds its recording in memory, which may be a gigabyte."""
 
 
 class Viewers:
-    """The viewers that are open; the one that was asked for longest ago is closed for another."""
+    """The viewer that is open, of the recording that was asked for last: it holds it in memory, up to a gigabyte."""
 
     def __init__(self) -> None:
-        self._open: OrderedDict[Path, WebServer] = OrderedDict()
+        self._recording = Path()
+        self._viewer: WebServer | None = None
         self._lock = threading.Lock()
 
     def show(self, recording: Path) -> str:
         """Returns the address of a page that shows a ``recording``; raises ``Refusal`` where none can be started."""
         with self._lock:
-            viewer = self._open.pop(recording, None)
-            if viewer is None or viewer.process.poll() is not None:
-                while len(self._open) >= MOST_OPEN:
-                    self._open.popitem(last=False)[1].close()
+            viewer = self._viewer
+            if viewer is None or self._recording != recording or viewer.process.poll() is not None:
+                self.close()
                 viewer = _started(recording)
-            self._open[recording] = viewer
+                self._viewer = viewer
+                self._recording = recording
             return viewer.page
 
     def close(self) -> None:
-        """Closes all."""
-        while self._open:
-            self._open.popitem()[1].close()
+        """Closes it."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
 
 
 def _started(recording: Path) -> WebServer:

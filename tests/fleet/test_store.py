@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
-import numpy as np
 import pytest
 from pyarrow import parquet
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
@@ -26,7 +25,7 @@ from mavdem.facts.motors import HealthUnknown, MotorsBetween
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow, row_schema
 from mavdem.fleet.store import STORE, TABLE, opened, read_rows, write_rows
-from mavdem.fleet.tracking import assess_rows, residual_interval, residual_mean
+from mavdem.fleet.tracking import assess_rows, residual_mean
 from mavdem.fleet.workers import Limits
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text()
@@ -74,7 +73,7 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
     assert names["found"] == [("7", "fault", "Motor 1.", 2)]
     assert names["shares"]["trim_share"].to_list() == [1.1, 0.9] * 2
     said = capsys.readouterr().out
-    assert "It is damaged." in said and "megabytes" in said
+    assert "megabytes" in said
 
 
 def refusal(use: Callable[[], object]) -> Code:
@@ -297,13 +296,11 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     ]
     new = flight("new", (1510, 1500), inputs="motors")
     assert residual_mean(new, healthy) == pytest.approx(-10)
-    # Each of the three leaves -3, 0 and 3 by the other two: a half width of Student's t with two degrees of freedom.
-    assert residual_interval(new, healthy) == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
     assert residual_mean(healthy[0], healthy) == pytest.approx(3)
     # Other axes, motors and inputs are other models.
     by_demand = flight("demand", (0.1,), inputs="demand", effect=(2.0,))
     for other in (replace(new, axis="pitch"), replace(new, motors=("other", "names")), by_demand):
-        assert residual_mean(other, healthy) is None and residual_interval(other, healthy) is None
+        assert residual_mean(other, healthy) is None
     assert residual_mean(healthy[0], [*healthy, by_demand]) == pytest.approx(3)
 
 

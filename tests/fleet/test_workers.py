@@ -24,7 +24,9 @@ from refusals import prose
 from standin_logs import LIMITS, READ, InThisProcess, make_logs, table_of, track
 
 from mavdem.errors import Unreadable
+from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder, Reading
+from mavdem.facts.sources import Source
 from mavdem.fleet import cluster
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
@@ -45,11 +47,10 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
         and found.rows[0].mavdem_version
     )
     assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"
-    damaged = outcome_of(
-        Job(str(path)),
-        Mock(side_effect=Unreadable(prose(f"{path} is damaged, and {path} is cut."))),
-    )
-    assert (damaged.ended, damaged.rows[0].status) == ("read", "It is damaged, and the log is cut.")
+    cut = Unreadable(Fact(Source.FORMAT_UNKNOWN, path=str(path), name="text"))
+    damaged = outcome_of(Job(str(path)), Mock(side_effect=cut))
+    assert damaged.ended == "read" and damaged.rows[0].status_code == Source.FORMAT_UNKNOWN
+    assert str(path) not in damaged.rows[0].status
     assert (damaged.rows[0].file, damaged.rows[0].key) == (str(path), found.key)
     with pytest.raises(MemoryError):  # with a higher limit it may be read
         outcome_of(Job(str(path)), Mock(side_effect=memory))

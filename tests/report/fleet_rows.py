@@ -43,7 +43,6 @@ def flight_row(vehicle, number, axis="roll", **changed):
         "lag_status": "reported",
         "wind_torque_sd": 0.8,
         "residual_mean": 0.01,
-        "residual_mean_interval": 0.02,
         "error_ratio": 0.2,
         "health": "ok",
         "page": f"pages/{vehicle}-{number}.html",
