@@ -29,11 +29,10 @@ from mavdem.evaluate.held_out import (
     BASELINES,
     CONSTANT_MEAN,
     FORECAST,
-    HOLD_LAST,
     PREDICTION,
     HeldOut,
 )
-from mavdem.evaluate.scores import error_over, mspe
+from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
@@ -42,6 +41,22 @@ from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component
 
 ALL = "all"  # of an axis: roll, pitch and yaw
+
+
+PHYSICAL = (
+    "effect",
+    "damping",
+    "lag",
+    "delay",
+    "status",
+    "reasons",
+    "bias",
+    "wind",
+    "wind_share",
+    "refinements",
+    "windows",
+)
+"""What documents have of physical parameters, beside their intervals."""
 
 
 class AxisFigures(NamedTuple):
@@ -107,7 +122,7 @@ class LogAnalysis:
     @cached_property
     def findings(self) -> Findings:
         """What makes the flight doubtful, and what the model is good for: made once, shown everywhere."""
-        known = self.condition, self.alarms, self.flights
+        known = self.condition, self.alarms
         # Rates that are sent slowly say nothing of the angle.
         consistency = self.verdict.figures.consistency if self.model == "full" else None
         return findings_of(self.learned, self.held_out, *known, consistency, self.trim)
@@ -119,12 +134,11 @@ class LogAnalysis:
         """
         learned = self.learned
         held_out = self.held_out
+        known = {}
+        if learned is not None and held_out is not None:
+            known = model_figures(self.flights, learned, held_out)
         return {
-            **(
-                {}
-                if learned is None or held_out is None
-                else model_figures(self.flights, learned, held_out)
-            ),
+            **known,
             "axes": {
                 name: {
                     "physical": physical_values(one.physical),
@@ -147,33 +161,16 @@ class LogAnalysis:
         }
 
 
-def one_step_errors(learned: Learned) -> dict[str, Any]:
-    """Returns the mean squared errors one step ahead in the training data, as :func:`model_figures` has them."""
-    measured = learned.record.outputs
-    after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
-    one_step = {
-        MethodName.JOINT: learned.one_step()[after_first],
-        HOLD_LAST: measured[after_first - 1],
-        CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
-    }
-    errors = {
-        name: mspe(measured[after_first], values).per_output for name, values in one_step.items()
-    }
-    return _ranked(errors, measured.var(axis=0))
-
-
 def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
     """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
     first = flights[0]
     fit = learned.simulation_fit
-    names: dict[StrEnum, HeldOutForecast] = {
-        MethodName.JOINT: FORECAST,
-        **dict(zip(BASELINES, BASELINES, strict=True)),
-    }
-    forecast_errors = {
-        shown: held_out.squared_errors(name).mean(axis=0) for shown, name in names.items()
-    }
-    ranked = _ranked(forecast_errors, held_out.variance)
+    names = dict[StrEnum, HeldOutForecast]({MethodName.JOINT: FORECAST})
+    names |= {name: name for name in BASELINES}
+    ranked = _ranked(
+        {name: held_out.squared_errors(of).mean(axis=0) for name, of in names.items()},
+        held_out.variance,
+    )
     model = learned.model
     energy = learned.free_energy
     joint = learned.joint
@@ -199,7 +196,6 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
             "terms": {name: float(term[-1]) for name, term in energy.terms.items()},
         },
         "held_out": held_out.as_dict(),
-        "one_step_mspe": one_step_errors(learned),
         "forecast_mspe": ranked,
         "forecast_over_constant_mean": ranked[MethodName.JOINT]["relative"],
         "expected_error": float((held_out.expected / held_out.variance).mean()),
@@ -231,46 +227,28 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     }
 
 
-def _ranked(errors: dict[StrEnum, Array], variance: Array) -> dict[str, Any]:
+def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, dict[str, Any]]:
     """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
-    mean = (errors[CONSTANT_MEAN] / variance).sum()
-    values: dict[StrEnum, dict[str, Any]] = {
-        name: {
-            "per_output": error,
-            "total": float(error.sum()),
-            "relative": float(error_over((error / variance).sum(), mean)),
-        }
-        for name, error in errors.items()
+    shares = {name: (error / variance).sum() for name, error in errors.items()}
+    ratios = {
+        name: float(error_over(share, shares[CONSTANT_MEAN])) for name, share in shares.items()
     }
-    return dict(sorted(values.items(), key=lambda named: named[1]["relative"]))
+    return {
+        name: {"per_output": errors[name], "total": float(errors[name].sum()), "relative": ratio}
+        for name, ratio in sorted(ratios.items(), key=lambda named: named[1])
+    }
 
 
 def physical_values(physical: Physical | None) -> dict[str, Any] | None:
     """Returns ``physical`` parameters with status and reason; no interval of what is not identifiable."""
     if physical is None:
         return None
-    effect, *halves = physical.interval(LEVEL)
-    interval = {
-        name: or_none(half) for name, half in zip(("damping", "lag", "delay"), halves, strict=True)
-    }
-    kept = (
-        "damping",
-        "lag",
-        "delay",
-        "status",
-        "reasons",
-        "bias",
-        "wind",
-        "wind_share",
-        "refinements",
-        "windows",
-    )
+    half = physical.interval(LEVEL)
     return {
-        "effect": physical.effect.tolist(),
-        **{name: getattr(physical, name) for name in kept},
+        **{name: getattr(physical, name) for name in PHYSICAL},
         "interval_90_percent": {
-            "effect": None if np.isnan(effect).any() else effect.tolist(),
-            **interval,
+            "effect": None if np.isnan(half.effect).any() else half.effect,
+            **{name: or_none(getattr(half, name)) for name in ("damping", "lag", "delay")},
         },
     }
 

@@ -12,8 +12,6 @@ from dataclasses import replace
 from math import isfinite, nan
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from mavdem.analysis.overrides import overrides_of
 from mavdem.analysis.residuals import residuals
 from mavdem.condition.condition import Condition
@@ -34,12 +32,19 @@ from mavdem.facts.assessment import (
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
-from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm
 
 HALF_WIDTH = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
 """Of the 90 % interval over the estimate, up to which it is GOOD; of the wind torque that of its standard deviation.
 The effect decides what the wind torque is; damping and lag matter less and are harder to identify."""
+
+
+DECIDING = (
+    Purpose.CONTROL_EFFECTIVENESS,
+    Purpose.DAMPING_AND_TIME_CONSTANT,
+    Purpose.PREDICTION,
+)
+"""What decides the next step, the first first."""
 
 
 class PredictionLimits(NamedTuple):
@@ -99,7 +104,6 @@ def findings_of(
     held_out: HeldOut | None = None,
     condition: Condition | None = None,
     alarms: Sequence[MotorAlarm] = (),
-    flights: Sequence[Flight] = (),
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Findings:
@@ -109,17 +113,13 @@ def findings_of(
         learned, held_out: the model, and forecasts of windows that no model saw.
         condition: of the vehicle.
         alarms: lasting changes of the motors' balance.
-        flights: what the model was trained on.
         consistency: share of the angle's changes that the rates explain.
         trim: how even the motors work.
     """
     overrides = overrides_of(condition, alarms, None if learned is None else consistency, trim)
     if learned is None:
         return Findings(overrides, (), ())
-    step = _step_of_torque(learned, flights)
     purposes = tuple(_purposes(learned, held_out))
-    if step is not None:
-        purposes = tuple(_with_step(finding, step) for finding in purposes)
     if overrides:
         purposes = tuple(_doubted(finding, overrides[0]) for finding in purposes)
     return Findings(overrides, purposes, tuple(warnings_of(learned, held_out)))
@@ -144,25 +144,6 @@ def _doubted(finding: Finding, override: Fact) -> Finding:
         override=override if oscillates or is_good else None,
     )
     return finding._replace(grade=Grade.LIMITED if is_good else finding.grade, reason=reason)
-
-
-def _with_step(finding: Finding, step: Fact) -> Finding:
-    """Not GOOD, where a step of the torque makes it doubtful."""
-    doubted = Purpose.CONTROL_EFFECTIVENESS, Purpose.WIND_TORQUE
-    if finding.grade is not Grade.GOOD or finding.purpose not in doubted:
-        return finding
-    reason = Fact(Because.TORQUE_STEPPED, Level.WATCH, because=step, purpose=finding.purpose)
-    return finding._replace(grade=Grade.LIMITED, reason=reason)
-
-
-def _step_of_torque(learned: Learned, flights: Sequence[Flight]) -> Fact | None:
-    """That the torque changes at once and stays so, as by a load that moves; None where it does not."""
-    wind = known_wind(learned.wind_torque, learned.physical)
-    if wind is None or wind.step is None or not flights:
-        return None
-    sample, torque = wind.step
-    time = np.concatenate([flight.time for flight in flights])[sample]
-    return Fact(InShort.STEP_OF_TORQUE, Level.WATCH, time=time, torque=torque)
 
 
 def _purposes(learned: Learned, held_out: HeldOut | None) -> Iterator[Finding]:
@@ -319,16 +300,10 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
 
 def next_step(purposes: Sequence[Finding]) -> Fact:
     """Returns what to do next, by the graded ``purposes``: the first that is not served decides."""
-    if any(finding.reason.code is Because.TORQUE_STEPPED for finding in purposes):
-        return Fact(NextStep.CHECK_VEHICLE)
     grades = {finding.purpose: finding.grade for finding in purposes}
-    effect = grades.get(Purpose.CONTROL_EFFECTIVENESS, Grade.GOOD)
-    motion = grades.get(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.GOOD)
-    prediction = grades.get(Purpose.PREDICTION, Grade.GOOD)
+    effect, motion, prediction = (grades.get(purpose, Grade.GOOD) for purpose in DECIDING)
     if effect is not Grade.GOOD or motion is Grade.NOT_IDENTIFIABLE:
         return Fact(NextStep.FLY_MOVEMENTS)
     if motion is not Grade.GOOD:
         return Fact(NextStep.FLY_LONGER)
-    if prediction is Grade.NOT_IDENTIFIABLE:
-        return Fact(NextStep.COMPARE_METHODS)
     return Fact(NextStep.KEEP_MODEL if prediction is Grade.GOOD else NextStep.KEEP_PARAMETERS)

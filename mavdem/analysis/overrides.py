@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import radians
+from typing import Any
 
 from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.condition.condition import Condition, HoverFigures
@@ -27,13 +28,26 @@ def overrides_of(
     What comes first explains the others: motors at their limits, where the vehicle oscillates or one is weak. The
     ``consistency`` is the share of the angle's changes that the rates explain, ``trim`` how even the motors work.
     """
-    overrides = [*_lost_thrust(alarms)]
+    overrides = [
+        Fact(
+            Override.MOTORS,
+            lost.level,
+            time=lost.time,
+            until=lost.until,
+            subject=lost.subject,
+            loss=lost.figures["loss"],
+            because=lost,
+        )
+        for lost in losses_of(alarms)
+    ]
     if condition is not None and condition.oscillation is not None:
         overrides = [_oscillation(condition.oscillation)]
     elif condition is not None and condition.hover is not None and not overrides:
-        overrides = [*_limited(condition.hover)]
-        if not overrides and trim is not None and trim.level is Level.WATCH:
-            overrides.append(Fact(Override.TRIM, Level.WATCH, subject=trim.subject, because=trim))
+        limited = limited_motor(condition.hover)
+        if limited is not None:
+            overrides = [Fact(Override.SATURATION, Level.BAD, **limited)]
+        elif trim is not None and trim.level is Level.WATCH:
+            overrides = [Fact(Override.TRIM, Level.WATCH, subject=trim.subject, because=trim)]
     if consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
         overrides.append(Fact(Override.DATA, Level.WATCH, consistency=consistency))
     return tuple(overrides)
@@ -52,23 +66,9 @@ def _oscillation(found: Oscillation) -> Fact:
     )
 
 
-def _lost_thrust(alarms: Sequence[MotorAlarm]) -> Iterator[Fact]:
-    """Each motor that weakened in flight; what lasts, and the worst, first."""
-    for lost in losses_of(alarms):
-        yield Fact(
-            Override.MOTORS,
-            lost.level,
-            time=lost.time,
-            until=lost.until,
-            subject=lost.subject,
-            loss=lost.figures["loss"],
-            because=lost,
-        )
-
-
-def _limited(hover: HoverFigures) -> Iterator[Fact]:
-    """The motor most at its upper limit, if over ``SATURATED``."""
+def limited_motor(hover: HoverFigures) -> dict[str, Any] | None:
+    """Returns the motor most at its upper limit, if over ``SATURATED``, as a fact's ``subject`` and ``share``."""
     share = max(hover.at_upper_limit)
-    if share > SATURATED:
-        limited = hover.motors[hover.at_upper_limit.index(share)]
-        yield Fact(Override.SATURATION, Level.BAD, subject=limited, share=share)
+    if share <= SATURATED:
+        return None
+    return {"subject": hover.motors[hover.at_upper_limit.index(share)], "share": share}

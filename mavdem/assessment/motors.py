@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from mavdem.analysis.overrides import SATURATED
+from mavdem.analysis.overrides import limited_motor
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
-from mavdem.condition.condition import HoverFigures
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import MotorsLight, Trim
 from mavdem.health.balance import LEAST_SECONDS
@@ -25,7 +24,9 @@ def motors_light(evidence: Evidence) -> Fact:
     if hover is None:
         found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
     else:
-        found += _limits(hover)
+        limited = limited_motor(hover)
+        if limited is not None and hover.seconds >= LEAST_SECONDS:
+            found.append(Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, **limited))
         found.append(_trim(evidence, min(hover.headroom)))
     return worst(found)
 
@@ -44,13 +45,6 @@ def while_controlled(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[
     """Returns the ``alarms`` of before control was lost: then the motors' balance says nothing."""
     lost = float("inf") if ending is None or ending.time is None else ending.time
     return [alarm for alarm in alarms if alarm.time < lost]
-
-
-def _limits(hover: HoverFigures) -> Iterator[Fact]:
-    share = max(hover.at_upper_limit)
-    if share > SATURATED and hover.seconds >= LEAST_SECONDS:
-        motor = hover.motors[hover.at_upper_limit.index(share)]
-        yield Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject=motor, share=share)
 
 
 def _trim(evidence: Evidence, headroom: float) -> Fact:

@@ -401,8 +401,6 @@ class LearnedFigures(Document, is_partial=True):
     """free energy action F̄ of A, B and C"""
     held_out: HeldOut
     """forecasts of windows that no model has seen"""
-    one_step_mspe: dict[str, Errors]
-    """errors one step ahead in the training data, by method, the lowest first"""
     forecast_mspe: dict[str, Errors]
     """errors in the held-out windows, by method, the lowest first"""
     forecast_over_constant_mean: Number = None

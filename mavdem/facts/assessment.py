@@ -20,13 +20,9 @@ class Purpose(InWords):
 class Grade(StrEnum):
     """How well a model serves a purpose; docs/report.md has the scale."""
 
-    @staticmethod
-    def _generate_next_value_(name: str, start: int, count: int, last_values: list[str]) -> str:
-        return name.replace("_", " ")
-
-    GOOD = auto()
-    LIMITED = auto()
-    NOT_IDENTIFIABLE = auto()
+    GOOD = "GOOD"
+    LIMITED = "LIMITED"
+    NOT_IDENTIFIABLE = "NOT IDENTIFIABLE"
 
     @property
     def level(self) -> Level:
@@ -68,7 +64,6 @@ class InShort(Code):
     """What is so of a flight, in few words."""
 
     OVERRIDDEN = auto()
-    STEP_OF_TORQUE = auto()
 
 
 class Because(Code):
@@ -85,7 +80,6 @@ class Because(Code):
     OWN_TORQUE = auto()
     FORECASTS_COMPARED = auto()
     RESIDUALS_TESTED = auto()
-    TORQUE_STEPPED = auto()
     FLIGHT_DOUBTED = auto()
 
 
@@ -104,10 +98,8 @@ class NextStep(Code):
     DO_AS_ADVISED = auto()
     FLY_MOVEMENTS = auto()
     FLY_LONGER = auto()
-    COMPARE_METHODS = auto()
     KEEP_PARAMETERS = auto()
     KEEP_MODEL = auto()
-    CHECK_VEHICLE = auto()
     LOAD_GAINS = auto()
 
 

@@ -147,17 +147,10 @@ def _grounded(figure: Figure) -> Figure:
     return figure.grounded if isinstance(figure, Fact) else figure
 
 
-def _without_words(fact: Fact) -> Words:
-    figures = ", ".join(
-        f"{name} {value} {UNITS[name]}".strip() for name, value in fact.figures.items()
-    )
-    return Words(f"{fact.code} ({figures})")
-
-
-_words: Callable[[Fact], Words] = _without_words
+_words: Callable[[Fact], Words]
 
 
 def speak(words: Callable[[Fact], Words]) -> None:
-    """Sets what makes the ``words`` of facts, for ``str`` and for errors; without, a fact lists its figures."""
+    """Sets what makes the ``words`` of facts, for ``str`` and for errors; ``mavdem`` does so when it is imported."""
     global _words
     _words = words

@@ -351,5 +351,5 @@ def judged(
     loops: dict[str, Loop | Fact] = dict.fromkeys(AXES, Fact(Unjudged.NOT_JUDGED, because=None))
     loops |= {axis: loop_by(physical, learned.record)}
     evidence = evidence_of(signals, condition, alarms=tuple(alarms), loops=loops)
-    found = findings_of(learned, None, condition, alarms, flights=[flight])
+    found = findings_of(learned, None, condition, alarms)
     return found, judge(evidence, found.purposes)

@@ -8,7 +8,6 @@ import pytest
 from made_up_analysis import HOVER, held_out, model, physical
 from refusals import prose
 
-from mavdem import Flight
 from mavdem.analysis.findings import Finding, disown_torque, findings_of, next_step, warnings_of
 from mavdem.analysis.residuals import Residuals
 from mavdem.condition.oscillation import Oscillation
@@ -140,8 +139,7 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, 
         ((LIMITED, GOOD, GOOD, NONE), NextStep.FLY_MOVEMENTS),
         ((GOOD, NONE, GOOD, NONE), NextStep.FLY_MOVEMENTS),
         ((GOOD, LIMITED, GOOD, NONE), NextStep.FLY_LONGER),
-        ((GOOD, GOOD, GOOD, NONE), NextStep.COMPARE_METHODS),
-        ((GOOD, GOOD, GOOD, LIMITED), NextStep.KEEP_PARAMETERS),
+        ((GOOD, GOOD, GOOD, NONE), NextStep.KEEP_PARAMETERS),
         ((GOOD, GOOD, LIMITED), NextStep.KEEP_MODEL),
     ],
 )
@@ -213,20 +211,6 @@ def test_what_a_motor_lost_is_said_with_its_own_time_and_its_end_and_what_lasts_
 )
 def test_limits_of_saturation_and_trim(hover, overridden):
     assert bool(findings_of(condition=of_vehicle(**hover)).overrides) == overridden
-
-
-def test_a_step_of_the_torque_leaves_neither_effectiveness_nor_wind_good():
-    outputs = np.random.default_rng(0).standard_normal((9, 2))
-    flights = [Flight(27.0 + 0.5 * np.arange(9), np.zeros((9, 4)), outputs)]
-    learned = model(physical(), step=(2, -5.7))
-    known = {"condition": of_vehicle(trim_share=(1.0,) * 4), "flights": flights}
-    stepped = findings_of(learned, held_out(), **known)
-    assert [one.grade for one in stepped.purposes[:4]] == [LIMITED, GOOD, LIMITED, GOOD]
-    assert stepped.purposes[0].reason.code is Because.TORQUE_STEPPED
-    step = stepped.purposes[0].reason.figures["because"]
-    assert (step.code, step.time) == (InShort.STEP_OF_TORQUE, 28.0)
-    assert step.figures["torque"] == -5.7
-    assert next_step(stepped.purposes).code is NextStep.CHECK_VEHICLE
 
 
 def test_residuals_that_are_far_from_white_are_said():
