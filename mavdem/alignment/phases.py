@@ -5,6 +5,8 @@ A set of intervals is a list of (start, end) pairs in seconds of one boot, sorte
 
 from __future__ import annotations
 
+from collections.abc import Container
+from itertools import pairwise
 from math import inf, isinf
 
 import numpy as np
@@ -296,6 +298,12 @@ def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals
         if collective is None
         else either(both(inside, covered), both(carried, outside(covered)))
     )
+
+
+def in_modes(signals: Signals, boot: int, modes: Container[str]) -> Intervals:
+    """Returns the intervals of ``boot`` in one of these flight ``modes``, by name."""
+    changes = [*signals.modes(boot), (inf, "")]
+    return [(start, end) for (start, name), (end, _) in pairwise(changes) if name in modes]
 
 
 def between_transients(flight: Interval, climb: Signal | None) -> Interval | None:

@@ -8,11 +8,11 @@ from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.drive import AXES
+from mavdem.alignment.phases import in_modes
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
@@ -20,7 +20,7 @@ from mavdem.analysis.figures import AxisFigures
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.condition.loop.loop import Loop
-from mavdem.dem import Physical, physical
+from mavdem.dem import NotIdentifiable, Physical, physical
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -35,12 +35,25 @@ NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
 """What the names of one axis's parameters have in them."""
 
 
-class GainsSet(NamedTuple):
-    """The parameters of a controller from a moment on."""
+AUTOTUNE = frozenset({"Autotune"})
+"""The mode of ArduPilot whose gains no parameter has."""
 
-    boot: int
-    time: float  # s
-    values: Mapping[str, float]
+
+def loops_of_axes(
+    log: Log,
+    signals: Signals,
+    start: float = 0.0,
+    known: Mapping[str, AxisFigures] = MappingProxyType({}),
+) -> dict[str, Loop | Fact]:
+    """Returns the loops of roll, pitch and yaw, or why there are none; ``known`` are figures by axis."""
+    found = dict[str, Loop | Fact]()
+    for axis in AXES:
+        try:
+            about = signals.about(axis, signals.inputs)
+            found[axis] = loops_of_log(about, log, start, known.get(axis))
+        except NotLearnable as error:
+            found[axis] = error.fact
+    return found
 
 
 def loops_of_log(
@@ -58,21 +71,17 @@ def loops_of_log(
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    plant = None if is_slow else unlooped(flights, known if caution is None else None)
-    if plant is None or not plant.identifiable or plant.bias:
+    plant: Physical | NotIdentifiable | None = None
+    if not is_slow:
+        plant = physical(flights) if known is None or caution else known.physical
+    if not isinstance(plant, Physical) or not plant.identifiable or plant.bias:
         try:
             plant = plant_in_loop(signals, flights)
         except NotLearnable:
-            if plant is None or not plant.identifiable:
+            if not isinstance(plant, Physical) or not plant.identifiable:
                 raise
     loop = loop_of(plant, Record.of(flights))
     return loop if caution is None else replace(loop, cautions=(caution, *loop.cautions))
-
-
-def unlooped(flights: Sequence[Flight], known: AxisFigures | None) -> Physical | None:
-    """Returns the plant that inputs and outputs alone tell, which may be ``known``."""
-    found = physical(flights) if known is None else known.physical
-    return found if isinstance(found, Physical) else None
 
 
 def with_one_set_of_gains(
@@ -86,50 +95,43 @@ def with_one_set_of_gains(
     parts = defaultdict[tuple[tuple[str, float], ...], list[Flight]](list)
     for flight in flights:
         boot = flight.provenance["segment"]["boot"]
-        changes = [*signals.modes(boot), (inf, "")]
-        tuning = [
-            (begin, end) for (begin, mode), (end, _) in pairwise(changes) if mode == "Autotune"
-        ]
-        stamps = [one.time for one in sets if one.boot == boot]
+        tuning = in_modes(signals, boot, AUTOTUNE)
+        stamps = [time for of_boot, time, _ in sets if of_boot == boot]
         edges = np.searchsorted(flight.time, [*stamps, *np.ravel(tuning)])
         for first, last in pairwise(np.unique([0, *edges, len(flight)]).tolist()):
-            time = flight.time[first]
-            is_tuned = any(begin <= time < end for begin, end in tuning)
+            begin = flight.time[first]
+            is_tuned = any(since <= begin < until for since, until in tuning)
             if last - first >= FEWEST_SAMPLES and not is_tuned:
-                known = [one.values for one in sets if (one.boot, one.time) <= (boot, time)]
-                parts[tuple(known[-1].items())].append(flight[first:last])
+                known = [values for *since, values in sets if since <= [boot, begin]]
+                parts[known[-1]].append(flight[first:last])
     if not parts:
         raise NotLearnable(Fact(Loops.GAINS_OF_AUTOTUNE))
     gains, longest = max(parts.items(), key=lambda item: sum(map(len, item[1])))
     kept = tuple(_with_parameters(part, dict(gains)) for part in longest)
-    settled = sum(flight.duration for flight in flights)
     if sum(map(len, kept)) == sum(map(len, flights)):
         return kept, None
-    changed = {name for other in parts for name, _ in set(other) - set(gains)}
     caution = Fact(
         Loops.GAINS_OF_PART,
         Level.WATCH,
-        names=sorted(changed),
+        names=sorted({name for other in parts for name, _ in set(other) - set(gains)}),
         duration=sum(part.duration for part in kept),
-        settled=settled,
+        settled=sum(flight.duration for flight in flights),
     )
     return kept, caution
 
 
-def gains_of_log(signals: Signals) -> list[GainsSet]:
-    """Returns the parameters of the axis's control from before the log on, and after each change."""
+def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, float], ...]]]:
+    """Returns boot, time, s, and names and values of the axis's control: from before the log, and after each change."""
     telemetry = signals.telemetry
     sent = telemetry.messages.get("PARAM_VALUE")
     if sent is None:
-        return [GainsSet(-1, -inf, {})]
+        return [(-1, -inf, ())]
     others = [part for axis, parts in NAMED.items() if axis != signals.axis for part in parts]
+    named = parameters_sent(sent, telemetry.autopilot)
     own = [
         (boot, time, name, value)
         for boot, time, (name, value) in zip(
-            sent["boot"].tolist(),
-            sent["time"].tolist(),
-            parameters_sent(sent, telemetry.autopilot),
-            strict=True,
+            sent["boot"].tolist(), sent["time"].tolist(), named, strict=True
         )
         if CONTROL_PARAMETERS.match(name)
         and not OWN_PARAMETERS.search(name)
@@ -137,33 +139,14 @@ def gains_of_log(signals: Signals) -> list[GainsSet]:
         and isfinite(value)
     ]
     known = {name: value for _, _, name, value in reversed(own)}
-    sets = [GainsSet(-1, -inf, dict(known))]
+    sets = [(-1, -inf, tuple(known.items()))]
     for boot, time, name, value in own:
         if known[name] != value:
             known[name] = value
-            sets.append(GainsSet(boot, time, dict(known)))
+            sets.append((boot, time, tuple(known.items())))
     return sets
 
 
 def _with_parameters(flight: Flight, values: Mapping[str, float]) -> Flight:
     known = {"parameters": {**flight.provenance["parameters"], **values}, "earlier": {}}
     return replace(flight, provenance={**flight.provenance, **known})
-
-
-def loops_of_axes(
-    log: Log,
-    signals: Signals,
-    axes: Sequence[str] = AXES,
-    start: float = 0.0,
-    known: Mapping[str, AxisFigures] = MappingProxyType({}),
-) -> dict[str, Loop | Fact]:
-    """Returns the loops of each of the ``axes``, or why there are none; ``known`` are figures by axis."""
-    found = dict[str, Loop | Fact]()
-    for axis in axes:
-        try:
-            found[axis] = loops_of_log(
-                signals.about(axis, signals.inputs), log, start, known.get(axis)
-            )
-        except NotLearnable as error:
-            found[axis] = error.fact
-    return found

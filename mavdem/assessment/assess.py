@@ -222,7 +222,7 @@ def assess_signals(
     analysis = analyse(log, signals, axis, options, progress=progress)
     with progress("Identifying the loops", measured=False):
         about = signals.about(AXES[0], options.inputs)
-        loops = loops_of_axes(log, about, AXES, options.start, analysis.axis_figures)
+        loops = loops_of_axes(log, about, options.start, analysis.axis_figures)
     events = [*reported_events(signals), *motion_events(signals)]
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)

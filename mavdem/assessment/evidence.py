@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -102,10 +101,7 @@ class Evidence:
         """Returns settled flight in other modes than those."""
         found = list[Segment]()
         for part in settled_parts(self.signals):
-            changes = [*self.signals.modes(part.boot), (inf, "")]
-            left_out = [
-                (start, end) for (start, name), (end, _) in pairwise(changes) if name in without
-            ]
+            left_out = phases.in_modes(self.signals, part.boot, without)
             spans = phases.both([(part.start, part.end)], phases.outside(left_out))
             spans = phases.both(spans, self._before_loss(part.boot))
             found += [Segment(part.boot, *span) for span in spans]
