@@ -1,8 +1,8 @@
 """The wind in metres a second over a link.
 
-The filter that is smoothed offline runs on grids of the same step, 0.5 s, that begin a tenth of a second apart: a row
-is a step of one of them. It is of the middle of two steps, 0.5 s before the velocity that completes it. Drag and lean
-are those known beforehand; sizes of gusts and noise are weighed by how well they predicted so far.
+It is the filter that is smoothed offline, on a grid of the same step, 0.5 s. A row is of the middle of two steps,
+0.5 s before the velocity that completes it. Drag and lean are those known beforehand; sizes of gusts and noise are
+weighed by how well they predicted so far.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from itertools import product
-from math import ceil, inf
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,6 @@ from mavdem.condition.wind_of_log import (
     LONGEST_STEP,
     VELOCITIES,
     VELOCITY_FLAGS,
-    is_reset,
 )
 from mavdem.condition.wind_velocity import (
     DIRECTION_LIMIT,
@@ -38,9 +37,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind
 
-# s from row to row, and between samples that are kept, at least
-ROW = 0.1
-SAMPLE = ROW / 2
+SAMPLE = 0.05  # s between samples that are kept, at least
 # s: of free flight before a row, without velocity, of weighing sizes of gusts
 START = 8.0
 LOST = 3.0
@@ -110,16 +107,15 @@ class LiveWind:
         self.obstacle: Fact | None = None
         self.flags = VELOCITY_FLAGS[0]
         self._said = False
-        self._last: tuple[float, Sequence[float], Sequence[float]] = -inf, (), ()
+        self._last = -inf
         kept = round(2 * START / SAMPLE)
         self._attitudes = deque[Sequence[float]](maxlen=kept)
         self._velocities = deque[Sequence[float]](maxlen=kept)
-        self._filters: list[Filter] = []
-        self._tick = 0
+        self._filter: Filter | None = None
         self._step = STEP
+        self._end = inf  # s, of the step that comes next
         self._next_check = -inf
         self._local = -inf
-        self._ignored = -inf
 
     def attitude(self, time: float, angles: Sequence[float]) -> None:
         """Takes roll, pitch and yaw, rad."""
@@ -127,34 +123,28 @@ class LiveWind:
             self._attitudes.append((time, *angles))
 
     def velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
-        """Takes down, north and east of a message, and where that is; returns the wind with the first row."""
-        (last, moved, place) = self._last
+        """Takes down, north and east of a message; returns the wind with the first row."""
         self._local = time if name == "LOCAL_POSITION_NED" else self._local
-        dt = time - last
-        if dt < SAMPLE - 1e-3 or (name != "LOCAL_POSITION_NED" and time - self._local < LOST):
+        # Of several messages that one alone
+        is_other = name != "LOCAL_POSITION_NED" and time - self._local < LOST
+        if is_other or time - self._last < SAMPLE - 1e-3:
             return None
-        down, *level = (VELOCITIES[name] * value for value in values[:3])
-        self._last = time, level, values[3:]
-        # A reset of the position is no motion.
-        both = zip(values[3:], place, level, moved, strict=False)
-        if any(is_reset(now - then, a, b, dt) for now, then, a, b in both):
-            self._ignored = time + LONGEST_STEP
-        sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0] and time >= self._ignored
+        self._last = time
+        down, *level = (VELOCITIES[name] * value for value in values)
+        sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0]
         if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
             return None
         if self._velocities and time - self._velocities[-1][0] > LOST:
-            self._filters = []
+            self._filter = None
             self.row = None
             self._next_check = time + START
         self._velocities.append((time, *level, down))
         if time >= self._next_check:
             self._next_check = time + START
             self._check(time)
-        while self._filters and (end := self._tick * ROW) <= min(
-            time, self._attitudes[-1][0] + SAMPLE
-        ):
-            self._take(self._filters[self._tick % len(self._filters)], end)
-            self._tick += 1
+        while self._end <= min(time, self._attitudes[-1][0] + SAMPLE):
+            self._take(self._end)
+            self._end += self._step
         news = self.row is not None and not self._said
         self._said = self._said or self.row is not None
         if not news or self.row is None:
@@ -189,22 +179,23 @@ class LiveWind:
         except NotLearnable as error:
             self.obstacle = error.fact
             self.row = None
-            self._filters = []
+            self._filter = None
             return
         self.obstacle = None
         start = motion(stamps, angles, speeds, max(STEP, float(np.median(np.diff(stamps)))))
-        if not self._filters and start.known.any():
+        if self._filter is None and start.known.any():
             self._step = start.step
             drag = self.drag or self.set_drag
             places = drawn(drag.mean, drag.covariance, DRAWS)
             places = np.hstack([np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, DRAWS, axis=0)])
-            self._filters = [
-                Filter(in_air(places, start), start) for _ in range(round(self._step / ROW))
-            ]
-            self._tick = ceil(time / ROW)
+            self._filter = Filter(in_air(places, start), start)
+            self._end = time
 
-    def _take(self, run: Filter, end: float) -> None:
-        """Goes on by a step of one grid, whose latest ends at ``end``."""
+    def _take(self, end: float) -> None:
+        """Goes on by a step that ends at ``end``."""
+        run = self._filter
+        if run is None:
+            return
         run.predict()
         stamps, angles, speeds = self._table(end - 2 * self._step, end)
         moved = motion(stamps, angles, speeds, self._step) if len(stamps) > 2 else None

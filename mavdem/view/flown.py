@@ -18,7 +18,7 @@ from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts import Chart, Line, over_time
-from mavdem.view.plots import BOOT_CLOCK, Plot, blueprint, recorded
+from mavdem.view.plots import BOOT_CLOCK, blueprint, drawn, recorded
 
 MAX_ROWS = 50_000  # the viewer draws every one
 RATE = 50.0  # Hz, of what is drawn
@@ -83,17 +83,17 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
 
     It appears whole or not at all: ``OSError`` if it cannot be written there.
     """
-    plots = [Plot.of(f"plots/{number}", row) for number, row in enumerate(_rows(pose))]
+    span = float(pose.time[0]), float(pose.time[-1])
     with recorded(path, name) as recording:
         # North, east, down are to a world what forward, right, down are to a body.
         for frame in ("world", "world/here"):
             recording.log(frame, rr.ViewCoordinates.FRD, static=True)
         _vehicle(recording, pose)
         _surroundings(recording, pose)
-        for plot in plots:
-            plot.draw(recording)
-        views = rrb.Vertical(*(plot.view(0.0, float(pose.time[-1])) for plot in plots))
-        layout = rrb.Horizontal(_scene(pose), views, column_shares=[45, 55])
+        views = [
+            drawn(recording, f"plots/{number}", row, span) for number, row in enumerate(_rows(pose))
+        ]
+        layout = rrb.Horizontal(_scene(pose), rrb.Vertical(*views), column_shares=[45, 55])
         shown = blueprint(layout, play_state="playing", loop_mode="all")
         recording.send_blueprint(shown, make_active=False)
 

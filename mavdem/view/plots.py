@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
@@ -67,83 +67,49 @@ class Lines:
         recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], columns)
 
 
-@dataclass(eq=False)
-class Plot:
-    """A picture over the boot clock at the entity ``origin``; later lines are drawn over earlier ones.
+def drawn(
+    recording: rr.RecordingStream,
+    origin: str,
+    chart: Chart,
+    span: tuple[float, float],
+    marks: Sequence[tuple[str, str, Sequence[float]]] = (),
+) -> rrb.View:
+    """Draws a ``chart`` over the boot clock at the entity ``origin``, later lines over earlier ones.
 
-    The ``range`` of values is in its title, since the viewer numbers hardly an axis of a low plot.
+    ``marks`` are upright lines by name and colour at so many times, s.
+
+    Returns:
+        the view of it from the first to the last time of ``span``, s, with a legend where there is more than one line.
+        The range of values is in its title, since the viewer numbers hardly an axis of a low plot.
     """
-
-    origin: str
-    title: str
-    range: tuple[float, float]
-    lines: list[tuple[Lines, Array, Array]] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, origin: str, chart: Chart) -> Plot:
-        """Returns the plot of a ``chart`` with its bands."""
-        ends = ((line.y, line.low, line.high) for line in chart.lines)
-        shown = [one for parts in ends for one in parts if one is not None]
-        plot = cls(origin, chart.y.label, range_of(*shown))
-        for line in chart.lines:
-            if line.low is not None and line.high is not None:
-                shade = faint(line.colour, palette.BAND_OPACITY)
-                plot.area("90 % band", shade, line.x, line.low, line.high)
-            plot.line(line.name, line.colour, line.x, line.y)
-        return plot
-
-    def line(self, name: str, colour: str, time: Array, values: Array, width: float = 1.2) -> None:
-        """Adds a line: values (N,) at times (N,), s; NaN breaks it; of two columns the area between them."""
-        path = f"{self.origin}/{rr.escape_entity_path_part(f'{len(self.lines)} {name}')}"
-        self.lines.append(
-            (Lines(path, (name,), (colour,), width, filled=values.ndim > 1), time, values)
-        )
-
-    def area(self, name: str, colour: str, time: Array, low: Array, high: Array) -> None:
-        """Adds the area between two lines (N,), as far as it is in sight; opaque, since strokes that overlap add up."""
-        least, most = self.range
-        edges = np.clip([low, high], 2 * least - most, 2 * most - least)
-        step = ceil(len(time) / MAX_STROKES)
-        self.line(name, colour, time[::step], edges.T[::step])
-
-    def marks(self, name: str, colour: str, times: Sequence[float]) -> None:
-        """Adds an upright line at each time, s, over the whole range; nothing if there are none."""
-        if len(times):
-            ends = with_gaps([np.array(self.range) for _ in times])
-            self.line(
-                name, colour, with_gaps([np.full(2, at) for at in times], last=True), ends, 2.0
-            )
-
-    def draw(self, recording: rr.RecordingStream) -> None:
-        """Draws the lines."""
-        for lines, time, values in self.lines:
-            lines.send_style(recording)
-            lines.send(recording, time, values)
-
-    def view(self, first: float, last: float) -> rrb.View:
-        """Returns the view from ``first`` to ``last``, s, with a legend where there is more than one line."""
-        low, high = self.range
-        margin = 0.05 * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
-        x = time_axis(first, last)
-        y = rrb.ScalarAxis(range=(low - margin, high + margin))
-        legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(self.lines) > 1)
-        title = f"{self.title} ({rounded(low, 3)} to {rounded(high, 3)})"
-        return rrb.TimeSeriesView(
-            name=title, origin=self.origin, axis_x=x, axis_y=y, plot_legend=legend
-        )
-
-
-def time_axis(first: float, last: float) -> rrb.archetypes.TimeAxis:
-    """Returns an axis from ``first`` to ``last``, s."""
-    start = rr.TimeRangeBoundary.absolute(seconds=first)
-    end = rr.TimeRangeBoundary.absolute(seconds=last)
-    return rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
-
-
-def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
-    """Returns parts (N, …) one after the other, after each a NaN, which draws no line, or its ``last`` value again."""
-    ends = (part[-1:] if last else np.full_like(part[-1:], np.nan) for part in parts)
-    return np.concatenate([piece for pair in zip(parts, ends, strict=True) for piece in pair])
+    ends = ((line.y, line.low, line.high) for line in chart.lines)
+    low, high = range_of(*(one for parts in ends for one in parts if one is not None))
+    shown: list[tuple[str, str, float, Array, Array]] = []
+    for line in chart.lines:
+        if line.low is not None and line.high is not None:
+            # As far as it is in sight; opaque, since strokes that overlap add up.
+            edges = np.clip([line.low, line.high], 2 * low - high, 2 * high - low).T
+            step = ceil(len(line.x) / MAX_STROKES)
+            shade = faint(line.colour, palette.BAND_OPACITY)
+            shown.append(("90 % band", shade, 0.0, line.x[::step], edges[::step]))
+        shown.append((line.name, line.colour, 1.2, line.x, line.y))
+    for name, colour, times in marks:
+        upright = np.tile([low, high, np.nan], len(times))
+        shown += [(name, colour, 2.0, np.repeat(times, 3), upright)] * (len(times) > 0)
+    for number, (name, colour, width, time, values) in enumerate(shown):
+        path = f"{origin}/{rr.escape_entity_path_part(f'{number} {name}')}"
+        lines = Lines(path, (name,), (colour,), width, filled=values.ndim > 1)
+        lines.send_style(recording)
+        lines.send(recording, time, values)
+    margin = 0.05 * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=at) for at in span)
+    return rrb.TimeSeriesView(
+        name=f"{chart.y.label} ({rounded(low, 3)} to {rounded(high, 3)})",
+        origin=origin,
+        axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
+        axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(shown) > 1),
+    )
 
 
 def faint(colour: str, opacity: float) -> str:

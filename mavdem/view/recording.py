@@ -29,14 +29,13 @@ from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, se
 from mavdem.report.timeline import Timeline, timeline_of
 from mavdem.report.words import advised, headline
 from mavdem.view.plots import (
-    Plot,
     Target,
     blueprint,
+    drawn,
     events_view,
     log,
     range_of,
     recorded,
-    with_gaps,
 )
 
 # how far forecasts and their bands are drawn beyond the measured values, in spans of these
@@ -112,8 +111,7 @@ class _Page:
         ]
         words = _text(self._recording, "lights", "Lights", lights)
         beside = rrb.Vertical(words, events_view(), row_shares=[55, 45])
-        drawn = [Plot.of(f"flight/{number}", row) for number, row in enumerate(shown)]
-        plots = rrb.Vertical(*self._drawn(drawn))
+        plots = rrb.Vertical(*self._drawn("flight", shown))
         below = rrb.Horizontal(plots, beside, column_shares=[75, 25])
         return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
 
@@ -123,18 +121,15 @@ class _Page:
         return [row for row in self._timeline.rows if row.title.startswith("Wind")]
 
     def air(self, learned: Learned, flights: Sequence[Flight]) -> list[rrb.Container]:
-        """The wind, and its torque with marks where gusts begin; nothing where neither is known."""
+        """The wind, and its torque, with marks where gusts begin; nothing where neither is known."""
         if not self._wind:
             return []
         torque = learned.wind_torque
         gusts = () if torque is None or torque.reason is not None else torque.gusts
         clock = np.concatenate([flight.time for flight in flights])
         begins = [float(clock[gust.sample]) for gust in gusts]
-        plots = [Plot.of(f"air/{number}", row) for number, row in enumerate(self._wind)]
-        for plot, row in zip(plots, self._wind, strict=True):
-            if row.title == "Wind torque":
-                plot.marks(f"gust ({len(begins)})", palette.GUST, begins)
-        return [rrb.Vertical(*self._drawn(plots), name="Wind")]
+        marks = f"gust ({len(begins)})", palette.GUST, begins
+        return [rrb.Vertical(*self._drawn("air", self._wind, marks), name="Wind")]
 
     def loops(self) -> list[rrb.Container]:
         """Measured steps by axis, and loops with their margins; nothing where none is known."""
@@ -186,8 +181,7 @@ class _Page:
             over_time("Process noise w of DEM", "° and s", lines),
             over_time("Free energy F(t) of each sample", "nats", (bound,)),
         ]
-        plots = [Plot.of(f"forecast/{number}", chart) for number, chart in enumerate(charts)]
-        return rrb.Vertical(*self._drawn(plots), name="Forecast")
+        return rrb.Vertical(*self._drawn("forecast", charts), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
         """F̄ by iteration as bars, beside what was learned."""
@@ -202,12 +196,15 @@ class _Page:
         )
         return rrb.Horizontal(bars, details, name="Learning")
 
-    def _drawn(self, plots: Sequence[Plot]) -> list[rrb.View]:
-        """The views of plots, each with its marks."""
-        for plot in plots:
-            plot.marks("went wrong", palette.BAD, self._alarms)
-            plot.draw(self._recording)
-        return [plot.view(*self._timeline.span) for plot in plots]
+    def _drawn(
+        self, folder: str, charts: Sequence[Chart], *marks: tuple[str, str, Sequence[float]]
+    ) -> list[rrb.View]:
+        """The views of charts, each with ``marks`` and the alarms."""
+        known = *marks, ("went wrong", palette.BAD, self._alarms)
+        return [
+            drawn(self._recording, f"{folder}/{number}", chart, self._timeline.span, known)
+            for number, chart in enumerate(charts)
+        ]
 
     def _bars(self, origin: str, name: str, at: Array, values: Array) -> rrb.View:
         """A view of bars at places ``at``, evenly apart."""
@@ -236,10 +233,14 @@ def _forecast(i: int, held_out: HeldOut, measured: Series, label: str) -> Chart:
     low, high = range_of(values)
     beyond = BEYOND * (high - low)
     windows = held_out.forecasts[FORECAST], held_out.band
-    forecast, half = (unit.scale * with_gaps(each[:, :, i]) for each in windows)
+    parts = ((0, 0), (0, 1))  # no line is drawn from one window to the next
+    forecast, half = (
+        unit.scale * np.pad(each[:, :, i], parts, constant_values=np.nan).ravel()
+        for each in windows
+    )
     curves = np.array([forecast, forecast - half, forecast + half])
     inside = np.clip(curves, low - beyond, high + beyond)  # it may overflow
-    time = with_gaps(held_out.time, last=True)
+    time = np.pad(held_out.time, parts, mode="edge").ravel()
     lines = (
         Line("measured", palette.MEASURED, measured.time, values),
         Line("forecast", palette.PREDICTED, time, *inside),

@@ -217,12 +217,12 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
         stream.feed(0.0, data[at : at + 512])
         if (row := stream.status().wind) is not None and row.time not in rows:
             rows[row.time] = row
-            assert stream.now - row.time < 1.0
+            assert stream.now - row.time < 1.1
     # What is not smoothed is the filter's.
     monkeypatch.setattr(Filtered, "smoothed", lambda self: (self.states[1], self.spreads[1]))
     wind = mavdem.wind(log, drag=drag)
     times = np.array([*rows])
-    assert np.median(np.diff(times)) == approx(0.1, abs=1e-6)
+    assert np.median(np.diff(times)) == approx(0.5, abs=1e-6)
     filtered = np.column_stack([np.interp(times, wind.time, part) for part in wind.velocity.T])
     assert np.sqrt(np.mean((filtered - [row.velocity for row in rows.values()]) ** 2)) < 0.15
 
@@ -235,17 +235,16 @@ def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
     live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
-    # it is reset once
-    place = np.cumsum(scale * velocity[:, :2], axis=0) / 10 + 30.0 * (time > 60)[:, None]
-    for at, angles, (north, east, down), xy in zip(
-        time, attitude, scale * velocity, place, strict=True
-    ):
+    inside = list[bool]()
+    for at, angles, (north, east, down) in zip(time, attitude, scale * velocity, strict=True):
         live.attitude(at, angles)
-        live.velocity("LOCAL_POSITION_NED", at, (down, north, east, *xy))
+        live.velocity("LOCAL_POSITION_NED", at, (down, north, east))
+        if live.row is not None:
+            inside += (
+                np.abs(live.row.velocity - air[time > live.row.time][0]) < live.row.band
+            ).tolist()
     assert why in str(live.obstacle or "") and (live.row is None) == bool(why)
-    assert why or np.all(
-        np.abs(live.row.velocity - air[time > live.row.time][0]) < 2 * live.row.band
-    )
+    assert why or np.mean(inside) > 0.8
 
 
 # Of the last, 5 m/s are those at 60 m: SIM_WIND_T is its default.
