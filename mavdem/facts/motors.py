@@ -35,15 +35,13 @@ class MotorsLight(Code):
 
 
 class MotorsBetween(Code):
-    """How the motors of a flight compare with those of healthy flights, and under which other conditions."""
+    """How the motors of a flight compare with those of healthy flights."""
 
     MOTORS_UNCHANGED = auto()
     MOTOR_WEAK = auto()
     BALANCE_CHANGED = auto()
     BALANCE_OUTSIDE = auto()
     EFFORT_CHANGED = auto()
-    EFFORT_DIFFERS = auto()
-    LEAN_DIFFERS = auto()
 
 
 class Explanation(StrEnum):

@@ -49,7 +49,6 @@ class VehicleFact(Code):
     NOT_A_MULTIROTOR = auto()
     VEHICLE_REBOOTED = auto()
     CLOCK_JUMPED = auto()
-    OTHER_CLOCK = auto()
 
 
 class Rows(Code):

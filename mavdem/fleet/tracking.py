@@ -75,8 +75,8 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
             row,
             **{name: getattr(assessment, name) for name in OF_ASSESSMENT},
             residual_mean=residual_mean(row, healthy),
-            health_reason=" ".join(map(str, assessment.facts)),
-            health_code=assessment.facts[0].code,
+            health_reason=str(assessment.fact),
+            health_code=assessment.fact.code,
         )
 
     return [with_health(row) if row.status == OK else row for row in rows]

@@ -7,13 +7,13 @@ thinner air, and with propellers that give less thrust: which, it does not say.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import LEVEL, quantile
+from mavdem.confidence import LEVEL
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
@@ -26,14 +26,12 @@ from mavdem.health.balance import (
     MotorSignatures,
     deviation,
     healthy_flights,
-    known_balance,
 )
 
 PROBABLE = 0.5
 """Probability of a fault, and of any change, from which a flight is called one. ``tools/validation/propellers.py``
 prints how many healthy flights are by chance."""
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
-MIN_LEAN = np.radians(2.0)  # Difference of lean that is worth a sentence
 
 
 class HealthAssessment(NamedTuple):
@@ -43,8 +41,7 @@ class HealthAssessment(NamedTuple):
     # balance changed, by less or not by a motor, or the effort did; ok: as in healthy flights, and a motor that works
     # 20 % harder would have shown
     health: MotorHealth
-    # what speaks for it, or what is missing; then the conditions that differ from those of the healthy flights
-    facts: tuple[Fact, ...]
+    fact: Fact  # what speaks for it, or what is missing
     # that some motor works 8 % harder or more, for it or its propeller is weak; None where unknown
     fault_probability: float | None = None
     # that anything changed, faults included; None where unknown
@@ -79,7 +76,7 @@ def assess(
             few = HealthUnknown.HEALTHY_FLIGHTS_FEW
             unknown = Fact(few, **reference, total=total, needed=FEWEST_FLIGHTS)
         if unknown is not None:
-            assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, (unknown,))
+            assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown)
             continue
         assert flight.signatures is not None
         considered = Candidates(flight.signatures)
@@ -96,9 +93,8 @@ def assess(
             unsure = HealthUnknown.HEALTH_UNSURE
             lost = lost_thrust(DETECTABLE_RISE)
             fact = Fact(unsure, loss=lost, usual=away.usual, **reference)
-            assessment = HealthAssessment(MotorHealth.UNKNOWN, (fact,))
-        conditions = _conditions(flight, others, effort)
-        assessments[number] = assessment._replace(facts=(*assessment.facts, *conditions))
+            assessment = HealthAssessment(MotorHealth.UNKNOWN, fact)
+        assessments[number] = assessment
     return tuple(assessments[number] for number in range(len(flights)))
 
 
@@ -130,11 +126,11 @@ def _assessment(
             **reference,
         )
         motor = suspect + 1 if is_named else None
-        return HealthAssessment(MotorHealth.FAULT, (weak,), *known, motor)
+        return HealthAssessment(MotorHealth.FAULT, weak, *known, motor)
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
     if change < PROBABLE and not away.beyond:
         same = Fact(MotorsBetween.MOTORS_UNCHANGED, Level.GOOD, probability=change, **reference)
-        return HealthAssessment(MotorHealth.OK, (same,), *known)
+        return HealthAssessment(MotorHealth.OK, same, *known)
     differs = {"shift": away.change, "usual": away.usual, **reference}
     drift = Fact(MotorsBetween.BALANCE_OUTSIDE, Level.WATCH, **differs)
     if change >= PROBABLE and effort is not None and effort.probability > balance:
@@ -160,24 +156,7 @@ def _assessment(
             rise=weighed.harder[:, motor],
             **differs,
         )
-    return HealthAssessment(MotorHealth.DRIFT, (drift,), *known)
-
-
-def _conditions(
-    flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None
-) -> Iterator[Fact]:
-    """Conditions that differ from those of the healthy flights."""
-    lean = known_balance(flight).lean
-    usual = np.mean([known_balance(other).lean for other in others], axis=0)
-    if np.abs(lean - usual).max() >= MIN_LEAN:
-        yield Fact(MotorsBetween.LEAN_DIFFERS, Level.WATCH, lean=lean, usual_lean=usual)
-    if effort is not None and abs(effort.more) >= effort.usual:
-        yield Fact(
-            MotorsBetween.EFFORT_DIFFERS,
-            Level.WATCH,
-            effort=effort.more,
-            usual_effort=effort.usual,
-        )
+    return HealthAssessment(MotorHealth.DRIFT, drift, *known)
 
 
 PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
@@ -327,7 +306,6 @@ class EffortChange(NamedTuple):
     """The effort of a flight beside that of healthy ones."""
 
     more: float  # by which share it is greater
-    usual: float  # half the width of an interval of 90 % of healthy flights
     probability: float  # that it changed
     # (S,) the probabilities of no change, then of changes by size
     candidates: Array
@@ -355,5 +333,4 @@ def effort_change(
 
     posterior = prior * student.pdf(more / scale, freedom) / scale
     posterior /= posterior.sum()
-    usual = float(quantile(LEVEL, freedom) * np.sqrt(variance))
-    return EffortChange(float(np.expm1(more)), usual, float(1 - posterior[0]), posterior)
+    return EffortChange(float(np.expm1(more)), float(1 - posterior[0]), posterior)

@@ -180,23 +180,19 @@ class Link:
             family, _, _, _, address = socket.getaddrinfo(*self._address, type=kind)[0]
         except UnicodeError as error:  # no valid host name
             raise socket.gaierror(str(error)) from error
-        opened = socket.socket(family, kind)
-        # half a minute of a fast link
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
-        for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL) if self.datagrams and SO_TIMESTAMPNS else ():
-            with contextlib.suppress(OSError):  # an old kernel: datagrams arrive when they are read
-                opened.setsockopt(socket.SOL_SOCKET, option, 1)
         if self._kind == "tcpin":
-            self._server = opened
-            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            opened.bind(address)
-            opened.listen(1)
+            opened = self._server = socket.create_server(self._address, family=family, backlog=1)
+        elif self._kind == "tcp":
+            opened = self._socket = socket.create_connection(self._address, CONNECT_SECONDS)
+            _probe(opened)
         else:
-            self._socket = opened
-            if self._kind == "tcp":
-                _probe(opened)
+            opened = self._socket = socket.socket(family, kind)
+            # half a minute of a fast link
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+            for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL) if SO_TIMESTAMPNS else ():
+                with contextlib.suppress(OSError):  # an old kernel: they arrive when they are read
+                    opened.setsockopt(socket.SOL_SOCKET, option, 1)
             # Connecting a datagram socket only sets the peer.
-            opened.settimeout(CONNECT_SECONDS)
             (opened.bind if self._kind == "udpin" else opened.connect)(address)
         opened.setblocking(False)
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from math import inf, isfinite, isnan, nan, nextafter
-from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +26,6 @@ from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (
     MAX_OFFSET,
     MIN_RESET_STAMPS,
-    OTHER_EPOCH,
     STEP_BACK,
     WRAP_GAP,
 )
@@ -88,11 +86,8 @@ class BootClock:
         self.boot = 0
         self._latest = nan
         self._turns = 0
-        self._accepted = 0
         self._held: list[Message] = []
         self._run: list[float] = []
-        self._shifts: dict[str, float] = {}
-        self._far: dict[str, list[tuple[int, float]]] = {}
         self._report = report
 
     def place(self, message: Message) -> list[PlacedMessage]:
@@ -118,7 +113,6 @@ class BootClock:
                 round((time - message.stamp) / message.period) if isfinite(message.period) else 0
             )
             self.now = max(self.now, time)
-            self._accepted += 1
             self._held = []
             self._run = []
             return [self._stamp(message, time)]
@@ -142,7 +136,6 @@ class BootClock:
         self._run = []
         self._turns = 0
         self.now = first
-        self._far.clear()
         placed = []
         started = False
         for message in held:
@@ -162,23 +155,10 @@ class BootClock:
         """The time of another message by the reference; None if it is far off."""
         if isnan(self.now):
             return None
-        time = message.stamp + self._shifts.get(message.name, 0.0)
+        time = message.stamp
         if isfinite(message.period):
             time += message.period * round((self.now - time) / message.period)
-        if abs(time - self.now) <= MAX_OFFSET:
-            self._far.pop(message.name, None)
-            return time
-        # Count each accepted reference stamp once: otherwise it may be the reference that is about to change.
-        far = self._far.setdefault(message.name, [])
-        if not far or far[-1][0] != self._accepted:
-            if far and abs(message.stamp - self.now - far[-1][1]) > MAX_OFFSET:
-                far.clear()
-            far.append((self._accepted, message.stamp - self.now))
-        if len(far) > MIN_RESET_STAMPS:
-            away = median(offset for _, offset in self._far.pop(message.name))
-            self._shifts[message.name] = -away if abs(away) > OTHER_EPOCH else 0.0
-            self._report(Fact(VehicleFact.OTHER_CLOCK, subject=message.name, offset=away))
-        return None
+        return time if abs(time - self.now) <= MAX_OFFSET else None
 
     def _hold(self, message: Message) -> list[PlacedMessage]:
         self._held = [*self._held[1 - 40 * MIN_RESET_STAMPS :], message]

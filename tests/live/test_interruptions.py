@@ -64,22 +64,6 @@ def test_a_message_that_is_lost_is_bridged():
     settled_uniform(made)
 
 
-def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
-    frames = []
-    for time, data in FLIGHT.frames(end=18.0):
-        if data[7] == 36:  # SERVO_OUTPUT_RAW
-            outputs = np.rint(FLIGHT.hover.motors(np.array([time])))[0].astype(int).tolist()
-            control = [(output - 1000) / 1000 for output in outputs] + [0.0] * 12
-            fields = {"time_usec": round((time + 1.6e9) * 1e6), "controls": control}
-            data = message("HIL_ACTUATOR_CONTROLS", sequence=data[4], **fields)
-        frames.append((time, data))
-    made = replay(frames)
-    (fact,) = (fact for fact in made.facts if fact.code is VehicleFact.OTHER_CLOCK)
-    assert fact.subject == "HIL_ACTUATOR_CONTROLS"
-    assert fact.figures["offset"] == pytest.approx(1.6e9)
-    assert made.segments().keys() == {0} and made.rows[-1].time == pytest.approx(17.99, abs=0.02)
-
-
 def test_another_rate_in_flight_decides_the_step_anew():
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(end=18.0)
     made = replay(slow + FLIGHT.frames(start=18.0, end=26.0))
