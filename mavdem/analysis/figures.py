@@ -44,7 +44,6 @@ ALL = "all"  # of an axis: roll, pitch and yaw
 
 
 PHYSICAL = (
-    "effect",
     "damping",
     "lag",
     "delay",
@@ -56,7 +55,7 @@ PHYSICAL = (
     "refinements",
     "windows",
 )
-"""What documents have of physical parameters, beside their intervals."""
+"""What documents have of physical parameters beside the effect and intervals."""
 
 
 class AxisFigures(NamedTuple):
@@ -245,9 +244,10 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
         return None
     half = physical.interval(LEVEL)
     return {
+        "effect": physical.effect.tolist(),
         **{name: getattr(physical, name) for name in PHYSICAL},
         "interval_90_percent": {
-            "effect": None if np.isnan(half.effect).any() else half.effect,
+            "effect": None if np.isnan(half.effect).any() else half.effect.tolist(),
             **{name: or_none(getattr(half, name)) for name in ("damping", "lag", "delay")},
         },
     }
