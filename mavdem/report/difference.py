@@ -105,23 +105,18 @@ def _change(change: QuantityChange, found: VehicleDifference) -> str:
 
 
 def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
-    """Names with the widest half width, those of motors together: "the shares of motors 1, 2 and 4 (± 2 %)"."""
-    words = []
-    for kind, ending in ((difference.SHARE, "s"), (difference.EFFECT, "")):
-        if ours := [change for change in changes if change.quantity.kind == kind]:
-            noun = QUANTITIES[kind][0] + ending * (len(ours) > 1)
-            motors = (
-                f"motor{'s' * (len(ours) > 1)} {listed(change.quantity.motor for change in ours)}"
-            )
-            words.append(
-                f"the {noun} of {motors} (± {rounded(100 * max(change.half_width for change in ours))} %)"
-            )
+    """Names with the widest half width, as in "share of motor 1 and motor 2 (± 2 %)"."""
+    by_kind = dict[str, list[QuantityChange]]()
     for change in changes:
-        if not change.quantity.motor:
-            noun, scale, unit = QUANTITIES[change.quantity.kind]
-            words.append(
-                f"{noun} on {change.quantity.axis} (± {rounded(scale * change.half_width)} {unit})"
-            )
+        by_kind.setdefault(change.quantity.kind, []).append(change)
+    words = list[str]()
+    for kind, ours in by_kind.items():
+        noun, scale, unit = QUANTITIES[kind]
+        names = (
+            f"motor {motor}" if motor else axis for _, motor, axis in (one.quantity for one in ours)
+        )
+        widest = scale * max(one.half_width for one in ours)
+        words.append(f"{noun} of {listed(names)} (± {rounded(widest)} {unit})")
     return words
 
 

@@ -61,44 +61,34 @@ def _drawn(lines: Lines) -> Iterator[Line]:
 def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
     """Yields the title, with the unit, and the lines of each quantity."""
     motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
-    shares = {
-        short(name): _line(flights, "trim_share", entry=(i, len(motors)))
-        for i, name in enumerate(motors)
-    }
-    yield ("Motor shares (1: all alike)", shares)
-    sizes = {name: _line(flights, "vibration", entry=(i, 3)) for i, name in enumerate("xyz")}
-    level = _line(flights, "vibration", entry=(0, 1))
-    yield ("Vibration (m/s²)", sizes if np.isnan(level).all() else {"level": level})
+    shares = _estimates(flights, "trim_share", len(motors))
+    yield ("Motor shares (1: all alike)", dict(zip(map(short, motors), shares, strict=True)))
+    yield ("Vibration (m/s²)", dict(zip("xyz", _estimates(flights, "vibration", 3), strict=True)))
+    yield ("Vibration level (m/s²)", {"level": _estimates(flights, "vibration", 1)[0]})
     inputs = sorted({row.per_input for flight in flights for row in flight if row.damping})
     for title, name, scale in QUANTITIES:
         # With the demand as its input the time constant has the mixer's in it.
         units = inputs if name in ("damping", "lag") and len(inputs) > 1 else [""]
         for unit in units:
-            lines = {axis: scale * _line(flights, name, axis, unit) for axis in TILT_AXES}
+            lines = {
+                axis: scale * _estimates(flights, name, 1, axis, unit)[0] for axis in TILT_AXES
+            }
             yield (f"{title}, per {unit}" if unit else title, lines)
 
 
-def _line(
-    flights: Sequence[Flight],
-    name: str,
-    axis: str = "",
-    unit: str = "",
-    entry: tuple[int, int] | None = None,
+def _estimates(
+    flights: Sequence[Flight], name: str, count: int, axis: str = "", unit: str = ""
 ) -> Array:
-    """Value and half width of each flight (flights, 2), of this axis and unit, or any; ``entry``: which of how many."""
-    line = np.full((len(flights), 2), np.nan)
+    """So many values with half widths (count, flights, 2), of this axis and unit, or any."""
+    found = np.full((len(flights), count, 2), np.nan)
     for place, flight in enumerate(flights):
         for row in flight:
             value = getattr(row, name)
-            half = getattr(row, f"{name}_interval", None) if name != "wind_torque_sd" else None
-            if entry is not None:
-                which, count = entry
-                value, half = (
-                    None if one is None or len(one) != count else one[which]
-                    for one in (value, half)
-                )
             refused = getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE
             wanted = axis in ("", row.axis) and unit in ("", row.per_input)
-            if value is not None and wanted and not refused and np.isnan(line[place, 0]):
-                line[place] = value, np.nan if half is None else half
-    return line
+            if value is not None and np.size(value) == count and wanted and not refused:
+                found[place, :, 0] = value
+                half = getattr(row, f"{name}_interval", None)
+                found[place, :, 1] = np.nan if half is None else half
+                break
+    return found.swapaxes(0, 1)
