@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from mavdem.alignment.drive import Motors
 from mavdem.condition.condition import Condition
-from mavdem.condition.wind_velocity import POINTS, WindVelocity, by_compass, from_point
+from mavdem.condition.wind_velocity import WindVelocity, by_compass, from_point
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
 from mavdem.report.charts import Plan
@@ -84,36 +84,16 @@ def _rose(
     edges = np.vstack([np.zeros(16), counts.cumsum(axis=0)])
     scale = REACH / max(float(edges.max()), 1e-9)
     petals = [
-        (_petal(number, scale * inner, scale * outer), round(0.25 + 0.14 * row, 2))
+        (number, scale * inner, scale * outer, 0.25 + 0.14 * row)
         for row, (below, above) in enumerate(pairwise(edges))
         for number, (inner, outer) in enumerate(zip(below, above, strict=True))
         if outer > inner
     ]
     unit = " %" if each != 1.0 else ""
-    rings = [
-        (REACH * part, f"{REACH * part / scale:.{0 if scale < REACH else 1}f}{unit}")
-        for part in (0.5, 1.0)
-    ]
-    points = [
-        (name, *np.round(122 * np.array([np.sin(turn), -np.cos(turn)]), 1))
-        for name, turn in zip(POINTS[::2], np.arange(8) * np.pi / 4, strict=True)
-    ]
-    known = {"petals": petals, "rings": rings, "points": points, "arrow": arrow}
+    decimals = 0 if scale < REACH else 1
+    rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (REACH / 2, REACH)]
+    known = {"petals": petals, "rings": rings, "arrow": arrow}
     return Plan("Wind rose", said, _drawn("rose", **known))
-
-
-def _petal(number: int, inner: float, outer: float) -> str:
-    """The outline of one sector of a rose, clockwise from the north."""
-    turns = np.pi / 8 * (number + np.array([-0.42, 0.42]))
-    corners = np.array([np.sin(turns), -np.cos(turns)])
-    (a, b), (c, d) = (radius * corners.T for radius in (inner, outer))
-    ways = (
-        "M{:.1f} {:.1f}".format(*a),
-        "L{:.1f} {:.1f}".format(*c),
-        "A{0:.1f} {0:.1f} 0 0 1 {1:.1f} {2:.1f}".format(outer, *d),
-        "L{:.1f} {:.1f}Z".format(*b),
-    )
-    return " ".join(ways)
 
 
 def flown_path(timeline: Timeline | None) -> Plan | None:
@@ -123,8 +103,7 @@ def flown_path(timeline: Timeline | None) -> Plan | None:
         return None
     north, east = place.values[:, :2].T
     size = max(float(np.ptp(north)), float(np.ptp(east)), 2.0)
-    lengths = np.outer(10.0 ** np.arange(6), [1, 2, 5])
-    length = float(lengths[lengths <= max(size / 2, 1)].max())
+    length = float(f"{size / 3:.0e}")
     scale = 2 * REACH / size
     every = slice(None, None, -(-len(north) // WAY))
     x = scale * (east[every] - (east.min() + east.max()) / 2)
@@ -133,9 +112,9 @@ def flown_path(timeline: Timeline | None) -> Plan | None:
     drawing = _drawn(
         "path",
         way=way,
-        first=(round(x[0], 1), round(y[0], 1)),
-        last=(round(x[-1], 1), round(y[-1], 1)),
-        scale=(round(scale * length, 1), f"{length:g} m"),
+        first=(x[0], y[0]),
+        last=(x[-1], y[-1]),
+        scale=(scale * length, f"{length:g} m"),
     )
     said = (
         f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
