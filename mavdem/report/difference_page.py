@@ -142,7 +142,7 @@ def _spectra(both: Mapping[str, Review]) -> list[Group]:
             hertz = np.array(found["frequency"])[1:]
             lines.append(Line(name, COLOURS[name], hertz, np.maximum(density, 1e-12)))
     power = Axis("power ((rad/s)²/Hz)", log=True)
-    chart = Chart("Gyro", Axis("frequency (Hz)"), power, tuple(lines))
+    chart = Chart("Gyro, power ((rad/s)²/Hz)", Axis("frequency (Hz)"), power, tuple(lines))
     return [Group.of([chart])] if lines else []
 
 
@@ -159,7 +159,7 @@ def _motors(both: Mapping[str, Review]) -> list[Group]:
             at = np.arange(float(len(shares)))
             lines.append(Line.around(name, COLOURS[name], at, deviation, half, Kind.DOTS))
     axis = Axis("motor", names=tuple(names))
-    chart = Chart("Motors", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
+    chart = Chart("Trim deviation (%)", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
     return [Group.of([chart])] if lines else []
 
 

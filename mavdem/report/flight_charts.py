@@ -84,8 +84,8 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, 
     sensitivity = Axis("sensitivity |S|", log=True)
     known = tuple(marks)
     return (
-        Chart(f"{title}: gain", FREQUENCY, gain, tuple(gains), (0.0,), known),
-        Chart(f"{title}: phase", FREQUENCY, phase, tuple(phases), (-180.0,), known),
+        Chart(f"{title}: gain (dB)", FREQUENCY, gain, tuple(gains), (0.0,), known),
+        Chart(f"{title}: phase (°)", FREQUENCY, phase, tuple(phases), (-180.0,), known),
         Chart(
             f"{title}: sensitivity",
             FREQUENCY,
@@ -124,7 +124,7 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None) -> Chart | None:
         marks.append(Mark(loop.crossover, "crossover", BAD))
     density_axis = Axis("power ((rad/s)²/Hz)", log=True)
     return Chart(
-        "Gyro",
+        "Gyro, power ((rad/s)²/Hz)",
         Axis("frequency (Hz)", ends=(0.0, highest)),
         density_axis,
         tuple(lines),
@@ -139,11 +139,11 @@ def spectrogram(spectrum: Spectrum) -> tuple[Chart, ...]:
     levels, over_levels = spectrum.by_throttle
     over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.whole[order])
     hertz = Axis("frequency (Hz)")
-    charts = [Chart("Gyro over time", TIME, hertz, heat=over_time, group="flight")]
+    charts = [Chart("Gyro over time (Hz)", TIME, hertz, heat=over_time, group="flight")]
     if len(levels) > 1:
         over_throttle = _heat(100 * levels, spectrum.frequency, over_levels)
         throttle = Axis("throttle (%)")
-        charts.append(Chart("Gyro over throttle", throttle, hertz, heat=over_throttle))
+        charts.append(Chart("Gyro over throttle (Hz)", throttle, hertz, heat=over_throttle))
     return tuple(charts)
 
 

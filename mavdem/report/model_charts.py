@@ -60,11 +60,11 @@ def bode(learned: Learned, output: int = -1) -> Charts:
         drawn = "physical parameters", PHYSICAL, frequency
     phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
     magnitude = Axis(per(unit, command.unit), log=True)
-    title = f"{labels.output_names[output]} by {command.name}"
+    title = f"{labels.output_names[output]} by {command.name} ({magnitude.label})"
     gain = banded(*drawn, unit.scale * np.abs(response))
     return (
         Chart(title, FREQUENCY, magnitude, (gain,)),
-        Chart("Phase", FREQUENCY, Axis("phase (°)"), (banded(*drawn, phase),)),
+        Chart("Phase (°)", FREQUENCY, Axis("phase (°)"), (banded(*drawn, phase),)),
     )
 
 
@@ -81,7 +81,7 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
     name = labels.output_names[output]
     command = AxisCommand.of(learned).name
     line = Line("residual", PREDICTED, time, errors)
-    charts = [Chart(f"Residual of {name}", TIME, Axis(named("residual", unit.name)), (line,))]
+    charts = [Chart(f"Residual of {name} ({unit.name})", TIME, Axis(named("residual", unit.name)), (line,))]
     tests = ("Autocorrelation", found.auto), (f"Correlation with {command}", found.across)
     for (title, values), bound in zip(tests, found.bounds, strict=True):
         stems = Line("correlation", PREDICTED, found.lag[1:], values[1:], kind=Kind.STEMS)
@@ -113,7 +113,7 @@ def disturbance(learned: Learned) -> Charts:
     unit = Axis(named("wind torque", TORQUE.name))
     return (
         Chart("Wind torque", TIME, unit, (line,), (0.0,), spans=gusts),
-        Chart("Its spectrum", FREQUENCY, Axis(f"({TORQUE.name})²/Hz", log=True), spectrum),
+        Chart(f"Its spectrum (({TORQUE.name})²/Hz)", FREQUENCY, Axis(f"({TORQUE.name})²/Hz", log=True), spectrum),
     )
 
 
@@ -153,7 +153,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
         Line("measured", MEASURED, time, joined(held.measured)),
         Line.around("forecast", PREDICTED, time, middle, half),
     )
-    charts = [Chart(f"Forecast of {name}", TIME, Axis(named(name, unit.name)), lines)]
+    charts = [Chart(f"Forecast of {name} ({unit.name})", TIME, Axis(named(name, unit.name)), lines)]
     if len(held) > 1:
         errors = tuple(
             Line(
@@ -166,7 +166,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
             for method, colour in ((FORECAST, PREDICTED), (CONSTANT_MEAN, BASELINE))
         )
         axis = Axis(f"RMSE ({unit.name})", ends=(0.0, None))
-        charts.append(Chart("Error in every window", TIME, axis, errors))
+        charts.append(Chart(f"RMSE in every window ({unit.name})", TIME, axis, errors))
     return tuple(charts)
 
 

@@ -265,7 +265,11 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
         return []
     says = str if doubted else advised
     parameters = dict[str, list[str]]()
-    for name, reason in physical.reasons.items():
+    reasons = physical.reasons
+    if len({*physical.status.values()}) == 1:
+        # What is wrong with the effectiveness is enough to know.
+        reasons = {"effect": reasons["effect"]}
+    for name, reason in reasons.items():
         if reason is not None:
             what = f"{PARAMETERS[name]} {physical.status[name]}"
             parameters.setdefault(says(reason), []).append(what)
