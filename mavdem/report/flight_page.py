@@ -280,8 +280,10 @@ def _parameters(telemetry: Telemetry) -> Chapter:
         [name, *(row.get(axis, "") for axis in ("R", "P", "Y", "all"))]
         for name, row in by_axis.items()
     ]
-    if rows:
-        blocks.append(Table(["parameter", "roll", "pitch", "yaw", "all"], rows))
+    half = -(-len(rows) // 2)
+    for part in (rows[:half], rows[half:]):
+        if part:
+            blocks.append(Table(["parameter", "roll", "pitch", "yaw", "all"], part))
     return Chapter("Parameters", blocks)
 
 

@@ -81,7 +81,11 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
     name = labels.output_names[output]
     command = AxisCommand.of(learned).name
     line = Line("residual", PREDICTED, time, errors)
-    charts = [Chart(f"Residual of {name} ({unit.name})", TIME, Axis(named("residual", unit.name)), (line,))]
+    charts = [
+        Chart(
+            f"Residual of {name} ({unit.name})", TIME, Axis(named("residual", unit.name)), (line,)
+        )
+    ]
     tests = ("Autocorrelation", found.auto), (f"Correlation with {command}", found.across)
     for (title, values), bound in zip(tests, found.bounds, strict=True):
         stems = Line("correlation", PREDICTED, found.lag[1:], values[1:], kind=Kind.STEMS)
@@ -113,7 +117,12 @@ def disturbance(learned: Learned) -> Charts:
     unit = Axis(named("wind torque", TORQUE.name))
     return (
         Chart("Wind torque", TIME, unit, (line,), (0.0,), spans=gusts),
-        Chart(f"Its spectrum (({TORQUE.name})²/Hz)", FREQUENCY, Axis(f"({TORQUE.name})²/Hz", log=True), spectrum),
+        Chart(
+            f"Its spectrum (({TORQUE.name})²/Hz)",
+            FREQUENCY,
+            Axis(f"({TORQUE.name})²/Hz", log=True),
+            spectrum,
+        ),
     )
 
 

@@ -218,27 +218,21 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
 
 
 def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> list[Block]:
-    """Returns a row for each of the ``axes`` of a vehicle, and the reasons for what is not reported."""
-    blocks: list[Block] = []
-    if axes:  # A table without rows says nothing.
-        units = (axis.flights[0].input_units[0] for axis in axes.values() if axis.flights)
-        unit = next(units, "")
-        words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
-        header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
-        reasons = [
-            (
-                name,
-                (str if doubted else advised)(one.reason)
-                if one.reason
-                else " ".join(parameter_reasons(one.physical, doubted)),
-            )
-            for name, one in axes.items()
-        ]
-        blocks = [
-            Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"),
-            Table(header, [[name, *_axis_row(one)] for name, one in axes.items()]),
-            *(Sentence(reason, f"{name.capitalize()}:") for name, reason in reasons if reason),
-        ]
+    """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
+    unit = next((one.flights[0].input_units[0] for one in axes.values() if one.flights), "")
+    words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
+    header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
+    known = {name: row for name, one in axes.items() if {*(row := _axis_row(one))} != {"-"}}
+    blocks = list[Block]()
+    if known:
+        blocks.append(Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"))
+        blocks.append(Table(header, [[name, *row] for name, row in known.items()]))
+    for name, one in axes.items():
+        reasons = parameter_reasons(one.physical, doubted)
+        if one.reason:
+            reasons = [(str if doubted else advised)(one.reason)]
+        if reasons:
+            blocks.append(Sentence(" ".join(reasons), f"{name.capitalize()}:"))
     return blocks
 
 
