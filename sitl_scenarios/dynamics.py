@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import asin, atan2, ceil, exp, hypot, sqrt
+from operator import sub
 from typing import Literal, NamedTuple
 
 from sitl_scenarios.scenario import Scenario, VehicleSpec
@@ -199,60 +200,27 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     def change(
         attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: AirState
     ) -> Change:
-        # Unrolled into floats: numpy's calls on arrays of three would take ten times as long.
-        w, x, y, z = attitude
-        vn, ve, vd = velocity
+        # Of floats: numpy's calls on arrays of three would take ten times as long.
         p, q, r = rates
-        o1, o2, o3, o4 = rotors
-        north, east, down, air_p, air_q, roll, pitch, yaw = air
-
-        # Rotation from body to NED.
-        xx = x + x
-        yy = y + y
-        zz = z + z
-        wx = w * xx
-        wy = w * yy
-        wz = w * zz
-        xy = x * yy
-        xz = x * zz
-        yz = y * zz
-        xx = x * xx
-        yy = y * yy
-        zz = z * zz
-        r11 = 1.0 - yy - zz
-        r12 = xy - wz
-        r13 = xz + wy
-        r21 = xy + wz
-        r22 = 1.0 - xx - zz
-        r23 = yz - wx
-        r31 = xz - wy
-        r32 = yz + wx
-        r33 = 1.0 - xx - yy
-
-        # The air relative to the body, in its axes.
-        an = north - vn
-        ae = east - ve
-        ad = down - vd
-        ax = r11 * an + r21 * ae + r31 * ad
-        ay = r12 * an + r22 * ae + r32 * ad
-        az = r13 * an + r23 * ae + r33 * ad
-        past = sqrt(an * an + ae * ae + ad * ad)
-        hull = half_rho_area * past
-        speeds = o1 + o2 + o3 + o4
-        fx = (hull_x * past + along_x * speeds) * ax
-        fy = (hull_y * past + along_y * speeds) * ay
+        *moving, air_p, air_q, roll, pitch, yaw = air
+        rows = rotation(attitude)
+        past = tuple(map(sub, moving, velocity))
+        ax, ay, az = (dot(column, past) for column in zip(*rows, strict=True))
+        speed = sqrt(dot(past, past))
+        speeds = sum(rotors)
+        fx = (hull_x * speed + along_x * speeds) * ax
+        fy = (hull_y * speed + along_y * speeds) * ay
 
         # Air through each disc; a hub at (x, y) moves down with the body's p y − q x.
         tp = through * (air_p - p)
         tq = through * (air_q - q)
         tz = through * az
-        push = hull * az
-        fz = push
+        fz = push = half_rho_area * speed * az
         mx = roll - dx * p + height * fy - aside * push
         my = pitch - dy * q - height * fx + ahead * push
         mz = yaw - dz * r + aside * fx - ahead * fy
-        for speed, (forward, right, _, _) in zip(rotors, each, strict=True):
-            lost = speed * (tz + tp * right - tq * forward)
+        for one, (forward, right, _, _) in zip(rotors, each, strict=True):
+            lost = one * (tz + tp * right - tq * forward)
             fz += lost
             mx += right * lost
             my -= forward * lost
@@ -261,27 +229,45 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         lift = turn = 0.0
         rolling = mx
         pitching = my
-        for speed, (forward, right, left, spin) in zip(rotors, each, strict=True):
-            thrust = left * (thrust2 * speed + thrust1) * speed
+        for one, (forward, right, left, spin) in zip(rotors, each, strict=True):
+            thrust = left * (thrust2 * one + thrust1) * one
             lift += thrust
-            turn += spin * (torque2 * speed + torque1) * speed
+            turn += spin * (torque2 * one + torque1) * one
             rolling -= right * thrust
             pitching += forward * thrust
 
-        fn = r11 * fx + r12 * fy + r13 * fz
-        fe = r21 * fx + r22 * fy + r23 * fz
-        fd = r31 * fx + r32 * fy + r33 * fz
+        force = tuple(dot(row, (fx, fy, fz)) for row in rows)
+        lifted = (one - row[2] * lift for one, row in zip(force, rows, strict=True))
+        north, east, down = (one / mass for one in lifted)
         return (
-            (fn - r13 * lift) / mass,
-            (fe - r23 * lift) / mass,
-            (fd - r33 * lift) / mass + GRAVITY,
+            *(north, east, down + GRAVITY),
             (rolling + (iy - iz) * q * r) / ix,
             (pitching + (iz - ix) * r * p) / iy,
             (mz + turn + (ix - iy) * p * q) / iz,
-            *(fn, fe, fd, mx, my, mz),
+            *(*force, mx, my, mz),
         )
 
     return change
+
+
+def dot(one: Three, other: Three) -> float:
+    """The inner product."""
+    x, y, z = one
+    u, v, w = other
+    return x * u + y * v + z * w
+
+
+def rotation(attitude: Quaternion) -> tuple[Three, Three, Three]:
+    """The rows of the matrix of an attitude, from body to NED."""
+    w, x, y, z = attitude
+    x2 = x + x
+    y2 = y + y
+    z2 = z + z
+    return (
+        (1.0 - y * y2 - z * z2, x * y2 - w * z2, x * z2 + w * y2),
+        (x * y2 + w * z2, 1.0 - x * x2 - z * z2, y * z2 - w * x2),
+        (x * z2 - w * y2, y * z2 + w * x2, 1.0 - x * x2 - y * y2),
+    )
 
 
 def turned(attitude: Quaternion, half: Three) -> Quaternion:
