@@ -9,48 +9,53 @@ Usage: tools/bench/serve.py list             # 10,000 flights listed and searche
 from __future__ import annotations
 
 import hashlib
-import http.client
 import json
-import os
 import random
-import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from statistics import quantiles
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import click
+import requests
 
 from mavdem.facts.serve import Stage
+from mavdem.report.blocks import Table, markdown
 from mavdem.serve.library import Entry, Library, insert
 
-BOUNDARY = "boundary"
 PATIENCE_SECONDS = 600.0
+get = partial(requests.get, timeout=60)
 
 
 class Served(NamedTuple):
     """A running server."""
 
     process: subprocess.Popen[bytes]
-    port: int
+    address: str
 
-    def ask(self, method: str, path: str, body: bytes | None = None) -> tuple[int, bytes]:
-        kind = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
-        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
-        with closing(line):
-            line.request(method, path, body, kind if body else {})
-            answer = line.getresponse()
-            return answer.status, answer.read()
+    def flights(self, search: str = "") -> Any:
+        return get(f"{self.address}/api/flights", {"q": search, "limit": "1000"}).json()
 
-    def flights(self, search: str = "", limit: int = 1000) -> Any:
-        return json.loads(self.ask("GET", f"/api/flights?q={search}&limit={limit}")[1])
+    def upload(self, name: str, content: bytes) -> int:
+        files = {"filearg": (name, content)}
+        return requests.post(f"{self.address}/api/logs", files=files, timeout=60).status_code
+
+    def timed(self, path: str) -> tuple[int, float]:
+        """The status of a page, and how long it took, s."""
+        began = time.perf_counter()
+        return get(self.address + path).status_code, time.perf_counter() - began
+
+    def wait_for(self, done: int) -> None:
+        """Waits until so many logs are read."""
+        until(lambda: self.flights("stage:done")["total"] == done)
 
     @property
     def megabytes(self) -> float:
@@ -60,15 +65,15 @@ class Served(NamedTuple):
 
 
 @contextmanager
-def served(folder: Path, jobs: int = 2) -> Iterator[Served]:
+def served(folder: str) -> Iterator[Served]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = int(probe.getsockname()[1])
-    words = ["serve", str(folder), "--port", str(port), "--no-browser", "--jobs", str(jobs)]
+    words = ["serve", folder, "--port", str(port), "--no-browser", "--jobs", "2"]
     process = subprocess.Popen([sys.executable, "-m", "mavdem", *words], stderr=subprocess.DEVNULL)
-    server = Served(process, port)
+    server = Served(process, f"http://127.0.0.1:{port}")
     try:
-        until(lambda: server.ask("GET", "/static/serve.js")[0] == 200)
+        until(lambda: get(f"{server.address}/static/serve.js").ok)
         yield server
     finally:
         process.terminate()
@@ -79,16 +84,11 @@ def until(holds: Callable[[], bool]) -> None:
     """Waits until something holds."""
     began = time.perf_counter()
     while time.perf_counter() - began < PATIENCE_SECONDS:
-        with suppress(OSError, http.client.HTTPException):
+        with suppress(requests.RequestException):
             if holds():
                 return
         time.sleep(0.05)
     raise TimeoutError
-
-
-def form(name: str, content: bytes) -> bytes:
-    head = f'Content-Disposition: form-data; name="filearg"; filename="{name}"'
-    return f"--{BOUNDARY}\r\n{head}\r\n\r\n".encode() + content + f"\r\n--{BOUNDARY}--\r\n".encode()
 
 
 def other(content: bytes, number: int) -> bytes:
@@ -96,10 +96,8 @@ def other(content: bytes, number: int) -> bytes:
     return content + number.to_bytes(8, "big")
 
 
-def report(rows: list[tuple[str, str]]) -> None:
-    print("| what | figure |\n|---|---|")
-    for name, figure in rows:
-        print(f"| {name} | {figure} |")
+def report(rows: list[list[str]]) -> None:
+    click.echo(markdown([Table(["what", "figure"], rows)]))
 
 
 def percentiles(seconds: list[float]) -> str:
@@ -136,16 +134,11 @@ def list_command() -> None:
                 insert(db, entry)
         library.close()
         figures = []
-        with served(Path(place)) as server:
-            for search in ("", "quad-7", "motors:bad%20wind%3E5", "ATC_RAT_RLL_P%3E0.9", "nothing"):
-                seconds = []
-                for _ in range(30):
-                    began = time.perf_counter()
-                    status, _ = server.ask("GET", f"/?q={search}")
-                    seconds.append(time.perf_counter() - began)
-                    assert status == 200
+        with served(place) as server:
+            for search in ("", "quad-7", "motors:bad wind>5", "ATC_RAT_RLL_P>0.9", "nothing"):
+                seconds = [server.timed(f"/?q={search}")[1] for _ in range(30)]
                 total = server.flights(search)["total"]
-                figures.append((f"page of `{search}`: {total} found", percentiles(seconds)))
+                figures.append([f"page of `{search}`: {total} found", percentiles(seconds)])
     report(figures)
 
 
@@ -154,46 +147,42 @@ def list_command() -> None:
 def load_command(log: Path) -> None:
     """Uploads and reads pages at the same time."""
     content = log.read_bytes()
-    with TemporaryDirectory() as place, served(Path(place)) as server:
-        server.ask("POST", "/api/logs", form(log.name, content))
-        until(lambda: server.flights("stage:done")["total"] == 1)
-        page = f"/f/{server.flights()['flights'][0]['id']}"
-        pages = list[float]()
-        wrong = list[int]()
+    with TemporaryDirectory() as place, served(place) as server:
+        server.upload(log.name, content)
+        server.wait_for(1)
+        paths = "/", f"/f/{server.flights()['flights'][0]['id']}"
+        pages = list[tuple[int, float]]()
         is_over = False
-
         chance = random.Random(1)
 
         def read() -> None:
             while not is_over:
-                for path in ("/", page):
-                    began = time.perf_counter()
-                    status, _ = server.ask("GET", path)
-                    pages.append(time.perf_counter() - began)
-                    wrong.extend([status] * (status != 200))
+                for path in paths:
+                    pages.append(server.timed(path))
                     time.sleep(chance.uniform(0.0, 1.0))
 
-        def upload(number: int) -> None:
-            body = form(f"{number}.tlog", other(content, number))
-            status, _ = server.ask("POST", "/api/logs", body)
-            wrong.extend([status] * (status != 201))
+        def upload(number: int) -> int:
+            return server.upload(f"{number}.tlog", other(content, number))
 
         began = time.perf_counter()
         with ThreadPoolExecutor(20) as readers, ThreadPoolExecutor(10) as clients:
             for _ in range(20):
                 readers.submit(read)
-            list(clients.map(upload, range(50)))
+            uploads = list(clients.map(upload, range(50)))
             most = server.megabytes
-            until(lambda: server.flights("stage:done")["total"] == 51)
+            server.wait_for(51)
             took = time.perf_counter() - began
             most = max(most, server.megabytes)
             is_over = True
+    wrong = [status for status, _ in pages if status != 200]
+    wrong += [status for status in uploads if status != 201]
+    seconds = [one for _, one in pages]
     report(
         [
-            ("a page, 20 readers", f"{percentiles(pages)} of {len(pages)}"),
-            ("answers that were errors", str(len(wrong))),
-            ("the most memory of the server", f"{most:.0f} MB"),
-            ("the 50 logs were read in", f"{took:.0f} s, {50 / took:.1f} a second"),
+            ["a page, 20 readers", f"{percentiles(seconds)} of {len(pages)}"],
+            ["answers that were errors", str(len(wrong))],
+            ["the most memory of the server", f"{most:.0f} MB"],
+            ["the 50 logs were read in", f"{took:.0f} s, {50 / took:.1f} a second"],
         ]
     )
 
@@ -206,30 +195,27 @@ def kill_command(log: Path, times: int) -> None:
     content = log.read_bytes()
     chance = random.Random(1)
     acknowledged = set[str]()
+
+    def upload(server: Served, number: int) -> None:
+        body = other(content, number)
+        with suppress(requests.RequestException):
+            if server.upload(f"{number}.tlog", body) == 201:
+                acknowledged.add(hashlib.sha256(body).hexdigest())
+
     with TemporaryDirectory() as place:
-        folder = Path(place)
         for number in range(times):
-            with served(folder) as server, ThreadPoolExecutor(4) as clients:
-
-                def upload(mine: int, server: Served = server) -> None:
-                    body = other(content, mine)
-                    with suppress(OSError, http.client.HTTPException):
-                        status, _ = server.ask("POST", "/api/logs", form(f"{mine}.tlog", body))
-                        if status == 201:
-                            acknowledged.add(hashlib.sha256(body).hexdigest())
-
+            with served(place) as server, ThreadPoolExecutor(4) as clients:
                 for mine in range(4):
-                    clients.submit(upload, 4 * number + mine)
+                    clients.submit(upload, server, 4 * number + mine)
                 time.sleep(chance.uniform(0.0, 3.0 if number % 2 else 0.05))
-                os.kill(server.process.pid, signal.SIGKILL)
-        with served(folder) as server:
-            total = server.flights()["total"]
-            until(lambda: server.flights("stage:done")["total"] == total)
-        there = {path.name for path in (folder / "logs").iterdir()}
+                server.process.kill()
+        with served(place) as server:
+            server.wait_for(server.flights()["total"])
+        there = {path.name for path in Path(place, "logs").iterdir()}
     report(
         [
-            ("uploads that were acknowledged", str(len(acknowledged))),
-            ("of them lost", str(len(acknowledged - there))),
+            ["uploads that were acknowledged", str(len(acknowledged))],
+            ["of them lost", str(len(acknowledged - there))],
         ]
     )
 
