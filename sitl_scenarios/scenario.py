@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
-    AliasChoices,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -419,9 +418,7 @@ class Shaking(Section):
 class StreamSpec(Section):
     """What the autopilot sends."""
 
-    autopilot: Literal["px4", "ardupilot"] = Field(
-        default="px4", validation_alias=AliasChoices("autopilot", "speaks")
-    )
+    autopilot: Literal["px4", "ardupilot"] = "px4"
     """Whose messages, units and parameters."""
     rate: float = Field(100.0, ge=0.1, le=400)
     """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""

@@ -8,7 +8,7 @@ what it is here.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import Any
@@ -72,11 +72,16 @@ def linearised(vehicle: VehicleSpec) -> Linear:
 
     hover = np.repeat([0.0, body.command_for(body.hover_speed)], [12, 4])
     steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.full], [3, 3, 3, 3, 4])
+    slopes = _slopes(derivative, hover, steps)
+    return Linear(STATES, slopes[:, :12], slopes[:, 12:])
+
+
+def _slopes(function: Callable[[Array], Array], at: Array, steps: Array) -> Array:
+    """(m, n) of a function of (n,), by central differences of so large ``steps`` (n,)."""
     pairs = zip(np.diag(steps), steps, strict=True)
-    columns = [
-        (derivative(hover + step) - derivative(hover - step)) / (2 * size) for step, size in pairs
-    ]
-    return Linear(STATES, np.column_stack(columns[:12]), np.column_stack(columns[12:]))
+    return np.column_stack(
+        [(function(at + h) - function(at - h)) / (2 * size) for h, size in pairs]
+    )
 
 
 def axis(vehicle: VehicleSpec, axis: Axis = "roll") -> Linear:
@@ -110,10 +115,7 @@ def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: D
         o1, o2, o3, o4 = speeds.tolist()
         return np.array(change(level, still, still, (o1, o2, o3, o4), about)[3:6])
 
-    steps = np.diag(1e-5 * rotors)
-    return np.column_stack(
-        [(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps]
-    )
+    return _slopes(acceleration, rotors, 1e-5 * rotors)
 
 
 def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:

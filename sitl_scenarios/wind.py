@@ -67,9 +67,8 @@ SLOWEST = 1.0  # m/s: V in less wind
 class Turbulence(NamedTuple):
     """At one height in one wind."""
 
-    # along, across and down: (L/V in s, σ in m/s) of the components along the mean wind, across it and down
-    along: tuple[float, float]
-    across: tuple[float, float]
+    # (L/V in s, σ in m/s) of the components along the mean wind and across it, and down
+    level: tuple[float, float]
     down: tuple[float, float]
     # (time constant in s, standard deviation in rad/s) of the air's rotation about a horizontal axis
     rotation: tuple[float, float]
@@ -93,9 +92,11 @@ def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
     vertical = 0.1 * wind.wind_at_20_feet
     horizontal = vertical / slope**0.4
     variance = vertical**2 / low * 0.8 * (pi * low / (4 * span)) ** (1 / 3) * pi**2 / (8 * span)
-    level = (wide / airspeed, horizontal)
-    rotation = (4 * span / (pi * airspeed), variance**0.5)
-    return Turbulence(along=level, across=level, down=(low / airspeed, vertical), rotation=rotation)
+    return Turbulence(
+        level=(wide / airspeed, horizontal),
+        down=(low / airspeed, vertical),
+        rotation=(4 * span / (pi * airspeed), variance**0.5),
+    )
 
 
 def first_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
@@ -294,20 +295,23 @@ def _turbulent(
     """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
     places = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
     turbulent = turbulence(wind, scenario.height, max(places.right) - min(places.right))
+    level, gust = turbulent.level
+    slow, lift = turbulent.down
     if wind.kind == "dryden":
-        along = first_order(turbulent.along[0], dt, samples, noise)
-        across, down = (second_order(turbulent[i][0], dt, samples, noise) for i in (1, 2))
+        along = first_order(level, dt, samples, noise)
+        across, down = (second_order(constant, dt, samples, noise) for constant in (level, slow))
     else:
-        along, across, down = (
-            von_karman_noise(i > 0, turbulent[i][0], dt, samples, noise) for i in range(3)
+        along = von_karman_noise(False, level, dt, samples, noise)
+        across, down = (
+            von_karman_noise(True, constant, dt, samples, noise) for constant in (level, slow)
         )
     north, east, _ = towards(wind.direction)
-    ahead = wind.speed + turbulent.along[1] * along
-    aside = turbulent.across[1] * across
+    ahead = wind.speed + gust * along
+    aside = gust * across
     p, q = (
         turbulent.rotation[1] * first_order(turbulent.rotation[0], dt, samples, noise)
         for _ in range(2)
     )
     return np.column_stack(
-        [ahead * north - aside * east, ahead * east + aside * north, turbulent.down[1] * down, p, q]
+        [ahead * north - aside * east, ahead * east + aside * north, lift * down, p, q]
     )

@@ -8,7 +8,6 @@ https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 from __future__ import annotations
 
 import struct
-from enum import IntEnum
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -166,50 +165,35 @@ def written(
     return payload(name, len(boot), **fields)
 
 
-class ParameterType(IntEnum):
-    """MAV_PARAM_TYPE."""
-
-    INT8 = 2
-    INT16 = 4
-    INT32 = 6
-    REAL32 = 9
-
-    @property
-    def bits(self) -> int:
-        """Of the integer types; 0 of a real."""
-        return 0 if self is ParameterType.REAL32 else int(self.name[3:])
+REAL32 = 9  # MAV_PARAM_TYPE of all that are no integers
 
 
 class Parameter(NamedTuple):
     """A parameter of MAV_PARAM_TYPE ``kind``; ``value`` is whole where that is an integer type."""
 
     name: str
-    kind: ParameterType
+    kind: int
     value: float
 
     def encoded(self, bitwise: bool) -> float:
         """PARAM_VALUE.param_value."""
-        if bitwise and self.kind.bits:
+        if bitwise and self.kind != REAL32:
             return float(struct.unpack("<f", struct.pack("<i", int(self.value)))[0])
         return self.value
 
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
-    stream = scenario.stream
+    system = scenario.stream.system
     as_x = (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
-    own: dict[str, float] = {"MAV_SYSID": stream.system, "FRAME_TYPE": int(as_x)}
+    own: dict[str, float] = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}
     if autopilot.name == "px4":
-        own = {"MAV_SYS_ID": stream.system, "SYS_AUTOSTART": 4001 if as_x else 5001}
-    values = {
-        name: value for known in autopilot.parameters.values() for name, value in known.items()
-    }
-    values |= own
-    values |= parameters_of(scenario, cycle)
+        own = {"MAV_SYS_ID": system, "SYS_AUTOSTART": 4001 if as_x else 5001}
     kinds = {name: kind for kind, known in autopilot.parameters.items() for name in known}
+    values: dict[str, float] = {}
+    for known in (*autopilot.parameters.values(), own, parameters_of(scenario, cycle)):
+        values |= known
     return {
-        name: Parameter(
-            name, ParameterType(kinds.get(name, ParameterType.REAL32)), float(values[name])
-        )
+        name: Parameter(name, kinds.get(name, REAL32), float(values[name]))
         for name in sorted(values)
     }

@@ -120,7 +120,7 @@ class Transmitter:
         self._scenario = scenario
         self._cycle = cycle
         self._asked: list[tuple[str, Payloads]] = []
-        self._events, self._to_tell = self._planned(), list[Payloads]()
+        self._events = self._planned()
         self._armed_at = np.inf
         # At zero, messages would seem to have no stamp.
         self._begin(0.0, 0.01)
@@ -148,27 +148,29 @@ class Transmitter:
         """Sends a message once, with the next block; fields that are not given are zero."""
         self._asked.append((name, payload(name, **values)))
 
-    def tell(self, parameter: Parameter) -> None:
-        """Sends one parameter by itself, with the next block."""
-        # 65535: its index among all is not said.
-        self._asked.append(("PARAM_VALUE", self._told(parameter, 65535)))
+    def tell(self, parameter: Parameter, index: int = 65535) -> None:
+        """Sends one parameter, with the next block; 65535: its ``index`` among all is not said."""
+        self.ask(
+            "PARAM_VALUE",
+            param_id=parameter.name.encode(),
+            param_value=parameter.encoded(self.autopilot.bitwise),
+            param_type=parameter.kind,
+            param_count=len(self.parameters),
+            param_index=index,
+        )
 
     def tell_parameters(self) -> None:
-        """Sends all parameters, one in a cycle."""
-        self._to_tell = [
-            self._told(parameter, index) for index, parameter in enumerate(self.parameters.values())
-        ]
+        """Sends all parameters."""
+        for index, parameter in enumerate(self.parameters.values()):
+            self.tell(parameter, index)
 
     def _planned(self) -> list[tuple[float, Callable[[float], None]]]:
         """Seconds after arming, and what happens then: it is called with that time of the motion."""
         faults = self._scenario.faults
-        flown = seconds(self._scenario)
-        events: list[tuple[float, Callable[[float], None]]] = []
-        if faults.mavproxy_rate:
-            events += [
-                (time, self._set_streams)
-                for time in np.arange(0.0, flown, MAVPROXY_SECONDS).tolist()
-            ]
+        often = seconds(self._scenario) if faults.mavproxy_rate else 0.0
+        events: list[tuple[float, Callable[[float], None]]] = [
+            (time, self._set_streams) for time in np.arange(0.0, often, MAVPROXY_SECONDS).tolist()
+        ]
         if faults.reboot is not None:
             # a second without messages
             events.append((faults.reboot, lambda now: self._begin(now, now + 1.0)))
@@ -194,7 +196,6 @@ class Transmitter:
         self.clock = first - boot
         self.schedule = self._scheduled(self.clock)
         self.parameters = parameters(self._scenario, self.autopilot, self._cycle)
-        self._to_tell = []
         if not self._scenario.stream.only_when_asked:
             self.tell_parameters()
         text = f"Simulated by mavdem, frame {self._scenario.vehicle.mixer or self._scenario.vehicle.frame}"
@@ -205,16 +206,6 @@ class Transmitter:
         return Schedule(
             self._rates, start, self._cycle, self.autopilot.interval_step, self.autopilot.apart
         )
-
-    def _told(self, parameter: Parameter, index: int) -> Payloads:
-        value = parameter.encoded(self.autopilot.bitwise)
-        count = len(self.parameters)
-        named = {
-            "param_id": parameter.name.encode(),
-            "param_value": value,
-            "param_type": parameter.kind,
-        }
-        return payload("PARAM_VALUE", **named, param_count=count, param_index=index)
 
     def _sent(self, motion: Motion) -> Batch:
         motion = rows_of_motion(motion, slice(int(np.searchsorted(motion.time, self._first)), None))
@@ -229,12 +220,6 @@ class Transmitter:
             (name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked
         ]
         self._asked = []
-        # Of the parameters one in each row.
-        listed = self._to_tell[: len(motion)]
-        self._to_tell = self._to_tell[len(motion) :]
-        placed += (
-            [("PARAM_VALUE", np.arange(len(listed)), np.concatenate(listed))] if listed else []
-        )
         placed += self._streams(motion, clock)
         return self._framed(placed, motion.time) if placed else _nothing()
 

@@ -103,7 +103,7 @@ def test_low_altitude_turbulence_has_the_standards_figures():
         TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44
     )
     assert found.down == pytest.approx((20 * 0.3048 / 10, 0.77))
-    assert found.along == found.across == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
+    assert found.level == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
 
 
 def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
@@ -237,9 +237,9 @@ def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
         weather = Weather(scenario, dt, dt * np.arange(4000))
         seen += [weather.at(cycle, (0.0, 0.0, -5.0))[:5] for cycle in range(0, 4000, 1000)]
     # From the north: along is south, across is east or west. 60 values at least are independent: 9 % of an sd.
-    parts = of_wind.along, of_wind.across, of_wind.down, of_wind.rotation, of_wind.rotation
+    parts = of_wind.level, of_wind.level, of_wind.down, of_wind.rotation, of_wind.rotation
     assert np.std(seen, axis=0) == pytest.approx([sd for _, sd in parts], rel=0.35)
-    assert np.mean(seen, axis=0)[0] == pytest.approx(-8.0, abs=4 * of_wind.along[1] / 60**0.5)
+    assert np.mean(seen, axis=0)[0] == pytest.approx(-8.0, abs=4 * of_wind.level[1] / 60**0.5)
 
 
 Array = NDArray[np.float64]
