@@ -55,7 +55,6 @@ class Controller:
     def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
         self._body = body = airframe(vehicle)
         self._frame = places = frame(vehicle.mixer or vehicle.frame, body.arm)
-        self._stop = vehicle.stop
         self._gain = vehicle.rate_gain
         lag = sum(body.lag) / 2
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
@@ -162,7 +161,7 @@ class Controller:
 
     def mixed(self, demands: Four) -> Four:
         """Normalised commands of the motors."""
-        return mix(self._frame, demands, self._stop)
+        return mix(self._frame, demands)
 
     def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
         """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""

@@ -69,8 +69,8 @@ def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
 IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
 
 
-def mix(frame: RotorFrame, demands: Four, stop: float = 1.0, idle: float = IDLE_COMMAND) -> Four:
-    """Normalised commands of the motors, ``idle`` to ``stop``.
+def mix(frame: RotorFrame, demands: Four) -> Four:
+    """Normalised commands of the motors, ``IDLE_COMMAND`` to 1.
 
     ``demands`` are roll, pitch, yaw (−1 to 1) and thrust (0 to 1). Where a motor would saturate, thrust gives way
     first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
@@ -82,12 +82,12 @@ def mix(frame: RotorFrame, demands: Four, stop: float = 1.0, idle: float = IDLE_
     ]
     lowest = min(turning)
     highest = max(turning)
-    if highest - lowest > stop - idle:
-        scale = (stop - idle) / (highest - lowest)
+    if highest - lowest > 1.0 - IDLE_COMMAND:
+        scale = (1.0 - IDLE_COMMAND) / (highest - lowest)
         turning = [one * scale for one in turning]
         lowest = lowest * scale
         highest = highest * scale
-    thrust = min(max(thrust, idle - lowest), stop - highest)
+    thrust = min(max(thrust, IDLE_COMMAND - lowest), 1.0 - highest)
     return tuple(one + thrust for one in turning)
 
 

@@ -205,12 +205,12 @@ def _ardupilot(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]
     ArduPilot's derivative is of the error. The filter of the target makes up for it: (1 + LEAD τs)/(1 + τs) behind
     1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
     """
-    share, slope = _slope_in_hover(vehicle, IDLE_COMMAND, stop := vehicle.stop)
+    share, slope = _slope_in_hover(vehicle, IDLE_COMMAND, 1.0)
     values = {
         "MOT_THST_EXPO": share,
         "MOT_SPIN_ARM": IDLE_COMMAND,
         "MOT_SPIN_MIN": IDLE_COMMAND,
-        "MOT_SPIN_MAX": stop,
+        "MOT_SPIN_MAX": 1.0,
     }
     for name, one in zip(("RLL", "PIT", "YAW"), gains, strict=True):
         values |= {

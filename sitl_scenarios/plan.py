@@ -63,17 +63,18 @@ def times(scenario: Scenario) -> Times:
     """When a scenario does what. Raises ValueError: the duration leaves no time to hover."""
     climb = max(3.0, scenario.height / _FASTEST)
     descent = max(4.0, scenario.height / _FASTEST)
-    after = AFTER_SECONDS + scenario.idle
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
     excited = max(fsum(sum(move_seconds(move)[1:]) for move in moves), 1.0)
-    shortest = SPIN_UP_SECONDS + climb + excited + 2 * SETTLE_SECONDS + descent + after
+    shortest = SPIN_UP_SECONDS + climb + excited + 2 * SETTLE_SECONDS + descent + AFTER_SECONDS
     if scenario.duration < shortest:
         least = (
             f"at least {shortest:g} s for a height of {scenario.height:g} m"
             + " and the course" * bool(moves)
         )
         raise ValueError(f"duration must be {least}, not {scenario.duration:g}")
-    return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - after - descent)
+    return Times(
+        climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - AFTER_SECONDS - descent
+    )
 
 
 def seconds(scenario: Scenario) -> float:

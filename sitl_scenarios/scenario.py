@@ -154,8 +154,6 @@ class VehicleSpec(Section):
     """Frame that the autopilot is set to, where it is another: it turns roll into pitch, and may oscillate."""
     rate_gain: float = Field(1.0, gt=0, le=50)
     """Multiple of the rate loop's gain that suits the vehicle"""
-    stop: float = Field(1.0, gt=0.2, le=1)
-    """Share of the pulse range at which motors stop: MOT_SPIN_MAX"""
     inertia_scale: float = Field(1.0, ge=0.1, le=10)
     """Multiple of the published moments of inertia; the autopilot is tuned for it."""
     body: Annotated[BodySpec | None, _OrInf] = None
@@ -464,12 +462,6 @@ class Scenario(Section):
     """Seconds from arming to disarming"""
     flights: int = Field(1, ge=1, le=100)
     """How often it takes off, each time for the duration; faults count from the first."""
-    idle: NotNegative = 0.0
-    """Seconds of the duration that it stands on the ground after landing, in the mode that landed, motors idling."""
-    idle_share: Share = 0.1
-    """Of the pulse range: what the motors idle at then"""
-    landing_mode: bool = True
-    """Whether it lands in the mode for it; if not, in that of the hover"""
     height: float = Field(5.0, gt=0.5, le=100)
     """Of the hover, m"""
     seed: int = Field(0, ge=0, lt=2**32)

@@ -133,8 +133,7 @@ class Simulation:
                 (DISARMED_PULSE[self.scenario.stream.autopilot],) * 4, (0.0,) * 4
             )
         elif reference.landed_state == 1 or self._down:
-            idle = self.scenario.idle_share if self._down else IDLE_COMMAND
-            control = ControlOutput((pulse(idle),) * 4, (0.0, 0.0, 0.0, idle))
+            control = ControlOutput((pulse(IDLE_COMMAND),) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
         else:
             control = self._controller.control(estimate, reference, not self._grounded)
         acting: Change = (0.0,) * 12

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from mavdem.ingest.vocabulary import ACTIVE, ARMED, IN_AIR, LANDING, ON_GROUND, STANDBY
+from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, euler, pulse
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.plan import BOOT_SECONDS, FULL_STICK, SPIN_UP_SECONDS, seconds
+from sitl_scenarios.plan import FULL_STICK
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import CHARGED, GRAVITY
 
@@ -66,17 +66,7 @@ def written(
 ) -> Payloads:
     """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
     fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
-    # While its motors idle after landing, as long as the scenario says, the autopilot has not noticed it.
-    turn = (motion.time - BOOT_SECONDS) % (seconds(scenario) / scenario.flights)
-    idles = (
-        motion.armed
-        & (motion.landed_state == ON_GROUND)
-        & (turn > SPIN_UP_SECONDS)
-        & (scenario.idle > 0)
-    )
-    states = np.where(idles, LANDING, motion.landed_state)
-    states = states if scenario.landing_mode else np.where(states == LANDING, IN_AIR, states)
-    modes = np.array(autopilot.modes)[states - ON_GROUND]
+    modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
     base = modes[:, 0] + ARMED * motion.armed
     custom = modes[:, 1]
     rates = by_column("rollspeed pitchspeed yawspeed", motion.known_rates)
@@ -84,7 +74,7 @@ def written(
     outputs[:, : len(SPINS)] = motion.outputs
     match name:
         case "HEARTBEAT":
-            status = np.where(motion.armed & (states != ON_GROUND), ACTIVE, STANDBY)
+            status = np.where(motion.armed & (motion.landed_state != ON_GROUND), ACTIVE, STANDBY)
             fields = {
                 "type": QUADROTOR,
                 "autopilot": autopilot.number,

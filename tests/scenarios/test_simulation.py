@@ -12,7 +12,7 @@ from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
 
-FAULTY = {"landing_unnoticed", "motor_at_its_stop", "oscillating_frame", "oscillating_gains"}
+FAULTY = {"oscillating_frame", "oscillating_gains"}
 WINDY = (
     sections.SteadyWind(kind="steady", speed=4.0),
     sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2),
