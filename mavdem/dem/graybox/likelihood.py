@@ -237,20 +237,23 @@ def responses(step: Array, number: int) -> Array:
 
     Of x_{k+1} = step x_k + gain · input_k they give what an input does to the first state, any number of steps later.
     """
-    row = np.eye(1, step.shape[-1])
-    rows = []
-    for _ in range(number):
-        rows.append(row)
-        row = row @ step
-    return np.concatenate(np.broadcast_arrays(*rows), axis=1)
+    rows = np.tile(np.eye(1, step.shape[-1]), (len(step), 1, 1))
+    while rows.shape[1] < number:
+        rows = np.concatenate([rows, rows @ step], axis=1)
+        step = step @ step
+    return rows[:, :number]
 
 
 def convolved(inputs: Array, effects: Array) -> Array:
     """(b, W, N) sum of c inputs (b, c, W, N), each convolved with its effects (b, c, N)."""
     number = inputs.shape[-1]
     length = next_fast_len(2 * number, real=True)
-    both = (rfft(inputs, length) * rfft(effects, length)[:, :, None]).sum(axis=1)
-    return np.asarray(irfft(both, length)[..., :number])
+    # One model after the other: all at once are too large for the processor's cache.
+    both = (
+        (rfft(each, length) * rfft(effect, length)[:, None]).sum(axis=0)
+        for each, effect in zip(inputs, effects, strict=True)
+    )
+    return np.array([irfft(each, length)[:, :number] for each in both])
 
 
 def jumping(inputs: Array, sooner: float) -> Array:
