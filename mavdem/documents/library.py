@@ -111,8 +111,6 @@ class Progress(Document):
     """waiting, reading, judging, learning, drawing, done or failed"""
     words: str
     """the same in words"""
-    step: str
-    """what is being done; may be empty"""
     headline: str
     """once it is known"""
     level: str

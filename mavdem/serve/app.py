@@ -7,6 +7,7 @@ import inspect
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path, PureWindowsPath
 from typing import Any, TypeVar
@@ -33,7 +34,6 @@ from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, P
 from mavdem.errors import NotLearnable, Refusal
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
-from mavdem.facts.lights import Light
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
 from mavdem.fleet.row import OK, FlightRow, vehicles_of
@@ -207,8 +207,6 @@ class Server:
         key = self.rights.key(Use.UPLOAD)
         return {
             "may_read": may_read,
-            "may_write": may_read,
-            "may_upload": may_read,
             "key": self.rights.key(Use.WRITE) if may_read else "",
             "has_token": bool(self.rights.token),
             "address": address,
@@ -257,7 +255,7 @@ class Server:
         page = with_bar(
             path.read_text("utf-8"),
             files=entry.file_names if entry.digest else [],
-            can_open=can_open and known["may_write"],
+            can_open=can_open and known["may_read"],
             **known,
         )
         return HTMLResponse(page)
@@ -487,50 +485,37 @@ class Server:
 
     async def _told(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
         """Events while flights are being read, those that were done meanwhile too."""
+        watched = list[str]()
+        before = list[Progress]()
+        where = f"{condition.where} or id in (select value from json_each(?))"
         self._watchers += 1
         try:
-            async for text in self._changes(request, condition):
-                yield text
+            while not await request.is_disconnected():
+                values = *condition.values, json.dumps(watched)
+                entries, _ = await run_in_threadpool(self.library.find, where, values, MOST_LISTED)
+                now = [self._progress_of(entry) for entry in entries]
+                watched = [entry.id for entry in entries if not entry.is_done]
+                changed = [one.as_dict() for one in now if one not in before]
+                before = now
+                if changed:
+                    yield f"data: {json.dumps(changed)}\n\n"
+                if not watched:
+                    break
+                await asyncio.sleep(LOOK_SECONDS)
         finally:
             self._watchers -= 1
-
-    async def _changes(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
-        watched = list[str]()
-        before = dict[str, Progress]()
-        while not await request.is_disconnected():
-            now = await run_in_threadpool(self._progress_of, condition, watched)
-            watched = [one.id for one in now if one.stage not in (Stage.DONE, Stage.FAILED)]
-            changed = [one.as_dict() for one in now if before.get(one.id) != one]
-            before = {one.id: one for one in now}
-            if changed:
-                yield f"data: {json.dumps(changed)}\n\n"
-            if not watched:
-                break
-            await asyncio.sleep(LOOK_SECONDS)
         yield "event: end\ndata: \n\n"
 
-    def _progress_of(self, condition: Condition, watched: list[str]) -> list[Progress]:
-        entries, _ = self.library.find(*condition, MOST_LISTED)
-        known = {entry.id for entry in entries}
-        for id in watched:
-            if id not in known:
-                gone, _ = self.library.find("id = ?", [id], 1)
-                entries += gone
-        return [self._progress_of_one(entry) for entry in entries]
-
-    def _progress_of_one(self, entry: Entry) -> Progress:
-        told = {} if entry.is_done else self.library.told(entry)
-        stage = told.get("stage", entry.stage)
-        level = told.get("level", entry.level)
-        lights = {str(light): told[light] for light in Light if light in told}
+    def _progress_of(self, entry: Entry) -> Progress:
+        if not entry.is_done:
+            entry = replace(entry, **self.library.told(entry))
         return Progress(
             id=entry.id,
-            stage=stage,
-            words=words()["stages"][stage],
-            step=told.get("step", ""),
-            headline=told.get("headline", entry.headline),
-            level=level,
-            lights=lights or entry.lights,
+            stage=entry.stage,
+            words=words()["stages"][entry.stage],
+            headline=entry.headline,
+            level=entry.level,
+            lights=entry.lights,
             problem=entry.problem,
         )
 

@@ -85,7 +85,6 @@ class Entry:
     wind_speed: float | None = None
     gains: str = "{}"
     files: str = ""  # of the results, by commas
-    words: str = ""  # that a search finds it by
     sorted_by: str = ""  # its date or, where that is not known, when it was received
 
     @property
@@ -184,13 +183,11 @@ class Library:
         return self.folder / RESULTS / (entry.digest or entry.id)
 
     def told(self, entry: Entry) -> dict[str, Any]:
-        """Returns what the process that reads a log has said of it so far."""
+        """Returns the columns that the process that reads a log has said of it so far."""
         for name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):
-                told: dict[str, Any] = json.loads(
-                    (self.folder / RESULTS / name / PROGRESS).read_bytes()
-                )
-                return told
+                told = json.loads((self.folder / RESULTS / name / PROGRESS).read_bytes())
+                return {column: told[column] for column in COLUMNS if column in told}
         return {}
 
     @property
@@ -237,7 +234,6 @@ class Library:
                 part.stat().st_size,
                 received=now.timestamp(),
                 sorted_by=now.isoformat(),
-                words=name.lower(),
                 **columns,
             )
             insert(db, entry)
@@ -298,22 +294,15 @@ class Library:
             row = db.execute("select * from entries where id = ?", [id]).fetchone()
             if row is None:
                 raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
-            entry = _entry(row)
-            db.execute("update entries set words = ? where id = ?", [words_of(entry), id])
-        return entry
+        return _entry(row)
 
     def claim(self) -> Entry | None:
         """Returns a log to read, the one that waits longest; None if there is none."""
-        query = "select * from entries where stage = ? order by received limit 1"
-        if self._db.execute(query, [Stage.WAITING]).fetchone() is None:
-            return None
+        query = """update entries set stage = ?, claimed = ? where id =
+            (select id from entries where stage = ? order by received limit 1) returning *"""
         with self._transaction() as db:
-            row = db.execute(query, [Stage.WAITING]).fetchone()
-            if row is None:
-                return None
-            claimed = [Stage.READING, self.name, row["id"]]
-            db.execute("update entries set stage = ?, claimed = ? where id = ?", claimed)
-        return _entry(row)
+            row = db.execute(query, [Stage.READING, self.name, Stage.WAITING]).fetchone()
+        return row and _entry(row)
 
     def finish(self, entry: Entry, outcome: Outcome, limits: Limits) -> None:
         """Enters what became of a log: its rows into the fleet, and what is known of it into the index.
@@ -321,32 +310,31 @@ class Library:
         A log that cannot be read goes, unless its entry says that it is to be kept.
         """
         results = self.results_of(entry)
-        has_page = (results / PAGE).is_file()
-        told = {name: value for name, value in self.told(entry).items() if name in COLUMNS}
-        told |= {"sorted_by": told["date"]} if told.get("date") else {}
+        columns = self.told(entry) | {"claimed": ""}
+        if columns.get("date"):
+            columns["sorted_by"] = columns["date"]
         try:
             self.entry(entry.id)
         except Refusal:  # it was deleted meanwhile
             shutil.rmtree(results, ignore_errors=True)
+            return
+        source = source_of(str(self.path_of(entry)))
+        with self.store() as store:
+            store.add(source, outcome, limits)
+            store.track([source])
+        self.is_unpublished.set()
+        if (results / PAGE).is_file():
+            (results / PROGRESS).unlink(missing_ok=True)
+            files = sorted(results.iterdir())
+            columns |= {"stage": Stage.DONE, "problem": ""}
+            columns["kept"] = sum(path.stat().st_size for path in files)
+            columns["files"] = ",".join(path.name for path in files)
         else:
-            source = source_of(str(self.path_of(entry)))
-            with self.store() as store:
-                store.add(source, outcome, limits)
-                store.track([source])
-            self.is_unpublished.set()
-            if has_page:
-                (results / PROGRESS).unlink(missing_ok=True)
-                names = sorted(path.name for path in results.iterdir())
-                sizes = [(results / name).stat().st_size for name in names]
-                made = {"kept": sum(sizes), "files": ",".join(names), "stage": Stage.DONE}
-                self.change(entry.id, **(told | made | {"claimed": "", "problem": ""}))
-                return
-            why = outcome.rows[0].status
-            failed: dict[str, Any] = {"claimed": "", "stage": Stage.FAILED, "problem": why}
+            columns |= {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
             if not entry.keep:
                 self._forget(entry)
-                failed |= {"size": 0, "path": entry.id}
-            self.change(entry.id, **(told | failed))
+                columns |= {"size": 0, "path": entry.id}
+        self.change(entry.id, **columns)
 
     def delete(self, id: str) -> None:
         """Removes log, results and row."""
@@ -433,7 +421,7 @@ def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
     first = rows[0]
     date = "" if first.date is None else first.date.isoformat(timespec="seconds")
     size = first.key.rpartition("-")[2]
-    entry = Entry(
+    return Entry(
         new_id(),
         Path(file).name,
         path=file,
@@ -446,7 +434,6 @@ def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
         files=first.page or "",
         **columns_of(rows),
     )
-    return Entry(**{**vars(entry), "words": words_of(entry)})
 
 
 def columns_of(rows: list[FlightRow]) -> dict[str, Any]:
@@ -463,12 +450,6 @@ def columns_of(rows: list[FlightRow]) -> dict[str, Any]:
         "wind_speed": first.wind_speed,
         **lights,
     }
-
-
-def words_of(entry: Entry) -> str:
-    """Returns the words that a search finds an entry by."""
-    said = (entry.name, entry.vehicle, entry.date, entry.headline, entry.problem, entry.note)
-    return " ".join(filter(None, (*said, entry.tags, entry.modes))).lower()
 
 
 @contextmanager

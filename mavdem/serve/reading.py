@@ -85,7 +85,7 @@ def _judged(
 
     @contextmanager
     def step(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-        tell(Stage.LEARNING, step=title)
+        tell(Stage.LEARNING)
         yield lambda share: None
 
     tell(Stage.JUDGING)

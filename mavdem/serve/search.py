@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Stage
 
 TERM = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
-NUMBERS = {"wind": "wind_speed", "duration": "duration"}
-TEXTS = {"vehicle": "vehicle", "level": "level", "sharing": "sharing", "stage": "stage"}
-TEXTS |= {str(light): str(light) for light in Light}
+TEXTS = {"vehicle", "date", "level", "sharing", "stage", *map(str, Light)}
+NUMBERS = {"wind": "wind_speed", "duration": "duration", "motor": "motor"}
 LISTS = {"mode": "modes", "tag": "tags"}
+SAID = " || ' ' || ".join(
+    ("name", "vehicle", "date", "headline", "problem", "note", "tags", "modes")
+)
+"""Columns that a word is looked for in."""
 WORKING = f"stage not in ('{Stage.DONE}', '{Stage.FAILED}')"
 
 
@@ -36,30 +40,23 @@ def condition_of(text: str) -> Condition:
 def _parts(text: str) -> Iterator[Condition]:
     for word in text.split()[:20]:
         term = TERM.fullmatch(word)
-        yield (term and _term(*term.groups())) or _contains("words", word.lower())
+        yield (term and _term(*term.groups())) or _contains(SAID, word)
 
 
 def _term(name: str, sign: str, value: str) -> Condition | None:
     known = name.lower()
-    if sign == ":" and known in TEXTS:
-        return Condition(f"{TEXTS[known]} = ? collate nocase", (value,))
-    if sign == ":" and known in LISTS:
+    sign = sign.replace(":", "=")
+    if known in LISTS:
         return _contains(f"',' || {LISTS[known]} || ','", f",{value},")
-    if sign == ":" and known == "motor":
-        return Condition("motor = cast(? as integer)", (value,))
-    if sign != ":" and known == "date":
-        return Condition(f"date {sign} ?", (value,))
-    try:
+    with suppress(ValueError):
         number = float(value)
-    except ValueError:
-        return None
-    if sign == ":":
-        return None
-    if known in NUMBERS:
-        return Condition(f"{NUMBERS[known]} {sign} ?", (number,))
-    if name.isupper():
-        # an autopilot's parameter; \w has no quote in it
-        return Condition(f"json_extract(gains, ?) {sign} ?", (f'$."{name}"', number))
+        if known in NUMBERS:
+            return Condition(f"{NUMBERS[known]} {sign} ?", (number,))
+        if name.isupper():
+            # an autopilot's parameter; \w has no quote in it
+            return Condition(f"json_extract(gains, ?) {sign} ?", (f'$."{name}"', number))
+    if known in TEXTS:
+        return Condition(f"{known} {sign} ? collate nocase", (value,))
     return None
 
 

@@ -129,7 +129,7 @@ def list_command() -> None:
                     wind_speed=chance.uniform(0, 12),
                     gains=json.dumps({f"ATC_RAT_RLL_{one}": chance.random() for one in "PID"}),
                     motors=chance.choice(("good", "watch", "bad")),
-                    words=f"flight_{number}.bin quad-{number % 50} little margin",
+                    headline="little margin",
                 )
                 insert(db, entry)
         library.close()

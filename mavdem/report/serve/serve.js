@@ -183,7 +183,6 @@
       before &&= !is;
       item.className = is ? "is" : before ? "was" : "";
     }
-    $("step").textContent = flight.step ? `${flight.step} …` : "";
   };
   watch();
 
