@@ -31,6 +31,14 @@ def to_pandas(flight: Flight) -> Any:
     return to_pandas(flight)
 
 
+def to_xarray(flight: Flight) -> Any:
+    """Returns a ``flight`` as an ``xarray.Dataset``."""
+    require("xarray", "Flight.to_xarray()")
+    from mavdem.export.conversion import to_xarray
+
+    return to_xarray(flight)
+
+
 def flight_html(flight: Flight) -> str:
     """Returns a ``flight`` for a notebook."""
     from mavdem.report.page import flight_html

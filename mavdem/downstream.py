@@ -23,6 +23,10 @@ class FlightDownstream:
         """Returns a ``pandas.DataFrame``: a row a sample, by time in s; columns with units as in ``flight.csv``."""
         return _upstairs.to_pandas(self)
 
+    def to_xarray(self) -> Any:
+        """Returns an ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them."""
+        return _upstairs.to_xarray(self)
+
     def _repr_html_(self) -> str:
         html: str = _upstairs.flight_html(self)
         return html
@@ -52,8 +56,8 @@ class LearnedDownstream:
     def to_control(self, model: str = "physical") -> Any:
         """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
 
-        About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, is the
-        physical plant's. ``ValueError`` where there is none, with the reason.
+        About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, and ``.draws``,
+        plants from the posterior, are the physical plant's. ``ValueError`` where there is none, with the reason.
         """
         return _upstairs.to_control(self, model)
 

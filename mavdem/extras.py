@@ -17,6 +17,7 @@ EXTRAS = {
     "serve": ("python_multipart", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
+    "xarray": ("xarray",),
 }
 """Modules by the name of the extra."""
 

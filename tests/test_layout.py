@@ -70,6 +70,7 @@ ROOMS_OF_LIBRARIES = {
     "fsspec": {"fleet"},
     "distributed": {"fleet"},
     "pandas": {"export"},
+    "xarray": {"export"},
     "control": {"export"},
     "click": {"cli"},
     "rich": {"cli"},

@@ -20,7 +20,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity
-from mavdem.dem import Learned
+from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.held_out import HeldOut
@@ -42,6 +42,7 @@ from mavdem.report.series import series_of
 if TYPE_CHECKING:
     import control
     import pandas
+    import xarray
 
 # columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"
 Table = Mapping[str, Array]
@@ -123,15 +124,41 @@ def to_pandas(flight: Flight) -> pandas.DataFrame:
     return frame
 
 
-PADE_ORDER = 2  # of the delay, exact to 1° up to 0.3/delay Hz
+def to_xarray(flight: Flight) -> xarray.Dataset:
+    """Returns variables ``inputs (time, input)``, ``outputs (time, output)`` and what else the flight has, by name.
+
+    ``time`` is in s on the autopilot's boot clock. Units stand beside the names, as ``input_unit (input)`` and so on;
+    the sampling step and the source are in ``attrs``.
+    """
+    import xarray
+
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {
+        "time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})
+    }
+    for kind, names, units, values in _channels(flight):
+        variables[f"{kind}s"] = (("time", kind), values)
+        coordinates |= {kind: (kind, list(names)), f"{kind}_unit": (kind, list(units))}
+    if flight.effect_directions is not None:
+        variables["effect_directions"] = ("input", flight.effect_directions)
+    return xarray.Dataset(
+        variables,
+        coordinates,
+        {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))},
+    )
+
+
+# of the delay, exact to 1° up to 0.3/delay Hz; plants from the posterior
+PADE_ORDER = 2
+PLANT_DRAWS = 100
 
 
 def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     """Returns the axis in continuous time, in the units of the data, radians and s, about its trim.
 
     The ``model`` "physical" is the plant: from the motors to angle and rate by their effect, lag and delay, which is
-    approximated to second order (Padé), and the damping. ``.delay`` is that delay, s. It needs no controller, and has
-    no bias of the closed loop.
+    approximated to second order (Padé), and the damping. ``.delay`` is that delay, s; ``.draws`` are plants from the
+    posterior, for what is to hold under uncertainty. It needs no controller, and has no bias of the closed loop.
 
     The ``model`` "dem" is DEM's own ẋ = A x + B u, y = C x of the flight in closed loop, without noise and offset.
 
@@ -150,7 +177,10 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     outputs = list(map(column_name, labels.output_names, labels.output_units))
     names: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
     if model == "physical":
-        return _plant(learned, names)
+        draws = _identified(learned).draws(PLANT_DRAWS).tolist()
+        plant, *plants = (_plant(draw, names) for draw in draws)
+        vars(plant).update(delay=draws[0][-1], draws=plants)
+        return plant
     states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
     if states_are_outputs(learned):
         states = [*outputs, *states[len(outputs) :]][: len(states)]
@@ -158,12 +188,10 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     return control.StateSpace(A, B, C, np.zeros((len(C), len(inputs))), states=states, **names)
 
 
-def _plant(learned: Learned, names: dict[str, Any]) -> control.StateSpace:
-    """The physical plant."""
-    import control
-
+def _identified(learned: Learned) -> Physical:
+    """The physical parameters of a model of angle and rate; warns of what is not well known."""
     physical = learned.physical
-    count = len(names["outputs"])
+    count = len(learned.record.output_names)
     if physical is None or physical.caution is not None:
         reason = learned.physical_reason if physical is None else physical.caution
         raise NotLearnable(Fact(Plant.NO_PLANT, because=reason))
@@ -175,17 +203,24 @@ def _plant(learned: Learned, names: dict[str, Any]) -> control.StateSpace:
         given = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
         reasons = " ".join(given)
         warn(f"Of this plant are not well known: {', '.join(doubtful)}. {reasons}", stacklevel=4)
-    order = PADE_ORDER if physical.delay else 0
-    late = control.tf2ss(*control.pade(physical.delay, order))
-    A = np.array([[0, 1, 0], [0, -physical.damping, 1], [0, 0, -1 / physical.lag]])
-    A = A[2 - count :, 2 - count :]
+    return physical
+
+
+def _plant(draw: Sequence[float], names: dict[str, Any]) -> control.StateSpace:
+    """The physical plant of effect, damping, lag and delay."""
+    import control
+
+    *effect, damping, lag, delay = draw
+    outputs = names["outputs"]
+    count = len(outputs)
+    order = PADE_ORDER if delay else 0
+    late = control.tf2ss(*control.pade(delay, order))
+    A = np.array([[0, 1, 0], [0, -damping, 1], [0, 0, -1 / lag]])[2 - count :, 2 - count :]
     B = np.zeros((count + 1, 1))
-    B[-1] = 1 / physical.lag
+    B[-1] = 1 / lag
     motion = control.StateSpace(A, B, np.eye(count, count + 1), np.zeros((count, 1)))
-    states = [*(f"delay_{i + 1}" for i in range(order)), *names["outputs"], "motors_torque"]
-    plant = control.StateSpace(motion * late * physical.effect[None], states=states, **names)
-    plant.delay = physical.delay
-    return plant
+    states = [*(f"delay_{i + 1}" for i in range(order)), *outputs, "motors_torque"]
+    return control.StateSpace(motion * late * np.array([effect]), states=states, **names)
 
 
 STREAMS = {".tlog": write_tlog, ".mcap": write_mcap}

@@ -1,4 +1,4 @@
-"""Flights as pandas frames, systems of python-control, and MCAP channels for layouts."""
+"""Flights and models as pandas and xarray objects, systems of python-control, and MCAP channels for layouts."""
 
 import json
 from pathlib import Path
@@ -40,6 +40,18 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
     assert frame.attrs["provenance"] == flight.provenance
 
 
+@pytest.mark.slow
+def test_a_dataset_has_what_else_a_flight_has():
+    time = np.arange(4) * 0.1
+    asked = np.array([np.nan, 1, 1, 2])
+    flight = mavdem.Flight(time, time, time, setpoints=asked, effect_directions=[1.0])
+    data = flight.to_xarray()
+    assert_array_equal(data.setpoints[:, 0], asked)
+    assert_array_equal(data.effect_directions, [1.0])
+    assert data.outputs.dims == ("time", "output") and data.time.attrs["units"] == "s"
+    assert data.attrs["dt"] == flight.dt
+
+
 def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
     system = learned.to_control(model="dem")
     assert system.input_labels[0] == "motor_1_us" and system.output_labels == [
@@ -63,6 +75,7 @@ def test_the_physical_plant_responds_as_the_vehicle_is_simulated_and_is_refused_
     expected = learned.simulate(trim + steered[1:]) - learned.simulate(trim + 0 * steered[1:])
     response = control.forced_response(plant, time, steered.T)
     assert_allclose(response.outputs[:, 1:].T, expected, atol=2e-3 * np.abs(expected[:, 1]).max())
+    assert len({abs(one(2j * np.pi))[1, 0] for one in plant.draws}) == len(plant.draws)
     status = dict.fromkeys(learned.physical.status, "not identifiable")
     monkeypatch.setattr(mavdem.Learned, "physical", learned.physical._replace(status=status))
     with pytest.raises(
