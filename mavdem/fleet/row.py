@@ -26,6 +26,7 @@ from mavdem.units import (
     DragUnit,
     EffectPerInput,
     Hertz,
+    Number,
     OfInputUnit,
     OfTrim,
     PerRadian,
@@ -52,6 +53,10 @@ AXIS_ORDER = (*AXES, "")
 MOTORS, DEMAND = INPUTS
 
 Numbers = tuple[float, ...]
+Many = Numbers | None
+Text = str | None
+Whole = int | None
+"""Columns whose value need not be known."""
 
 
 def at(place: str, default: str | None = None) -> Any:
@@ -73,25 +78,25 @@ class FlightRow:
     """hash of its content and its size"""
     vehicle: str = at("identity.name", UNKNOWN)
     """name of the vehicle, or unknown"""
-    vehicle_basis: str | None = at("identity.basis")
+    vehicle_basis: Text = at("identity.basis")
     """what the name is made of: board, accelerometer, compass or system id"""
-    autopilot: str | None = at("identity.autopilot")
+    autopilot: Text = at("identity.autopilot")
     """MAV_AUTOPILOT"""
-    frame: str | None = at("identity.frame")
+    frame: Text = at("identity.frame")
     """MAV_TYPE"""
-    firmware: str | None = at("identity.firmware")
+    firmware: Text = at("identity.firmware")
     """version of the firmware, as logged"""
-    system: int | None = at("identity.system")
+    system: Whole = at("identity.system")
     """MAVLink id"""
-    component: int | None = None
+    component: Whole = None
     """MAVLink id"""
     date: UtcTime | None = at("identity.date")
     """when the flight began"""
-    axis: str | None = None
+    axis: Text = None
     """roll or pitch"""
-    tier: str | None = at("tier")
+    tier: Text = at("tier")
     """a (full model), b (slow motion) or c (condition only)"""
-    tier_reason: str | None = at("reason")
+    tier_reason: Text = at("reason")
     """why the tier is no better"""
     duration: Seconds = at("condition.settled")
     """duration of settled flight"""
@@ -103,7 +108,7 @@ class FlightRow:
     """voltage at the end, median of 2 s"""
     voltage_mean: Volts = at("condition.battery.voltage_mean")
     """mean voltage"""
-    collective: float | None = at("condition.collective")
+    collective: Number = at("condition.collective")
     """mean output of all motors, as a share of their range"""
     lean_roll: Radians = at("condition.lean.roll.mean")
     """mean roll"""
@@ -115,7 +120,7 @@ class FlightRow:
     """largest angle from level"""
     vibration: Annotated[tuple[float, ...], unit("m/s²")] | None = at("condition.vibration.level")
     """mean vibration, x, y and z or one level"""
-    clips: int | None = at("condition.vibration.clips")
+    clips: Whole = at("condition.vibration.clips")
     """times that an accelerometer was out of range"""
     motors: tuple[str, ...] | None = at("condition.hover.motors")
     """names of the motors; lists that have an entry a motor are in this order"""
@@ -123,23 +128,23 @@ class FlightRow:
     """+1 counter-clockwise seen from above, −1 clockwise, 0 not known"""
     positions: tuple[tuple[ArmLengths, ArmLengths], ...] | None = None
     """forward and right of each motor"""
-    trim_unit: str | None = at("condition.hover.unit")
+    trim_unit: Text = at("condition.hover.unit")
     """unit of trim"""
     trim: tuple[OfTrim, ...] | None = at("condition.hover.trim")
     """mean output"""
-    trim_share: Numbers | None = at("condition.hover.trim_share")
+    trim_share: Many = at("condition.hover.trim_share")
     """trim as a share of the range, over the mean of all motors"""
-    trim_share_interval: Numbers | None = at("condition.share_interval")
+    trim_share_interval: Many = at("condition.share_interval")
     """half widths of the 90 % intervals of trim_share"""
-    headroom: Numbers | None = at("condition.hover.headroom")
+    headroom: Many = at("condition.hover.headroom")
     """share of the range that is left at the 99th percentile of the output"""
-    saturated: Numbers | None = at("condition.hover.at_upper_limit")
+    saturated: Many = at("condition.hover.at_upper_limit")
     """share of the time at the upper stop"""
     oscillation: Seconds = at("condition.oscillation.seconds")
     """duration of oscillation by its own controller"""
-    balance: Numbers | None = None
+    balance: Many = None
     """what is asked of the motors in roll, pitch and yaw, as shares of their mean command"""
-    balance_error: Numbers | None = None
+    balance_error: Many = None
     """standard error of balance"""
     balance_lean: Annotated[tuple[float, ...], unit("rad")] | None = None
     """mean roll and pitch while balance was measured"""
@@ -147,27 +152,27 @@ class FlightRow:
     """change of balance by roll and by pitch, row after row"""
     lean_effect_error: tuple[PerRadian, ...] | None = None
     """standard error of lean_effect"""
-    inputs: str | None = None
+    inputs: Text = None
     """inputs of the model: motors or demand"""
-    input_unit: str | None = None
+    input_unit: Text = None
     """unit of the inputs"""
     effect: tuple[EffectPerInput, ...] | None = at("physical.effect")
     """control effectiveness of each input"""
     effect_interval: tuple[EffectPerInput, ...] | None = at("physical.interval_90_percent.effect")
     """half widths of the 90 % intervals of effect"""
-    effect_status: str | None = at("physical.status.effect")
+    effect_status: Text = at("physical.status.effect")
     """status of effect: reported, biased or not identifiable"""
     damping: PerSecond = at("physical.damping")
     """rate damping"""
     damping_interval: PerSecond = at("physical.interval_90_percent.damping")
     """half width of the 90 % interval of damping"""
-    damping_status: str | None = at("physical.status.damping")
+    damping_status: Text = at("physical.status.damping")
     """status of damping: reported, biased or not identifiable"""
     lag: Seconds = at("physical.lag")
     """motor time constant"""
     lag_interval: Seconds = at("physical.interval_90_percent.lag")
     """half width of the 90 % interval of lag"""
-    lag_status: str | None = at("physical.status.lag")
+    lag_status: Text = at("physical.status.lag")
     """status of lag: reported, biased or not identifiable"""
     phase_margin: Radians = None
     """phase margin of the axis's rate loop"""
@@ -199,45 +204,45 @@ class FlightRow:
     """mean of each input over the flight"""
     mean_outputs: Annotated[tuple[float, ...], unit("rad, rad/s")] | None = None
     """mean of each output over the flight"""
-    headline: str | None = at("headline")
+    headline: Text = at("headline")
     """the worst that was found, or how the flight was lost, one sentence"""
-    headline_level: str | None = at("headline_fact.level")
+    headline_level: Text = at("headline_fact.level")
     """good, watch, bad or unknown"""
-    light_motors: str | None = at("lights.motors.level")
+    light_motors: Text = at("lights.motors.level")
     """good, watch, bad or unknown"""
-    light_vibration: str | None = at("lights.vibration.level")
+    light_vibration: Text = at("lights.vibration.level")
     """good, watch, bad or unknown"""
-    light_tracking: str | None = at("lights.tracking.level")
+    light_tracking: Text = at("lights.tracking.level")
     """good, watch, bad or unknown"""
-    light_margins: str | None = at("lights.margins.level")
+    light_margins: Text = at("lights.margins.level")
     """good, watch, bad or unknown"""
-    light_power: str | None = at("lights.power.level")
+    light_power: Text = at("lights.power.level")
     """good, watch, bad or unknown"""
-    light_estimator: str | None = at("lights.estimator.level")
+    light_estimator: Text = at("lights.estimator.level")
     """good, watch, bad or unknown"""
-    light_wind: str | None = at("lights.wind.level")
+    light_wind: Text = at("lights.wind.level")
     """good, watch, bad or unknown"""
-    light_log: str | None = at("lights.log.level")
+    light_log: Text = at("lights.log.level")
     """good, watch, bad or unknown"""
     overrides: tuple[str, ...] = ()
     """what makes the flight itself doubtful: oscillation, motors, saturation, trim or data"""
-    error_ratio: float | None = at("forecast_over_constant_mean")
+    error_ratio: Number = at("forecast_over_constant_mean")
     """error ratio (NMSE) of forecasts in held-out windows"""
-    coverage: float | None = at("inside_90_percent_band")
+    coverage: Number = at("inside_90_percent_band")
     """share of held-out samples in the 90 % band"""
     residual_mean: AngularAcceleration = None
     """mean acceleration that models of its healthy flights leave unexplained in this one"""
     health: str = UNKNOWN
     """ok, drift, fault or unknown"""
-    fault_probability: float | None = None
+    fault_probability: Number = None
     """probability that a motor works 8 % harder or more"""
-    change_probability: float | None = None
+    change_probability: Number = None
     """probability that anything changed"""
-    suspect_motor: int | None = None
+    suspect_motor: Whole = None
     """number of the motor that is suspected, from 1, in the order of motors"""
-    health_reason: str | None = None
+    health_reason: Text = None
     """what speaks for the health, or what is missing to judge it"""
-    health_code: str | None = None
+    health_code: Text = None
     """the same as a code"""
     warnings: tuple[str, ...] = ()
     """what must be known before its figures are used, one sentence each"""
@@ -245,9 +250,9 @@ class FlightRow:
     """the same as codes"""
     status: str = OK
     """ok, or why there is no flight"""
-    status_code: str | None = None
+    status_code: Text = None
     """why there is no flight, as a code"""
-    page: str | None = None
+    page: Text = None
     """page of the flight, relative to the folder of the fleet"""
     mavdem_version: str = ""
     """version of the program that read the log"""
