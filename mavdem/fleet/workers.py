@@ -11,28 +11,27 @@ import errno
 import hashlib
 import os
 import resource
-import shutil
 import signal
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, wait
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import metadata
 from itertools import islice
 from math import ceil
-from multiprocessing import get_context, parent_process, resource_tracker
-from multiprocessing.connection import Connection
+from multiprocessing import active_children
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from pkgutil import resolve_name
-from threading import Event, Thread
+from threading import Event, Lock
 from typing import Any, Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
-from mavdem.dem.parallel import ENDS, blocked, stay_in_this_process
+from mavdem.dem.parallel import ENDS, Pool, blocked, pool, stay_in_this_process
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
@@ -45,6 +44,8 @@ ATTEMPTS = 2  # at a log whose reading killed the process: something else may ha
 # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
 WAITING = 10
 LOOK_SECONDS = 0.5  # between looks whether a reading is to be given up
+
+_starting = Lock()  # one process after the other, each of which is the new one
 
 Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 """How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
@@ -110,11 +111,12 @@ class LogReader:
     A reading is given up where, asked twice a second, ``is_ending`` says so.
     """
 
-    _connection: Connection
-
     def __init__(self, is_ending: Callable[[], bool] = lambda: False) -> None:
         self._is_ending = is_ending
-        self._process: Any = None
+        self._exits = ExitStack()
+        self._process: BaseProcess | None = None
+        self._executor: Pool
+        self._scratch = ""
 
     def read(self, job: Job, limits: Limits, read: str = READ_LOG) -> Outcome | None:
         """Returns what became of a log that the function ``read`` reads; None where that was given up.
@@ -123,22 +125,19 @@ class LogReader:
         """
         code = 0
         for _ in range(ATTEMPTS):
-            if self._process is None:
-                self._start()
+            process = self._process or self._started()
             deadline = time.monotonic() + WAITING * limits.seconds
-            with suppress(BrokenPipeError):  # it died meanwhile
-                self._connection.send((job, limits, read))
-            while not self._connection.poll(LOOK_SECONDS) and time.monotonic() < deadline:
-                if self._is_ending():
-                    return None
-            code = -signal.SIGXCPU
-            if self._connection.poll():
-                # of a process that died nothing comes, or not all that it sent
-                with suppress(EOFError, OSError):
-                    outcome: Outcome = self._connection.recv()
-                    return outcome
-                self._process.join()
-                code = self._process.exitcode
+            try:
+                future = self._executor.submit(perform, job, limits, read, self._scratch)
+                while time.monotonic() < deadline:
+                    if wait([future], LOOK_SECONDS).done:
+                        return future.result()
+                    if self._is_ending():
+                        return None
+                code = -signal.SIGXCPU
+            except BrokenExecutor:
+                process.join()
+                code = process.exitcode or 0
             self.stop()
             if code == -signal.SIGXCPU:
                 late = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
@@ -149,45 +148,32 @@ class LogReader:
         died = Fact(Reading.READER_DIED, because=_cause(code), attempts=ATTEMPTS)
         return failed(job, "died", died)
 
-    def _start(self) -> None:
+    def _started(self) -> BaseProcess:
         # Read when NumPy is imported. Others like the process have the other cores.
         for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(name, "1")
         os.environ.setdefault("MPLBACKEND", "agg")
-        # What a process fetches goes also where it was killed.
-        self._scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
-        context = get_context("spawn")
-        # Python's own process for semaphores: as it is started it unblocks the signals that are blocked below.
-        resource_tracker.ensure_running()
-        # What a terminal sends to all its programs reaches this process only, which decides what it means.
-        with blocked(*ENDS):
-            self._connection, theirs = context.Pipe()
-            given = theirs, self._scratch.name
-            self._process = context.Process(target=_serve, args=given, daemon=True)
-            try:
-                self._process.start()
-            except OSError as error:
-                raise Unreadable(Fact(Reading.READERS_NOT_STARTED, because=str(error))) from None
-            finally:
-                theirs.close()
         try:
-            self._connection.recv()
-        except (EOFError, OSError):
-            self._process.join()
-            cause = _cause(self._process.exitcode)
-            self.stop()
-            raise Unreadable(Fact(Reading.READERS_NOT_STARTED, because=cause)) from None
+            # What a process fetches goes also where it was killed.
+            scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
+            self._scratch = self._exits.enter_context(scratch)
+            with _starting:
+                others = active_children()
+                self._executor = self._exits.enter_context(pool(1))
+                (process,) = (child for child in active_children() if child not in others)
+            self._executor.submit(os.getpid).result()
+        except (OSError, BrokenExecutor) as error:
+            self._exits.close()
+            raise Unreadable(Fact(Reading.READERS_NOT_STARTED, because=str(error))) from None
+        self._process = process
+        return process
 
     def stop(self) -> None:
         """Ends the process, whatever it does, and removes what it leaves."""
-        if (process := self._process) is None:
-            return
-        if process.pid is not None:
-            process.kill()
-            process.join()
-        self._connection.close()
-        self._scratch.cleanup()
-        self._process = None
+        if self._process is not None:
+            self._process.kill()
+            self._process = None
+        self._exits.close()
 
 
 def _cause(code: int) -> str:
@@ -238,37 +224,16 @@ def side_by_side(
             executor.shutdown()
 
 
-def _serve(connection: Connection, scratch: str) -> None:
-    """In a process: says that it has begun, and reads the logs that it is sent."""
-    # what a terminal sends to its programs is not for it, and the system shares its time out by session
-    os.setsid()
+def perform(job: Job, limits: Limits, read: str, scratch: str) -> Outcome:
+    """Reads one log within ``limits``; ends the process where memory is wanting, which is in pieces."""
+    began = time.perf_counter()
     if not os.environ.get("MAVDEM_TRACEBACK"):
         nothing = os.open(os.devnull, os.O_WRONLY)
         for output in (1, 2):
             os.dup2(nothing, output)
+        os.close(nothing)
     tempfile.tempdir = scratch
     stay_in_this_process()  # others like it have the other cores
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})  # blocked while it began
-    Thread(target=_end_with_parent, args=(scratch,), daemon=True).start()
-    connection.send(None)
-    with suppress(EOFError):
-        while True:
-            connection.send(perform(*connection.recv()))
-    _end_with_parent(scratch)
-
-
-def _end_with_parent(scratch: str) -> None:
-    """Ends this process where the one that asks was killed: nobody waits for an answer."""
-    parent = parent_process()
-    assert parent is not None
-    parent.join()
-    shutil.rmtree(scratch, ignore_errors=True)
-    os._exit(1)
-
-
-def perform(job: Job, limits: Limits, read: str) -> Outcome:
-    """Reads one log within ``limits``; ends the process where memory is wanting, which is in pieces."""
-    began = time.perf_counter()
     _limit(resource.RLIMIT_CPU, ceil(time.process_time() + limits.seconds))
     # Linux counts what is allocated; elsewhere the limit may do nothing. Not the address space: mapped files and
     # reserved stacks of threads take no memory.
