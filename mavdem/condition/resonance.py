@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.align import Segment, mean_rate, within
+from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.phases import both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
@@ -225,31 +225,23 @@ def evenly_sampled(
 
     That of the slowest, or ``most_rate``. None where one comes slower than ``least_rate``, Hz, or there is no stretch.
     """
-    if min(map(usual_rate, signals)) < least_rate:
+    sampled = min(most_rate, *map(usual_rate, signals))
+    if sampled < least_rate:
         return None
-    pieces = list[list[tuple[Array, Array]]]()
+    pieces = list[Array]()
     for part in parts:
         spans = [(part.start, part.end)]
-        inside = [within(one, part) for one in signals]
-        own = [
-            (one.time[rows], one.values[rows]) for one, rows in zip(signals, inside, strict=True)
-        ]
-        for time, _ in own:
+        streams = list[tuple[Array, Array]]()
+        for one in signals:
+            rows = within(one, part)
+            time = one.time[rows]
+            streams.append((time, one.values[rows]))
             spans = both(spans, unbroken(time, np.diff(time) > 4 / least_rate))
         for start, end in spans:
-            inside = [(time >= start) & (time <= end) for time, _ in own]
-            if min(map(np.count_nonzero, inside)) > least_rate * max(seconds, end - start):
-                pairs = zip(own, inside, strict=True)
-                pieces.append([(time[rows], values[rows]) for (time, values), rows in pairs])
-    if not pieces:
-        return None
-    sampled = min(most_rate, *(mean_rate(time) for piece in pieces for time, _ in piece))
-    resampled = list[Array]()
-    for piece in pieces:
-        first = max(time[0] for time, _ in piece)
-        grid = np.arange(first, min(time[-1] for time, _ in piece), 1 / sampled)
-        resampled.append(np.array([np.interp(grid, *one) for one in piece]))
-    return sampled, resampled
+            grid = np.arange(start, end, 1 / sampled)
+            if len(grid) > least_rate * seconds:
+                pieces.append(np.array([np.interp(grid, *one) for one in streams]))
+    return (sampled, pieces) if pieces else None
 
 
 def windows_of(values: Array, size: int) -> Array:
