@@ -7,16 +7,15 @@ motors do is then in one narrow band of their spectra.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segment, mean_rate, within
-from mavdem.alignment.drive import Motors
+from mavdem.alignment.align import Segment
+from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude
-from mavdem.condition.resonance import spectra_of, windows_of
+from mavdem.condition.resonance import TINY, evenly_sampled, spectra_of, windows_of
 
 WINDOWS = (4.0, 8.0)
 FEWEST_SAMPLES = 32
@@ -65,12 +64,15 @@ def oscillation_of(
 
     ``tilts``: the attitude by axis.
     """
-    found: list[Oscillation] = []
+    if motors is None:
+        return None
     whole = sum(part.duration for part in parts)
-    if motors is not None:
-        for axis, tilt in tilts.items():
-            for part, seconds in product(parts, WINDOWS):
-                found += _limit_cycles(axis, tilt, motors, part, seconds, whole)
+    found = [
+        one
+        for axis, tilt in tilts.items()
+        for seconds in WINDOWS
+        for one in _limit_cycles(axis, tilt, motors, parts, seconds, whole)
+    ]
     return max(found, key=lambda one: one.rate, default=None)
 
 
@@ -81,13 +83,11 @@ def begun_oscillation(
 
     Nothing before ``since``, s of the ``boot``, counts. ``tilts``: the attitude by axis.
     """
-    found: list[Oscillation] = []
-    for (axis, tilt), seconds in product(tilts.items(), BEGUN_WINDOWS):
+    found = list[Oscillation]()
+    for seconds in BEGUN_WINDOWS:
         part = Segment(boot, max(since, now - 2.2 * seconds), now)
-        turned = tilt.rate[within(tilt, part)]
-        # Spectra take their time, and in most of a flight nothing turns so fast.
-        if len(turned) and np.degrees(turned.std()) >= LEAST_RATE:
-            found += _limit_cycles(axis, tilt, motors, part, seconds, np.inf, 1.9 * seconds)
+        for axis, tilt in tilts.items():
+            found += _limit_cycles(axis, tilt, motors, [part], seconds, np.inf, 1.9 * seconds)
     strong = [one for one in found if one.at_limit >= LIMITED_SHARE and one.rate >= LEAST_RATE]
     return max(strong, key=lambda one: one.rate, default=None)
 
@@ -96,59 +96,53 @@ def _limit_cycles(
     axis: str,
     tilt: Attitude,
     motors: Motors,
-    part: Segment,
+    parts: Sequence[Segment],
     seconds: float,
     whole: float,
     least: float = 6.0,
 ) -> Iterator[Oscillation]:
-    """Those of ``least`` s or more in a ``part`` of ``whole`` s.
+    """Those of ``least`` s or more in ``parts`` of a flight of ``whole`` s.
 
     Successive windows of so many ``seconds``, half over each other, show one line.
     """
-    turning = within(tilt, part)
-    driven = within(motors, part)
-    streams = tilt.time[turning], motors.time[driven]
-    if min(map(len, streams)) < FEWEST_SAMPLES:
-        return
-    sampled = min(map(mean_rate, streams))
-    time = np.arange(max(one[0] for one in streams), min(one[-1] for one in streams), 1 / sampled)
-    shares = motors.scale.fraction(motors.outputs[driven])
+    shares = motors.scale.fraction(motors.outputs)
     limited = np.any(np.logical_or(*at_limits(shares, motors.scale)), axis=1)
-    series = np.column_stack([shares - shares.mean(axis=1, keepdims=True), limited])
-    moved = np.column_stack([np.interp(time, streams[1], column) for column in series.T])
-    table = np.column_stack([np.degrees(np.interp(time, streams[0], tilt.rate[turning])), moved])
-    size = max(round(seconds * sampled), FEWEST_SAMPLES)
-    if len(time) < size:
+    columns = [*(shares - shares.mean(axis=1, keepdims=True)).T, limited]
+    outputs = [Signal(motors.time, motors.boot, column) for column in columns]
+    found = evenly_sampled([tilt.rates, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
+    if found is None:
         return
+    sampled, pieces = found
+    size = round(seconds * sampled)
     bins = np.fft.rfftfreq(size, 1 / sampled)
-    turned, *outputs = (np.square(np.abs(spectra_of(column, size))) for column in table[:, :-1].T)
-    power = np.array([turned, sum(outputs)])
-    peak = bins[np.argmax(np.where(bins >= PERIODS * bins[1], turned, 0.0), axis=1)]
-    width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
-    line = np.abs(bins - peak[:, np.newaxis]) <= width[:, np.newaxis]
-    whole_power = np.maximum(power.sum(axis=-1), np.finfo(np.float64).tiny)
-    share = np.min(np.where(line, power, 0.0).sum(axis=-1) / whole_power, axis=0)
-    start = windows_of(time, size)[:, 0]
-    rate = windows_of(table[:, 0], size).std(axis=1)
-    at_limit = windows_of(table[:, -1], size).mean(axis=1)
-    sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
-    lines = (share >= sure) & (rate >= SLIGHT_RATE)
-    same = lines[1:] & lines[:-1] & (np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:])
-    for run in np.split(np.arange(len(lines)), np.flatnonzero(~same) + 1):
-        lasted = float(np.ptp(start[run])) + size / sampled if len(run) and lines[run[0]] else 0.0
-        if lasted < least or (len(run) < 3 and share[run].min() < SURE_SHARE):
-            continue
-        line = np.median(peak[run])
-        third = -(-len(run) // 3)
-        if np.abs(peak[run] - line).max() > MAX_DRIFT * line:
-            continue
-        early = rate[run[:third]].mean()
-        late = rate[run[-third:]].mean()
-        growing = len(run) > 2 and bool(late >= GROWTH * early)
-        strength = float(np.sqrt(np.mean(rate[run] ** 2)))
-        limit = float(at_limit[run].mean())
-        # Lines of an alias may be of any frequency.
-        lasting = lasted >= LASTING_SHARE * whole and (line >= STEERED or sampled < MINIMUM_RATE)
-        if limit >= LIMITED_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
-            frequency = float(line) if sampled >= MINIMUM_RATE else None
-            yield Oscillation(axis, frequency, strength, limit, growing, lasted)
+    for piece in pieces:
+        powers = np.square(np.abs(spectra_of(piece[:-1], size)))
+        power = np.array([powers[0], powers[1:].sum(axis=0)])
+        peak = bins[np.argmax(np.where(bins >= PERIODS * bins[1], power[0], 0.0), axis=1)]
+        width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
+        line = np.abs(bins - peak[:, None]) <= width[:, None]
+        shown = (power * line).sum(axis=-1) / np.maximum(power.sum(axis=-1), TINY)
+        share = shown.min(axis=0)
+        rate = np.degrees(windows_of(piece[0], size).std(axis=1))
+        at_limit = windows_of(piece[-1], size).mean(axis=1)
+        sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
+        lines = (share >= sure) & (rate >= SLIGHT_RATE)
+        same = lines[1:] & lines[:-1] & (np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:])
+        for run in np.split(np.arange(len(lines)), np.flatnonzero(~same) + 1):
+            lasted = (len(run) + 1) / 2 * seconds
+            frequency = float(np.median(peak[run]))
+            drift = np.abs(peak[run] - frequency).max()
+            is_sure = len(run) > 2 or share[run].min() >= SURE_SHARE
+            if not (lines[run[0]] and lasted >= least and is_sure) or drift > MAX_DRIFT * frequency:
+                continue
+            third = -(-len(run) // 3)
+            growth = rate[run[-third:]].mean() / rate[run[:third]].mean()
+            growing = bool(len(run) > 2 and growth >= GROWTH)
+            strength = float(np.sqrt(np.mean(rate[run] ** 2)))
+            limit = float(at_limit[run].mean())
+            is_fast = sampled >= MINIMUM_RATE
+            # Lines of an alias may be of any frequency.
+            lasting = lasted >= LASTING_SHARE * whole and (frequency >= STEERED or not is_fast)
+            if limit >= LIMITED_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
+                known = frequency if is_fast else None
+                yield Oscillation(axis, known, strength, limit, growing, lasted)

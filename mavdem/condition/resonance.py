@@ -239,7 +239,7 @@ def evenly_sampled(
             spans = both(spans, unbroken(time, np.diff(time) > 4 / least_rate))
         for start, end in spans:
             grid = np.arange(start, end, 1 / sampled)
-            if len(grid) > least_rate * seconds:
+            if len(grid) > sampled * seconds:
                 pieces.append(np.array([np.interp(grid, *one) for one in streams]))
     return (sampled, pieces) if pieces else None
 
