@@ -125,10 +125,10 @@ def findings_of(
     return Findings(overrides, purposes, tuple(warnings_of(learned, held_out)))
 
 
-def disown_torque(learned: Learned, oscillates: bool) -> Learned:
-    """Returns ``learned``, whose wind torque, where the vehicle oscillates, has the reason why it is not the wind's."""
+def disown_torque(learned: Learned, is_own: bool) -> Learned:
+    """Returns ``learned``, whose wind torque, where it ``is_own``, has the reason why it is not the wind's."""
     torque = learned.wind_torque
-    if not oscillates or torque is None:
+    if not is_own or torque is None:
         return learned
     return learned.with_wind_torque(replace(torque, reason=Fact(Because.OWN_TORQUE)))
 

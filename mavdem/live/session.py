@@ -278,8 +278,10 @@ class LiveSession:
                 self.judged = findings_of(learned, alarms=status.alarms), None
             else:
                 self.judged = judged(learned, setup, status.alarms)
-                codes = [override.code for override in self.judged[0].overrides]
-                learned = disown_torque(learned, Override.OSCILLATION in codes)
+                overrides = self.judged[0].overrides
+                bad = {override.code for override in overrides if override.level is Level.BAD}
+                own = bad & {Override.OSCILLATION, Override.MOTORS}
+                learned = disown_torque(learned, bool(own))
         return learned
 
     def end(self) -> None:
