@@ -64,9 +64,7 @@ from mavdem.live.wind import LiveWind
 
 # Events, and replies, kept until they are fetched
 MAX_EVENTS = 256
-# Of the boot clock, between two reviews of the phase, and two of the inputs
-REVIEW_SECONDS = 0.1
-CHOICE_SECONDS = 0.5
+REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of phase and inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
@@ -273,7 +271,8 @@ class LiveStream:
             self._asked = time, attitude_asked(message)
         elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
             port, values = outputs(message)
-            if not (name == DEMAND_MESSAGE and port):  # group 0 of the demand is flight control
+            # group 0 of the demand is flight control
+            if port < (1 if name == DEMAND_MESSAGE else MAX_PORTS):
                 yield from self._add(name, port, time, values)
         elif name in FLAGS:
             self.air.flags = message.values[0]
@@ -291,10 +290,8 @@ class LiveStream:
         self, name: str, port: int, time: float, values: Values | None
     ) -> Iterator[AlignedRow]:
         """Adds a sample to its stream; the rows that it completes."""
-        stream = self._streams.get((name, port))
-        if stream is None and sum(name == other for other, _ in self._streams) < MAX_PORTS:
-            stream = self._streams[name, port] = Samples()
-        if stream is None or values is None or not stream.add(time, values):
+        stream = self._streams.setdefault((name, port), Samples())
+        if values is None or not stream.add(time, values):
             return
         self.samples += 1
         inputs = self._inputs
@@ -360,31 +357,30 @@ class LiveStream:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, Level.WATCH, basis=plan.basis))
 
     def _review(self, sender: Sender, now: float) -> None:
-        """Decides again whether the vehicle flies and, less often, what its rows are made of."""
+        """Decides again what the vehicle's rows are made of, whether it flies, and what is wrong with it."""
         if isnan(now):
             return
         before = self._reviewed
         self._reviewed = now
         if not abs(now - before) < DECISION_SECONDS:
             self._connected_from = now
-        if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
-            if not self._grid.running:
-                counts = {name: stream.count(now) for (name, _), stream in self._streams.items()}
-                counts = {name: counts[name] for name in ATTITUDE_MESSAGES if name in counts}
-                self._attitude = preferred_message(counts) or self._attitude
-            self._choose_inputs(sender)
-            if now - self._connected_from >= DECISION_SECONDS:
-                self._judge(sender, now)
-        if self._inputs is None and now - self._connected_from >= AVERAGING_SECONDS / 2:
+        connected = now - self._connected_from
+        if not self._grid.running:
+            counts = {name: stream.count(now) for (name, _), stream in self._streams.items()}
+            counts = {name: counts[name] for name in ATTITUDE_MESSAGES if name in counts}
+            self._attitude = preferred_message(counts) or self._attitude
+        self._choose_inputs(sender)
+        if connected >= DECISION_SECONDS:
+            self._judge(sender, now)
+        if self._inputs is None and connected >= AVERAGING_SECONDS / 2:
             self._phase.idle = any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
-        self._phase.review(now, self._telemetry(sender), self._collective())
-        if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
-            phase = self._phase.flying, self._phase.settled_since(now)
-            known = self._telemetry(sender), *phase, self._motion()
-            for fact in self._watchdog.review(now, *known):
-                self._report(fact)
-            because = self.alarms.obstacle(now, self._phase.flying)
-            self._watchdog.watches(Watched.MOTORS, because, now)
+        vehicle = self._telemetry(sender)
+        self._phase.review(now, vehicle, self._collective())
+        phase = self._phase.flying, self._phase.settled_since(now)
+        for fact in self._watchdog.review(now, vehicle, *phase, self._motion()):
+            self._report(fact)
+        because = self.alarms.obstacle(now, self._phase.flying)
+        self._watchdog.watches(Watched.MOTORS, because, now)
 
     def _choose_inputs(self, sender: Sender) -> None:
         """Chooses the inputs again, by the rates of messages and by what moves."""
