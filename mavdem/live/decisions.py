@@ -52,7 +52,7 @@ from mavdem.ingest.telemetry import Array, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.messages import Values
 from mavdem.live.recent import Recent, columns_of
-from mavdem.live.rows import Samples
+from mavdem.live.rows import KEPT_SECONDS, Samples
 
 LANDED = "EXTENDED_SYS_STATE"
 PHASES = ("HEARTBEAT", LANDED, *CLIMB_FIELDS)
@@ -91,7 +91,9 @@ class Inputs:
     layout: MotorGeometry
     scale: OutputScale
     picks: tuple[tuple[int, int], ...]
-    motors: Motors | None  # of the last seconds
+    # of the last seconds: motor outputs, and how hard the motors worked together
+    motors: Motors | None
+    collective: Signal | None
 
     @cached_property
     def ports(self) -> tuple[int, ...]:
@@ -111,7 +113,8 @@ class InputChoice:
     These show which channels move, and on which scale, also while they hold still.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, boot: int = 0) -> None:
+        self._boot = boot
         self._extremes: dict[tuple[str, int], list[tuple[float, Values]]] = {}
 
     def choose(
@@ -122,13 +125,14 @@ class InputChoice:
         inputs: str | None,
         staying: str | None,
         rates: Mapping[str, float],
+        now: float,
     ) -> Inputs | None:
         """Returns the inputs by the rule of ``Signals.drive``; None without any.
 
-        ``streams`` are by message and port, ``rates``, Hz, by message; ``staying`` is the only message to consider.
+        ``streams`` are by message and port, ``rates``, Hz, by message as of ``now``, s; ``staying`` is the only message
+        to consider.
         """
         messages: dict[str, dict[str, NDArray[Any]]] = {}
-        oldest = min((stream.time[0] for stream in streams.values() if stream.time), default=inf)
         for (name, port), stream in sorted(streams.items()):
             if (
                 name in (*MOTOR_MESSAGES, DEMAND_MESSAGE)
@@ -156,16 +160,16 @@ class InputChoice:
         # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
         known = output_scale(chosen.outputs, vehicle.parameters, chosen.layout.drivers)
         scale = replace(chosen.scale, stop=known.stop)
+        collective = signals.collective
         if motors is not None:
-            now = motors.time >= oldest
-            motors = replace(
-                motors,
-                time=motors.time[now],
-                boot=motors.boot[now],
-                outputs=motors.outputs[now],
-                scale=scale,
-            )
-        return Inputs(chosen.message, chosen.layout, scale, tuple(picks), motors)
+            recent = motors.time >= now - KEPT_SECONDS
+            parts = {name: getattr(motors, name)[recent] for name in ("time", "boot", "outputs")}
+            motors = replace(motors, scale=scale, **parts)
+        if collective is not None:
+            recent = collective.time >= now - KEPT_SECONDS
+            shown = collective.time[recent], collective.boot[recent], collective.values[recent]
+            collective = Signal(*shown) if recent.any() else None
+        return Inputs(chosen.message, chosen.layout, scale, tuple(picks), motors, collective)
 
     def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
         """The outputs of one port as columns."""
@@ -179,9 +183,11 @@ class InputChoice:
         self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
         form = MOTOR_MESSAGES.get(name, DEMAND_FORM)
         if not form.is_ported:
-            return columns_of([form.field], [(time, (values,)) for time, values in rows], 0)
+            return columns_of(
+                [form.field], [(time, (values,)) for time, values in rows], self._boot
+            )
         channels = [form.field.format(number) for number in range(1, 1 + len(table.T))]
-        return columns_of(channels, rows, 0) | {"port": np.full(len(rows), port)}
+        return columns_of(channels, rows, self._boot) | {"port": np.full(len(rows), port)}
 
 
 @dataclass(frozen=True, eq=False)

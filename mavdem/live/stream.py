@@ -14,9 +14,7 @@ from mavdem.alignment.align import STEP_TOLERANCE
 from mavdem.alignment.drive import (
     DEMAND_MESSAGE,
     INPUTS,
-    THRUST_COLUMN,
     TILT_AXES,
-    Signal,
     preferred_message,
 )
 from mavdem.alignment.learnability import too_slow
@@ -375,7 +373,8 @@ class LiveStream:
         if self._inputs is None and connected >= AVERAGING_SECONDS / 2:
             self._phase.idle = any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
         vehicle = self._telemetry(sender)
-        self._phase.review(now, vehicle, self._collective())
+        collective = None if self._inputs is None else self._inputs.collective
+        self._phase.review(now, vehicle, collective)
         phase = self._phase.flying, self._phase.settled_since(now)
         for fact in self._watchdog.review(now, vehicle, *phase, self._motion()):
             self._report(fact)
@@ -393,10 +392,9 @@ class LiveStream:
         self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
         staying = before.message if running and before else None
         vehicle = self._telemetry(sender)
-        rates = self._rates(self._clock.now)
-        inputs = self._choice.choose(
-            self._streams, vehicle, self.axis, self._wanted, staying, rates
-        )
+        now = self._clock.now
+        wanted = self.axis, self._wanted, staying
+        inputs = self._choice.choose(self._streams, vehicle, *wanted, self._rates(now), now)
         if inputs is None:
             return  # after a silence there is no evidence of a change
         self._inputs = inputs
@@ -412,26 +410,12 @@ class LiveStream:
         ids = sender.system, sender.component
         return Telemetry(*ids, sender.kind, sender.autopilot, {}, self._settings)
 
-    def _collective(self) -> Signal | None:
-        """How hard the motors worked together in the last seconds."""
-        inputs = self._inputs
-        streams = self._row_streams()
-        if inputs is None or not streams[1].time:
-            return None
-        table = np.array(streams[1].values)
-        used = [channel for number, channel in inputs.picks if number == inputs.ports[0]]
-        shares = inputs.scale.fraction(table[:, used]).mean(axis=1)
-        shares = table[:, THRUST_COLUMN] if inputs.message == DEMAND_MESSAGE else shares
-        return Signal(np.array(streams[1].time), np.full(len(shares), self.boot), shares)
-
     def _motion(self) -> Motion | None:
         """The last seconds of attitude and motors; None without."""
         attitude, *_ = self._row_streams() or [Samples()]
-        if self._inputs is None or self._inputs.motors is None or not attitude.time:
+        motors = None if self._inputs is None else self._inputs.motors
+        if motors is None or not attitude.time:
             return None
-        motors = replace(
-            self._inputs.motors, boot=np.full(len(self._inputs.motors.time), self.boot)
-        )
         roll, pitch, p, q = np.array(attitude.values).T
         known = self._attitude or "", np.array(attitude.time), self.boot
         tilts = tilt_of(*known, roll, p), tilt_of(*known, pitch, q)
@@ -510,7 +494,7 @@ class LiveStream:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
         self.boot = boot
         self._streams.clear()
-        self._choice = InputChoice()
+        self._choice = InputChoice(boot)
         self.air.restart()
         self._attitude = None
         self._inputs = None
