@@ -51,7 +51,6 @@ class AlignedRow(NamedTuple):
         inputs: (r,) motor outputs in the unit of the stream, or the demand.
         outputs: (2,) angle, rad, and body rate, rad/s.
         segment: its number, from 0 on; rows of one segment are one step apart.
-        received: UNIX s at which the bytes that completed it were received.
         settled: whether the vehicle was in settled flight, as far as is known by then.
     """
 
@@ -59,7 +58,6 @@ class AlignedRow(NamedTuple):
     inputs: NDArray[np.float64]
     outputs: NDArray[np.float64]
     segment: int
-    received: float
     settled: bool
 
 

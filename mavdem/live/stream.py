@@ -330,7 +330,7 @@ class LiveStream:
         row = np.array([ports[port][channel] for port, channel in inputs.picks])
         moved = np.array([motion[axis], motion[2 + axis]])
         settled = upright and self._phase.settled(time)
-        return AlignedRow(time, row, moved, self._grid.segment, self._received, settled)
+        return AlignedRow(time, row, moved, self._grid.segment, settled)
 
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""
@@ -433,8 +433,8 @@ class LiveStream:
         rates = (motion.rate,) * 2
         setup = Setup(self.boot, 1 / motion.rate, *names, motors.layout, motors.scale, rates, time)
         outputs = np.array([tilt.angle[-1], tilt.rate[-1]])
-        ids = self._grid.segment, self._received, False
-        return setup, AlignedRow(time, motors.outputs[-1], outputs, *ids)
+        row = AlignedRow(time, motors.outputs[-1], outputs, self._grid.segment, False)
+        return setup, row
 
     def _judge(self, sender: Sender, now: float) -> None:
         """Reports when messages are missing or too slow, and when they no longer are."""

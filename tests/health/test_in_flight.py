@@ -194,13 +194,6 @@ def test_manoeuvres_that_begin_make_it_wait():
     assert not changes(time, wild)
 
 
-def test_samples_that_leave_every_second_block_short_show_nothing():
-    """Of 5 Hz: blocks of two and three samples take turns."""
-    time, commands = flight(1)
-    every = slice(None, None, 2)
-    assert not changes(time[every], (commands + after(time, 0.2 * np.eye(4)[0]))[every])
-
-
 def watched(rise, rate=10.0, watch=None, begins=0.0, **known):
     """The watch of a flight in which motors' commands rise (4,) at 25 s."""
     watch = watch or MotorWatch(geometry(**known))

@@ -113,6 +113,8 @@ class Replay:
 
     stream: LiveStream
     rows: list[AlignedRow] = field(default_factory=list)
+    came: list[float] = field(default_factory=list)
+    """When each of them came, s."""
     events: list[Event] = field(default_factory=list)
     setups: dict[int, Setup] = field(default_factory=dict)
     taken_back: list[tuple[int, float]] = field(default_factory=list)
@@ -148,6 +150,7 @@ def replay(
         rows = made.stream.feed(NOW + time, piece)
         if rows:
             made.rows += rows
+            made.came += [time] * len(rows)
             assert made.stream.setup is not None
             made.setups[rows[-1].segment] = made.stream.setup
         made.events += made.stream.events()

@@ -1,8 +1,6 @@
 """The file of what a link receives: every frame with its stamp, whatever comes between them."""
 
-import random
 import shutil
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -45,24 +43,6 @@ def test_datagrams_are_kept_with_their_stamps(tmp_path, form):
         (round((NOW + 0.005 * row) * 1e6), each) for row, each in zip(rows, frames, strict=True)
     ]
     assert recorded(tmp_path / f"flight{form}") == expected
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path, seed):
-    chance = random.Random(seed)
-    content = b""
-    for each in FRAMES:
-        if chance.random() < 0.05:
-            content += bytes(chance.randrange(0xFC) for _ in range(chance.randrange(1, 400)))
-        content += each
-    recording = RawRecording(tmp_path / "flight.tlog")
-    ends = [0]
-    while ends[-1] < len(content):
-        ends.append(ends[-1] + chance.randrange(1, 90))
-    taken(recording, [content[a:b] for a, b in pairwise(ends)], 0.004)
-    recording.close()
-    stamps, frames = zip(*recorded(tmp_path / "flight.tlog"), strict=True)
-    assert list(frames) == FRAMES and list(stamps) == sorted(stamps)
 
 
 @pytest.mark.parametrize("form", [".tlog", ".mcap"])

@@ -143,22 +143,6 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     assert one.link.sent == b"", "nothing is sent unless asked for"
 
 
-@pytest.mark.parametrize("blocked", [0.0, 1.6])
-def test_every_row_is_shown_however_long_the_analysis_is_blocked(now, monkeypatch, blocked):
-    def update(_, time, outputs, inputs, weak):
-        now[0] += blocked * (int(time * 100) % 100 == 0)
-        ahead = np.zeros((1, 2))
-        return Estimate(time, outputs, outputs, np.array([time + 0.25]), ahead, ahead, ahead)
-
-    monkeypatch.setattr(mavdem.OnlineLearner, "update", update)
-    one, screen, _ = session_of(batches(9.0))
-    run(one)
-    assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate]) == 520
-    assert len(screen.rows) == one.status.learned + one.status.shown
-    assert {segment for _, segment, _ in screen.rows} == {0}
-    assert (one.most_behind >= 1.0) == (blocked > 0.0)
-
-
 @pytest.mark.parametrize(
     ("error", "code"),
     [
@@ -216,7 +200,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW)},
     )
     one.learner = learner
-    row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, 0.0, True)
+    row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
         one._take(row._replace(time=at))
     assert one._named(late).model is one._models[-1][1].model
