@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -215,7 +215,8 @@ class Units(NamedTuple):
     def physical(self, model: StateSpace) -> StateSpace:
         """A model in the method's units, without feedthrough and trim of inputs, brought to physical ones."""
         scale = self.output_scale
-        return model._replace(
+        return replace(
+            model,
             B=model.B @ self.input_map.T,
             C=scale[:, None] * model.C,
             D=np.zeros((len(scale), len(self.input_map))),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ class PredictionErrors(NamedTuple):
         cuts = np.cumsum([part.size for part in parts])[:-1]
         pieces = zip(np.split(at, cuts), parts, strict=True)
         A, B, C, K, offset, starts = (values.reshape(part.shape) for values, part in pieces)
-        return self._replace(model=model._replace(A=A, B=B, C=C, K=K, offset=offset), starts=starts)
+        return self._replace(model=replace(model, A=A, B=B, C=C, K=K, offset=offset), starts=starts)
 
     def errors(self, at: Array) -> Array:
         """(T, m): of each sample of all segments."""
@@ -161,14 +162,16 @@ class EMFit(NamedTuple):
 def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
     """From the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
     found, starts, _ = found_by_projection(segments, order)
-    A, B, C, _, K, offset, _, trim, *_ = found
+    C = found.C
+    K = found.K
     pairs = zip(starts, segments, strict=True)
     errors = np.concatenate(
         [segment[1] - found.predicted(start, *segment) for start, segment in pairs]
     )
     R = errors.T @ errors / len(errors)
     noise = K @ R @ K.T + START_NOISE * np.eye(order)
-    model = GaussianModel(A, B, offset, C, trim, noise, R + LEAST_NOISE * np.eye(len(C)))
+    R += LEAST_NOISE * np.eye(len(C))
+    model = GaussianModel(found.A, found.B, found.offset, C, found.output_trim, noise, R)
     likelihoods = list[float]()
     for _ in range(iterations):
         expected = [

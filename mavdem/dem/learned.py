@@ -5,15 +5,17 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Flags
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
@@ -28,11 +30,22 @@ from mavdem.dem.record import Record, required_number
 from mavdem.dem.settings import CompleteSettings
 from mavdem.downstream import LearnedDownstream
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
-from mavdem.facts.model import NoPhysical
+from mavdem.facts import Fact, Level
+from mavdem.facts.model import ModelCaution, NoPhysical
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
+
+
+def _recorded(text: object) -> Fact:
+    if not isinstance(text, str):
+        raise ValueError("must be a sentence")
+    return Fact(ModelCaution.RECORDED, Level.WATCH, text=text)
+
+
+WRITTEN = PlainSerializer(lambda fact: fact.advised)
+TEXT = WithJsonSchema({"type": "string"})
+"""How facts stand in documents: by their sentence."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,16 +73,20 @@ class Learned(LearnedDownstream):
             is no probability between 0 and 1.
     """
 
-    settings: CompleteSettings
+    settings: Annotated[
+        CompleteSettings,
+        PlainValidator(CompleteSettings.from_dict),
+        PlainSerializer(CompleteSettings.to_dict),
+    ]
     model: LinearModel
     theta_covariance: Array
-    known: NDArray[np.bool_]
+    known: Flags
     free_energy: FreeEnergy
     free_energy_of_samples: Array
     learning: Learning
     converged: bool
     record: Record
-    cautions: tuple[Fact, ...]
+    cautions: tuple[Annotated[Fact, PlainValidator(_recorded), WRITTEN, TEXT], ...]
     scaling: Scaling
     predictor: StateSpace
     state_map: Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings, Gaussian, Settings
 
 
-class Scaling(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Scaling:
     """y = output_trim + output_scale · (engine's y), and likewise for inputs."""
 
     input_trim: Array  # (r,)

@@ -48,7 +48,7 @@ def first_problem(error: ValidationError) -> str:
     """The first thing that pydantic found, as ``<field> must be …, not <value>``, or ``<field> is missing``."""
     first = error.errors(include_url=False)[0]
     name = ".".join(map(str, first["loc"]))
-    if first["type"] == "missing":
+    if first["type"].startswith("missing"):
         return f"{name} is missing"
     value = "" if first["type"] == "value_error" else f", not {SHORT.repr(first['input'])}"
     return f"{name} {_requirement(first)}{value}".lstrip()

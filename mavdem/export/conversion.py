@@ -184,7 +184,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
     if states_are_outputs(learned):
         states = [*outputs, *states[len(outputs) :]][: len(states)]
-    A, B, C = learned.model[:3]
+    A, B, C = learned.model.A, learned.model.B, learned.model.C
     return control.StateSpace(A, B, C, np.zeros((len(C), len(inputs))), states=states, **names)
 
 

@@ -15,7 +15,7 @@ DRAWS = 400
 
 def model_response(learned: Learned, motors: Array, frequency: Array, output: int) -> Complex:
     """Returns (1, F) of an ``output`` of DEM's model to a command that moves the ``motors`` (r,), at (F,) Hz."""
-    A, B, C = learned.model[:3]
+    A, B, C = learned.model.A, learned.model.B, learned.model.C
     s = 2j * np.pi * frequency[:, None, None]
     states = np.linalg.solve(s * np.eye(len(A)) - A, (B @ motors)[:, None])
     return np.asarray(C[output] @ states).T

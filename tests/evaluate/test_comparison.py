@@ -53,12 +53,12 @@ def breaks(train: Flight) -> None:
 
 def explodes(train: Flight) -> baselines.Identified:
     held = baselines.hold(train)
-    return replace(held, model=held.model._replace(A=1e4 * held.model.A))
+    return replace(held, model=replace(held.model, A=1e4 * held.model.A))
 
 
 def is_off(train: Flight) -> baselines.Identified:
     mean = baselines.constant_mean(train)
-    return replace(mean, model=mean.model._replace(output_trim=mean.model.output_trim + 100.0))
+    return replace(mean, model=replace(mean.model, output_trim=mean.model.output_trim + 100.0))
 
 
 REFUSES, BREAKS, EXPLODES, IS_OFF = (

@@ -59,7 +59,8 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
         "roll_rate_rad_s",
     ]
     assert system.state_labels == system.output_labels and system.isctime(strict=True)
-    for own, expected in zip((system.A, system.B, system.C), learned.model, strict=False):
+    model = learned.model
+    for own, expected in ((system.A, model.A), (system.B, model.B), (system.C, model.C)):
         assert_array_equal(own, expected)
 
 

@@ -194,7 +194,7 @@ def test_a_forecast_is_of_the_windows_with_the_usual_error(flight, learned):
 @pytest.mark.slow
 def test_responses_are_those_of_python_control(learned):
     motors = AxisCommand.of(learned).motors
-    A, B, C = learned.model[:3]
+    A, B, C = learned.model.A, learned.model.B, learned.model.C
     theirs = control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
     frequency = np.geomspace(0.1, 20, 5)
     for output in (0, 1):

@@ -9,16 +9,43 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from threading import RLock
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from threadpoolctl import ThreadpoolController
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+
+def _read(dtype: type[np.generic], kinds: str, value: Any) -> NDArray[Any]:
+    """The array of a document's nested lists, whose numbers are of such ``kinds``; ``ValueError`` for others."""
+    try:
+        if isinstance(value, list) and np.asarray(value).dtype.kind in kinds:
+            return np.array(value, dtype)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ValueError("must be numbers of one shape")
+
+
+def _written(values: NDArray[Any]) -> Any:
+    """Nested lists, without NaN, which JSON has not."""
+    lost = np.isnan(values)
+    return np.where(lost, np.array(None), values).tolist() if lost.any() else values.tolist()
+
+
+WRITTEN = PlainSerializer(_written)
+LISTED = WithJsonSchema({"type": "array"})
+"""How arrays stand in documents."""
+Array = Annotated[
+    NDArray[np.float64], PlainValidator(partial(_read, np.float64, "fiuO")), WRITTEN, LISTED
+]
+Indices = Annotated[
+    NDArray[np.intp], PlainValidator(partial(_read, np.intp, "iu")), WRITTEN, LISTED
+]
+Flags = Annotated[NDArray[np.bool_], PlainValidator(partial(_read, np.bool_, "b")), WRITTEN, LISTED]
 
 SMALLEST = np.finfo(np.float64).tiny  # keeps a zero on the diagonal from being divided by
 SYMMETRY = 1e-9  # rounding that a symmetric matrix may show, relative to its largest entry

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple, TypeVar
 
@@ -17,7 +18,8 @@ STABILITY_TOLERANCE = 1e-9
 """A mode that would grow by less than this of itself at each sample is one that is held, but for rounding."""
 
 
-class LinearModel(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class LinearModel:
     """ẋ = A x + B (u − input_trim) + offset + w,  y = C x + output_trim + z, Eq. ``general_LTI`` with its trim.
 
     The state x is a deviation from trim, in the units of the outputs for the first states.

@@ -7,7 +7,7 @@ low frequency, Σ · 2s√π: the effect that noise of that colour has on a slow
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.dem.engine.model import Transition, discretize, recursion
 
 
-class StateSpace(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class StateSpace:
     """x⁺ = A x + B (u − input_trim) + offset + K e,  y = C x + D (u − input_trim) + output_trim + e.
 
     One step is one sample, e is the error of predicting y from all samples before it. With D = 0 the input of an

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.generative import GenerativeModel
-from mavdem.dem.engine.linalg import Array, inverse, logdet
+from mavdem.dem.engine.linalg import Array, Indices, inverse, logdet
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import turning_combinations
@@ -69,7 +68,7 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
 
     ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m).
     """
-    A, B, C, D, K = models[:5]
+    A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
     driving = np.ascontiguousarray(inputs.swapaxes(1, 2))
     known = np.concatenate([driving[: len(outputs)], outputs.swapaxes(1, 2)], axis=1)
     second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
@@ -166,7 +165,7 @@ class SimulationFit:
     """The result of the fit, in the engine's units."""
 
     theta: Array  # (k,) all parameters
-    free: NDArray[np.intp]  # (f,) indices of the free ones
+    free: Indices  # (f,) indices of the free ones
     covariance: Array  # (f, f) of their posterior
     effective_samples: float  # outputs times horizons that follow each other
     horizon: int  # samples of each simulation, and of the filter before it
@@ -193,7 +192,7 @@ class SimulationError:
     """The log joint of the simulation errors of segments and of free parameters, which are θ at ``free``."""
 
     theta: Array
-    free: NDArray[np.intp]
+    free: Indices
     prior_mean: Array
     prior_precision: Array
     sizes: tuple[int, int, int]
