@@ -28,7 +28,7 @@ SUPPLY_FALL = 0.3  # V: twice what ArduPilot's page on power in logs calls norma
 # of voltage and current about their means of 2 s: half of the variance is explained
 RESISTANCE_CORRELATION = -0.7
 LOW_LEVELS = ("BATT_LOW_VOLT", "FS_BATT_VOLTAGE")
-CRITICAL_LEVELS = ("BATT_CRT_VOLT",)
+CRITICAL_LEVEL = "BATT_CRT_VOLT"
 """ArduPilot's parameters of voltages, V, at which it acts; 0 for none."""
 
 OF_POWER = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BOARD_VOLTAGE_LOW}
@@ -49,16 +49,16 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     if voltage is None or not len(means):
         return
     parameters = signals.telemetry.parameters
-    acted_on = max(parameters.get(name, 0.0) for name in LOW_LEVELS + CRITICAL_LEVELS)
-    if np.ptp(voltage.values) == 0 or voltage.values.max() <= acted_on:
+    critical = parameters.get(CRITICAL_LEVEL, 0.0)
+    low = max(critical, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
+    if np.ptp(voltage.values) == 0 or voltage.values.max() <= low:
         return  # no battery is connected to what measures it
     cells = _cells(signals, float(np.percentile(voltage.values, 99)))
     steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
     rows = round(LOW_SECONDS / max(float(np.median(steps)), 1e-3)) if len(steps) else 0
     lasting = means[min(rows, len(means) - 1)]
-    each = cells or 0
-    critical = max(CELL.bad * each, *(parameters.get(name, 0.0) for name in CRITICAL_LEVELS))
-    low = max(critical, CELL.watch * each, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
+    critical = max(critical, CELL.bad * (cells or 0))
+    low = max(low, critical, CELL.watch * (cells or 0))
     load = recorded(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
     resistance, current = _resistance([*evidence.flown(load)])
     figures: dict[str, Any] = {

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from failures import judged as simulated
 from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
 from pytest import approx
@@ -228,15 +227,6 @@ def test_a_fall_that_stops_at_once_is_a_crash_also_with_the_attitude_held():
     assert ending.figures["speed"] == approx(9.0, abs=1.5)
 
 
-def test_a_fall_with_all_motors_idle_says_so():
-    made = falling(flight())
-    for motor in range(4):
-        made = driven(made, motor, 1100.0)
-    _, ending = judged(only(made, lambda time: time < FAILS + 4.0))
-    assert ending.code is Ending.CRASHED
-    assert ending.figures["cause"].code is FailedFirst.ALL_OFF_FIRST
-
-
 def test_a_landing_that_was_only_assumed_is_what_came_first():
     made = falling(leaning(flight(), np.array([0.3, 1.0]), 120.0, 100.0))
     for motor in range(4):
@@ -297,14 +287,6 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert events[MotionEvent.CLIPPED].figures["count"] == 3 * 7
-
-
-@pytest.mark.parametrize(
-    ("number", "verdict"),
-    [(28, "right"), (41, "right"), (49, "none named")],
-)
-def test_simulated_failures_are_named_right_or_not_at_all(number, verdict):
-    assert simulated(number)[-1]["verdict"] == verdict
 
 
 @pytest.mark.parametrize(
