@@ -254,7 +254,7 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
 
 
 def axis_figures(
-    signals: Signals, components: Sequence[Component] = (), changes: Sequence[float] = ()
+    signals: Signals, components: Sequence[Component], changes: Sequence[float]
 ) -> AxisFigures:
     """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
     flights, verdict = usable_segments(signals, components)

@@ -14,9 +14,6 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.log import LogLight, Simulation
 
 LONG_GAP = 1.0  # s without attitude: longer than a fall from 5 m
-SIMULATORS_MESSAGES = {"SIMSTATE", "SIM_STATE", "HIL_STATE", "HIL_STATE_QUATERNION"}
-"""What simulators send of the true state."""
-SIMULATED_BOARD = "SITL"
 SIH_AIRFRAMES = range(
     10040, 10050
 )  # of PX4's own simulator: ROMFS/px4fmu_common/init.d-posix/airframes
@@ -63,24 +60,20 @@ def simulated_of(evidence: Evidence) -> Fact | None:
         return Fact(LogLight.SIMULATED, Level.GOOD, kind=Simulation.HARDWARE)
     by_software = (
         any(name.startswith("SIM_") for name in parameters)
-        or SIMULATED_BOARD in telemetry.hardware.upper()
         or parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
-        or not SIMULATORS_MESSAGES.isdisjoint(telemetry.messages)
         or _is_still(evidence.signals)
     )
     return Fact(LogLight.SIMULATED, Level.GOOD, kind=Simulation.SOFTWARE) if by_software else None
 
 
 def _is_still(signals: Signals) -> bool:
-    """Whether the vehicle stands before its first flight as still as no gyroscope measures."""
+    """Whether the vehicle stands before it is armed as still as no gyroscope measures."""
     if not signals.tilts:
         return False
     roll = signals.tilts[0]
     boot = int(roll.boot[0]) if len(roll.boot) else 0
-    begins = min((start for start, _ in phases.flying(signals, boot)), default=inf)
     armed = min((start for start, _ in phases.armed(signals, boot)), default=inf)
-    before = (roll.boot == boot) & (roll.time < min(begins, armed))
-    rows = np.flatnonzero(before)
+    rows = np.flatnonzero((roll.boot == boot) & (roll.time < armed))
     if len(rows) < 2:
         return False
     each = max(round(STILL_STEP / float(np.median(np.diff(roll.time[rows])))), 1)

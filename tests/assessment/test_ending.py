@@ -23,9 +23,9 @@ NAMES = geometry().names
 OPPOSITE = (1, 0, 3, 2)
 
 
-def flight(rate=10.0, **change):
+def flight(rate=10.0):
     """A hover at 10 m whose setpoints, heights and clips are recorded."""
-    made = Hover(sway=0.0, **change).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
+    made = Hover(sway=0.0).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
     time = made.messages["ATTITUDE"]["time"]
     level = quaternion(0 * time, 0 * time, 0 * time)
     made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(q=level)))
