@@ -6,7 +6,7 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from math import isnan, nan
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
@@ -88,41 +88,27 @@ def read_truth(path: str | PathLike[str], axis: str) -> Truth:
     Raises:
         Unreadable: ``path`` is not one, or cannot be read.
     """
-    name = Path(fspath(path)).name or fspath(path)
+    name = Path(path).name or str(path)
     try:
         with np.load(path, allow_pickle=False) as file:
-            weak_effect = f"{axis}_effect_weak"
-            rate = file["known_rates"][:, AXES.index(axis)]
-            series = file["time"], rate, file[f"{axis}_disturbance"], file["weak"]
-            effects = file[f"{axis}_effect"], file.get(weak_effect, file[f"{axis}_effect"])
-            plant = -file[f"{axis}_A"][-1, -1], file["lag"][0], file["delay"][()]
-            # Arrays of different shapes cannot be stacked.
-            rows, motors, numbers = (
-                np.array(part, np.float64) for part in (series, effects, plant)
+            effect = file[f"{axis}_effect"]
+            return Truth(
+                name,
+                time=file["time"],
+                rate=file["known_rates"][:, AXES.index(axis)],
+                disturbance=file[f"{axis}_disturbance"],
+                weak=file["weak"],
+                effect=effect,
+                weak_effect=file.get(f"{axis}_effect_weak", effect),
+                damping=-float(file[f"{axis}_A"][-1, -1]),
+                lag=float(file["lag"][0]),
+                delay=float(file["delay"]),
             )
-        shapes = rows.ndim, motors.ndim, numbers.ndim
-        finite = all(np.isfinite(part).all() for part in (rows, motors, numbers))
-        if shapes != (2, 2, 1) or not finite or not (np.diff(rows[0]) > 0).all():
-            raise ValueError("its arrays do not fit each other")
     except OSError as error:
         why = error.strerror or str(error)
-        raise Unreadable(Fact(Forecasts.NO_TRUTH_FILE, name=name, error=why)) from None
-    except DAMAGE:
-        raise Unreadable(Fact(Forecasts.NO_TRUTH_FILE, name=name, error="")) from None
-    return Truth(name, *rows, *motors, *numbers.tolist())
-
-
-DAMAGE = (
-    KeyError,
-    IndexError,
-    TypeError,
-    ValueError,
-    EOFError,
-    MemoryError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What reading a damaged archive, or one of other arrays, raises."""
+    except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        why = ""
+    raise Unreadable(Fact(Forecasts.NO_TRUTH_FILE, name=name, error=why))
 
 
 def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> Truth:
@@ -183,16 +169,13 @@ def _parameters(
         weak = np.interp(time, truth.time, truth.weak) >= 0.5
         true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
         names = [f"{Compared.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names]
-        estimates = [*zip(physical.effect.tolist(), effect.tolist(), strict=True)]
-        known = [*true.tolist(), float(np.abs(true).mean())]
-        for name, estimate, value in zip(
-            [*names, Compared.MEAN_EFFECT],
-            [*estimates, physical.mean_effect(LEVEL)],
-            known,
-            strict=True,
-        ):
+        rows = [*zip(names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)]
+        rows.append(
+            (Compared.MEAN_EFFECT, *physical.mean_effect(LEVEL), float(np.abs(true).mean()))
+        )
+        for name, estimate, half, known in rows:
             parameters.append(
-                ComparedParameter(name, "rad/s² per µs", *estimate, value, status["effect"])
+                ComparedParameter(name, "rad/s² per µs", estimate, half, known, status["effect"])
             )
     for (name, unit, key), half in zip(PLANT, halves, strict=True):
         state = status.get(key, status["lag"])
