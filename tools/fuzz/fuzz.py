@@ -74,11 +74,6 @@ def first_inputs(kind: str) -> Iterator[bytes]:
                 with mcap_files.Recorder(path, compression=compression) as recorder:
                     recorder.flight(TIMES.tolist())
                 yield path.read_bytes()
-            with mcap_files.Recorder(path, use_chunking=False) as recorder:
-                recorder.flight(TIMES.tolist())
-            yield path.read_bytes()
-            for log in sorted((ROOT / "logs").glob("*.tlog")):
-                yield mcap_files.converted(log, Path(folder)).read_bytes()[:20_000]
             for write in (ros2_files.px4_flight, ros2_files.mavros_flight):
                 with ros2_files.Ros2Recorder(path, CompressionType.NONE) as ros2:
                     write(ros2)

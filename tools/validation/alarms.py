@@ -106,23 +106,17 @@ def judged(case: tuple[str, int], rate: float) -> list[Values]:
     return [row]
 
 
-def found(flights: pd.DataFrame) -> pd.Series:
-    """A row of the flights in which a motor broke."""
+def line_of(flights: pd.DataFrame) -> pd.Series:
+    """A row: what was found where a motor broke, and the alarms on sound motors."""
     delays = flights["delay"]
     known = delays[np.isfinite(delays)]
-    row = {"number": len(flights), "found in 5 s": (delays <= 5.0).sum()}
-    row["named right, of found"] = f"{flights['right'].sum()} of {len(known)}"
-    row["median delay, s"] = f"{delays.median():.1f}"
-    row["longest, s"] = f"{known.max():.1f}"
-    return pd.Series(row)
-
-
-def counted(flights: pd.DataFrame) -> pd.Series:
-    """A row of the others."""
-    row = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
-    row["alarms on a motor"] = flights["on a motor"].sum()
-    row["changes in roll and pitch"] = flights["others"].sum()
-    return pd.Series(row)
+    line: Values = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
+    line |= {"found in 5 s": (delays <= 5.0).sum(), "longest, s": f"{known.max():.1f}"}
+    line["named right, of found"] = f"{flights['right'].sum()} of {len(known)}"
+    line["median delay, s"] = f"{delays.median():.1f}"
+    line["alarms on a motor"] = flights["on a motor"].sum()
+    line["changes in roll and pitch"] = flights["others"].sum()
+    return pd.Series(line)
 
 
 @click.command(help=__doc__)
@@ -137,14 +131,11 @@ def main(rate: float, flights: int | None, jobs: int) -> None:
     ]
     rows = rows_of(partial(judged, rate=rate), asked, jobs)
     is_sound = rows["flights"].isin([SOUND, SHIFTED])
-    by = ["flights", "half"]
+    lines = rows.groupby(["flights", "half"], sort=False).apply(line_of)
     title = f"Motors at {rate:g} Hz; even numbers chose the parameters, odd ones did not."
-    show(title, rows[~is_sound].groupby(by, sort=False).apply(found).reset_index())
     early = rows[~is_sound & (rows["flights"] != SECOND)]["early"].sum()
     under = f"Alarms before anything broke, in flights where a motor did: {early}."
-    show(
-        "Sound motors:", rows[is_sound].groupby(by, sort=False).apply(counted).reset_index(), under
-    )
+    show(title, lines.reset_index(), under)
 
 
 if __name__ == "__main__":

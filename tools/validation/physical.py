@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
+import pandas as pd
 from flights import JOBS, TABLES, Values, flight_of, rows_of, share, show
 from numpy.typing import NDArray
 
@@ -43,6 +44,7 @@ PARAMETERS = ("effect", "damping", "lag")
 STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
 FLOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 RATES = (50.0, 100.0, 200.0)  # Hz
+QUICK = "multisine, 3°"
 RATE = 200.0  # Hz of the Crazyflie
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
@@ -170,32 +172,27 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
     }
 
 
-def by_steering(every: Any, name: str) -> list[Values]:
-    """Rows of a parameter: share that is reported, and how often intervals hold the truth."""
-    groups = {steering: every["steering"] == steering for steering in FLOWN["steering"]}
-    quick = "multisine, 3°"
-    groups[f"{quick}, 100 Hz or more"] = groups[quick] & (every["rate"] >= 100)
-    groups |= {"all": every["rate"] > 0, "all, 50 Hz": every["rate"] == 50}
-    rows = []
-    for label, belongs in groups.items():
-        for of, some in every[belongs].groupby("of"):
-            status = some[f"{name} status"]
-            row: Values = {"steering": label, "of": of, "number": len(some)}
-            row |= {one: share(status == one) for one in STATUSES}
-            known = some[status == "reported"]
-            row["inside"] = share(known[f"{name} inside"])
-            row["worst"] = f"{max(known[f'{name} error'], key=abs, default=np.nan):+.0%}"
-            row["inside, where biased"] = share(some[status == "biased"][f"{name} inside"])
-            rows.append(row)
-    return rows
+def line_of(some: Any, name: str) -> pd.Series:
+    """Of a parameter: share that is reported, and how often intervals hold the truth."""
+    status = some[f"{name} status"]
+    line: Values = {"number": len(some)} | {one: share(status == one) for one in STATUSES}
+    known = some[status == "reported"]
+    line["inside"] = share(known[f"{name} inside"])
+    line["worst"] = f"{max(known[f'{name} error'], key=abs, default=np.nan):+.0%}"
+    line["inside, where biased"] = share(some[status == "biased"][f"{name} inside"])
+    return pd.Series(line)
 
 
-def simulated(seed: int, every: int, jobs: int) -> None:
+def simulated(seed: int, part: int, jobs: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering; and of the wind torque."""
-    rows = rows_of(judged, cases(seed, every), jobs)
+    rows = rows_of(judged, cases(seed, part), jobs)
     click.echo(f"{rows['seed'].nunique()} flights, seed {seed}.\n")
+    quick = rows[(rows["steering"] == QUICK) & (rows["rate"] >= 100)]
+    slow = rows[rows["rate"] == 50].assign(steering="all, 50 Hz")
+    every = rows.assign(steering="all"), quick.assign(steering=f"{QUICK}, 100 Hz or more"), slow
+    grouped = pd.concat([rows, *every]).groupby(["steering", "of"], sort=False)
     for name in PARAMETERS:
-        show(f"**{name.capitalize()}**", by_steering(rows, name))
+        show(f"**{name.capitalize()}**", grouped.apply(line_of, name).reset_index())
     insides = ["standard deviation inside", "mean inside", "course inside"]
     table = []
     for status in STATUSES:
