@@ -238,12 +238,10 @@ class Jet(Section):
 class Profile(Section):
     """How all winds but jets grow and turn with height (Kaimal and Finnigan 1994, chapter 1), and turn in time."""
 
-    law: Literal["none", "power", "log"] = "none"
-    """Of the speed: (z/reference)^exponent, or log(z/roughness) / log(reference/roughness), at the height z."""
+    law: Literal["none", "log"] = "none"
+    """Of the speed: log(z/roughness) / log(reference/roughness), at the height z"""
     reference: float = Field(10.0, ge=1, le=100)
     """Height at which the winds are as given, m"""
-    exponent: Share = 1 / 7
-    """Of the power law; 1/7 over open land"""
     roughness: float = Field(0.03, gt=0, lt=1)
     """Length of the logarithmic law, m; 0.03 of grass"""
     veer: Degrees = 0.0
@@ -254,7 +252,7 @@ class Profile(Section):
     def at(self, height: float, time: float) -> tuple[float, float]:
         """Returns cosine and sine of the clockwise turn, times the share of the reference's speed, at m and s."""
         z = max(height, 0.0)
-        share = (z / self.reference) ** (self.exponent if self.law == "power" else 0.0)
+        share = 1.0
         if self.law == "log":
             share = log(max(z / self.roughness, 1.0)) / log(self.reference / self.roughness)
         angle = radians(self.veer * (z - self.reference) + self.turn * time)
@@ -402,11 +400,7 @@ class Shaking(Section):
     """What whole rotors and the frame shake the gyro with, before its filters."""
 
     gyro: float = Field(0.0, ge=0, le=10)
-    """Amplitude about each axis by each rotor in hover, rad/s"""
-    balance: Share = 0.5
-    """Share of it once a turn, by rotors out of balance; the rest by each blade"""
-    blades: int = Field(2, ge=2, le=8)
-    """Of each rotor."""
+    """Amplitude about each axis by each rotor in hover, rad/s: half once a turn, half by each of two blades"""
     frame: float = Field(0.0, ge=0, le=500)
     """Frequency at which the frame resonates, Hz; 0: it does not"""
     frame_gyro: float = Field(0.0, ge=0, le=10)

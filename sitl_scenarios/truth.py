@@ -92,18 +92,6 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll") -> Linear:
     return replace(found, B=found.B * (airframe(vehicle).full / 1000))
 
 
-def _lagging(instant: Linear, tau: float) -> tuple[Array, Array]:
-    """A and B with the angular acceleration of the rotors as last state, rad/s², ``tau`` s behind its command."""
-    n = len(instant.states)
-    A = np.zeros((n + 1, n + 1))
-    B = np.zeros((n + 1, 4))
-    A[:n, :n] = instant.A
-    A[n - 1, n] = 1.0
-    A[n, n] = -1 / tau
-    B[n] = instant.B[-1] / tau
-    return A, B
-
-
 def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage) -> Array:
     """(3, 4) angular acceleration, rad/s², by each rotor's speed, rad/s, flying steadily in ``air``, body axes."""
     change = dynamics(vehicle, condition)
@@ -122,8 +110,8 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """Arrays by name: every column of ``Motion``, ``scenario`` as JSON text, and what docs/scenarios.md explains.
 
     ``roll_A`` (2, 2) and ``roll_B`` (2, 4) are of angle (rad) and rate (rad/s) without lag, by µs from ``trim`` (4,);
-    ``roll_lag_A``, ``roll_lag_B`` with the rotors' angular acceleration, rad/s², as third state; ``lag`` mean, rising,
-    falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per µs; likewise ``pitch_…``, ``yaw_…``.
+    ``lag`` of the rotors: mean, rising, falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per
+    µs; likewise ``pitch_…``, ``yaw_…``.
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
@@ -140,9 +128,6 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     for number, name in enumerate(AXES):
         instant = axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
-        if any(body.lag):
-            A, B = _lagging(instant, sum(body.lag) / 2)
-            arrays |= {f"{name}_lag_A": A, f"{name}_lag_B": B}
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
         acting = (
             motion.moment[:, number] / body.inertia[number]

@@ -20,7 +20,7 @@ from sitl_scenarios.truth import margins, truth
 from sitl_scenarios.vehicles import airframe
 
 MOVES = [{"up": 6.0, "speed": 3.0}, {"up": -6.0, "speed": 3.0}]
-SHAKING = {"gyro": 0.05, "balance": 0.5, "blades": 2, "frame": 75.0, "frame_gyro": 0.02}
+SHAKING = {"gyro": 0.05, "frame": 75.0, "frame_gyro": 0.02}
 
 
 def flight(shaking, **parameters):

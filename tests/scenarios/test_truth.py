@@ -21,16 +21,14 @@ def accelerations(scenario, motion, axis="roll"):
     """Angular acceleration of the settled flight, as it was and as A, B and the disturbance have it, rad/s²."""
     known = truth(scenario, motion)
     rates = motion.rates[:, ("roll", "pitch", "yaw").index(axis)]
-    A = known[f"{axis}_lag_A"]
-    B = known[f"{axis}_lag_B"]
     dt = motion.time[1]
-    keeps = np.exp(A[-1, -1] * dt)
+    keeps = np.exp(-dt / known["lag"][0])
     drive = 0.0
     drives = []
-    for settled in -((motion.outputs - known["trim"]) @ B[-1]) / A[-1, -1]:
+    for settled in (motion.outputs - known["trim"]) @ known[f"{axis}_B"][-1]:
         drives.append(drive)
         drive = settled + keeps * (drive - settled)
-    predicted = A[-2, -2] * rates + drives + known[f"{axis}_disturbance"]
+    predicted = known[f"{axis}_A"][-1, -1] * rates + drives + known[f"{axis}_disturbance"]
     hover = ((motion.landed_state == 2) & (motion.time > 10))[1:]
     return (np.diff(rates) / dt)[hover], ((predicted[1:] + predicted[:-1]) / 2)[hover]
 

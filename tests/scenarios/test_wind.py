@@ -126,7 +126,6 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
 @pytest.mark.parametrize(
     ("profile", "height", "speed"),
     [
-        ({"law": "power", "exponent": 0.2}, 40.0, 4 * 4**0.2),
         ({"law": "log", "roughness": 0.1}, 100.0, 6.0),
         ({}, 40.0, 4.0),
     ],

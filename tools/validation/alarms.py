@@ -7,17 +7,16 @@ where a load shifts, alarms on a motor; and the same of sound flights with gusts
 test's parameters were chosen on the half of even numbers. Flights are simulated without MAVLink, in about forty
 minutes on two processors; what a flight is follows from its kind and number.
 
-Usage: tools/validation/alarms.py [--rate HZ] [--flights N] [--jobs N]
+Usage: tools/validation/alarms.py [--rate HZ of the motors] [--flights N of each kind at most] [--jobs N]
 """
 
 from __future__ import annotations
 
 from functools import partial
 
-import click
 import numpy as np
 import pandas as pd
-from flights import JOBS, TABLES, Values, drawn, flight_of, rows_of, show
+from flights import TABLES, Values, command, drawn, flight_of, rows_of, show
 
 from mavdem.alignment.steadiness import strays
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
@@ -119,15 +118,10 @@ def line_of(flights: pd.DataFrame) -> pd.Series:
     return pd.Series(line)
 
 
-@click.command(help=__doc__)
-@click.option("--rate", default=10.0, show_default=True, help="Hz of the motors' samples.")
-@click.option("--flights", type=int, help="Of each kind at most; all by default.")
-@JOBS
-def main(rate: float, flights: int | None, jobs: int) -> None:
+@command(__doc__, rate=10.0, flights=120)
+def main(rate: float, flights: int, jobs: int) -> None:
     asked = [
-        (kind, number)
-        for kind, count in KINDS.items()
-        for number in range(min(count, flights or count))
+        (kind, number) for kind, count in KINDS.items() for number in range(min(count, flights))
     ]
     rows = rows_of(partial(judged, rate=rate), asked, jobs)
     is_sound = rows["flights"].isin([SOUND, SHIFTED])

@@ -14,9 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import click
 import numpy as np
-from flights import JOBS, TABLES, Values, drawn, flight_of, rows_of, show, telemetry_of
+from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
 
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.ending import ending_of
@@ -84,9 +83,7 @@ def verdict(ending: Fact | None, motors: Sequence[int], lost: bool) -> str:
     return "right" if is_right else "wrong: another motor"
 
 
-@click.command(help=__doc__)
-@click.option("--flights", default=60, show_default=True, help="How many.")
-@JOBS
+@command(__doc__, flights=60)
 def main(flights: int, jobs: int) -> None:
     rows = rows_of(judged, range(flights), jobs)
     show("Flights", rows)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 import pandas as pd
-from flights import JOBS, TABLES, Values, flight_of, rows_of, share, show
+from flights import TABLES, Values, command, flight_of, rows_of, share, show
 from numpy.typing import NDArray
 
 from mavdem import Flight
@@ -248,13 +248,8 @@ TITLE = (
 )
 
 
-@click.command(help=__doc__)
+@command(__doc__, seed=0, every=1)
 @click.argument("which", type=click.Choice(["simulated", "crazyflie"]))
-@click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
-@click.option(
-    "--every", default=1, show_default=True, help="One of so many of these, drawn by seed."
-)
-@JOBS
 def main(which: str, seed: int, every: int, jobs: int) -> None:
     if which == "crazyflie":
         show(TITLE, rows_of(crazyflie, AXES, jobs))

@@ -10,9 +10,8 @@ Usage: tools/validation/propellers.py [--flights 40]
 
 from __future__ import annotations
 
-import click
 import numpy as np
-from flights import JOBS, TABLES, Values, drawn, flight_of, rows_of, share, show
+from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment.drive import MotorGeometry
@@ -59,18 +58,16 @@ def judged(case: tuple[str, int]) -> list[Values]:
     return [{"flight": kind, "number": number, "motor": motor, "figures": figures}]
 
 
-@click.command(help=__doc__)
-@click.option("--flights", "count", default=40, show_default=True, help="Of each kind.")
-@JOBS
-def main(count: int, jobs: int) -> None:
-    flown = rows_of(judged, [(kind, number) for kind in KINDS for number in range(count)], jobs)
+@command(__doc__, flights=40)
+def main(flights: int, jobs: int) -> None:
+    flown = rows_of(judged, [(kind, number) for kind in KINDS for number in range(flights)], jobs)
     healthy = flown[flown["flight"] == "healthy"]["figures"]
     table = []
-    for kind, flights in flown.groupby("flight", sort=False):
+    for kind, some in flown.groupby("flight", sort=False):
         found = []
-        for flight in flights.itertuples():
+        for flight in some.itertuples():
             for draw in range(DRAWS):
-                order = np.random.default_rng([flight.number, draw]).permutation(count)
+                order = np.random.default_rng([flight.number, draw]).permutation(flights)
                 baseline = healthy.iloc[order[order != flight.number][:3]].tolist()
                 (verdict,) = assess([flight.figures], baseline)
                 found.append((verdict.health, verdict.suspect_motor == flight.motor))
@@ -81,7 +78,7 @@ def main(count: int, jobs: int) -> None:
             for name in ("ok", "drift", "fault", "unknown")
         }
         table.append(row | {"right": share([right for name, right in found if name == "fault"])})
-    show(f"{count} flights of each kind", table)
+    show(f"{flights} flights of each kind", table)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,8 @@ Usage: tools/validation/step_response.py [--flights N] [--first N] [--jobs N]
 
 from __future__ import annotations
 
-import click
 import numpy as np
-from flights import JOBS, TABLES, Values, drawn, flight_of, rows_of, show, telemetry_of
+from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import settled_parts
@@ -52,10 +51,7 @@ def judged(number: int) -> list[Values]:
     return rows
 
 
-@click.command(help=__doc__)
-@click.option("--flights", default=20, show_default=True, help="How many.")
-@click.option("--first", default=0, show_default=True, help="Number of the first.")
-@JOBS
+@command(__doc__, flights=20, first=0)
 def main(flights: int, first: int, jobs: int) -> None:
     every = rows_of(judged, range(first, first + flights), jobs)
     for loop, rows in every.groupby("loop"):

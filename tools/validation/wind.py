@@ -4,7 +4,7 @@
 Flown are the ``wind_*`` scenarios with other vehicles, drags, winds, misalignments and rates; "its drag" is after a
 flight with legs of the same vehicle. (Of a recorded flight, `mavdem wind LOG` prints the same.)
 
-Usage: tools/validation/wind.py [--seed N] [--flights N] [--jobs N]
+Usage: tools/validation/wind.py [--seed N] [--flights N of each kind: five take three minutes] [--jobs N]
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import click
 import numpy as np
 import pandas as pd
-from flights import JOBS, TABLES, Values, drawn, rows_of, share, show
+from flights import TABLES, Values, command, drawn, rows_of, share, show
 
 from mavdem import Drag, wind
 from mavdem.condition.wind_velocity import coming_from
@@ -90,12 +89,7 @@ def judged(case: tuple[int, str], seed: int) -> list[Values]:
     return [row, legs, again]
 
 
-@click.command(help=__doc__)
-@click.option("--seed", default=0, show_default=True)
-@click.option(
-    "--flights", default=5, show_default=True, help="Of each kind: five take three minutes."
-)
-@JOBS
+@command(__doc__, seed=0, flights=5)
 def main(seed: int, flights: int, jobs: int) -> None:
     rows = rows_of(partial(judged, seed=seed), product(range(flights), NAMES), jobs)
     table = []
