@@ -142,7 +142,7 @@
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const usual = figure.dataset.flat != null ? 104 : root.classList.contains("printing") ? 125 : 190, bare = figure.dataset.bare != null;
-    return Math.round(usual * (root.classList.contains("printing") ? 0.72 : 1)) + (bare ? 0 : 34);
+    return Math.round(usual * (root.classList.contains("printing") ? 0.56 : 1)) + (bare ? 0 : 34);
   };
 
   const draw = figure => {
