@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.live import Live as Place
@@ -141,11 +141,7 @@ class Dashboard:
 @file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")
 @file_option(
     "--model",
-    "Where to write the model at the end. [default: beside --rrd or --record, .model.json]",
-)
-@file_option(
-    "--html",
-    "Page of what happened, to write at the end. [default: beside --rrd, --record or --model, .html]",
+    "Where to write the model at the end; the page is beside it. [default: beside --rrd or --record, .model.json]",
 )
 @click.option(
     "--request-rate",
@@ -159,11 +155,6 @@ class Dashboard:
     "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."
 )
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
-@click.option(
-    "--plain",
-    is_flag=True,
-    help="Print the status as lines below each other, as where this is no terminal.",
-)
 def live_command(
     link: str,
     axis: str,
@@ -176,11 +167,9 @@ def live_command(
     connect: str | None,
     record: Path | None,
     model: Path | None,
-    html: Path | None,
     request_rate: float | None,
     prior: Path | None,
     duration: float | None,
-    plain: bool,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
 
@@ -206,7 +195,7 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
-    files = Files.checked(rrd, record, model, html)
+    model, html = _at_end(rrd, record, model)
     earlier = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with suppress(Unreadable):  # a model without its report knows no drag
@@ -232,9 +221,9 @@ def live_command(
             say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
         place = None
-        if STDERR.is_terminal and not plain:
+        if STDERR.is_terminal:
             place = Place(console=STDERR, auto_refresh=False, transient=True)
-        if files.model is None:
+        if model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
         with place or nullcontext():
@@ -255,7 +244,7 @@ def live_command(
             say_aside(f"There is no model: {go_on(error)}.")
         else:
             text = learned.to_json() + "\n"
-            code = DONE if _written(files.model, text, "model") else UNUSABLE
+            code = DONE if _written(model, text, "model") else UNUSABLE
         executor.shutdown()
         learned = session.judge(learned)
         findings, judgement = session.judged
@@ -267,42 +256,34 @@ def live_command(
         if file is not None and not file.whole and not file.broken:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         has_page = False
-        if files.html is not None:
+        if html is not None:
             known = session.link.name, axis, session.history, status, account, learned
-            has_page = _written(files.html, live_page(*known), "page")
+            has_page = _written(html, live_page(*known), "page")
         if as_json:
             written = {
                 "rrd": str(rrd) if file is not None and file.whole else None,
                 "record": recording and {"file": str(record), "frames": recording.frames},
-                "model": str(files.model) if code == DONE and files.model is not None else None,
-                "html": str(files.html) if has_page else None,
+                "model": str(model) if code == DONE and model is not None else None,
+                "html": str(html) if has_page else None,
             }
             print_json(_document(session, status, account) | written)
-    lost_page = files.html is not None and not has_page
+    lost_page = html is not None and not has_page
     lost = session.recording is not recording or lost_page or (file is not None and file.broken)
     click.get_current_context().exit(UNUSABLE if lost else code)
 
 
-class Files(NamedTuple):
-    """What a session writes at its end, where it was asked for or beside the others."""
-
-    model: Path | None
-    html: Path | None
-
-    @classmethod
-    def checked(
-        cls, rrd: Path | None, record: Path | None, model: Path | None, html: Path | None
-    ) -> Files:
-        """Refuses before the flight what could not be written after it."""
-        check_file(rrd, "--rrd", (".rrd",))
-        check_file(record, "--record", tuple(STREAMS))
-        beside = rrd or record
-        model = model or (beside and beside.with_suffix(".model.json"))
-        beside = beside or model
-        html = html or (beside and beside.with_suffix(".html"))
-        check_file(model, "--model", (".json",))
-        check_file(html, "--html", (".html",))
-        return cls(model, html)
+def _at_end(
+    rrd: Path | None, record: Path | None, model: Path | None
+) -> tuple[Path | None, Path | None]:
+    """Returns where model and page are to be written, and refuses before the flight what could not be after it."""
+    beside = rrd or record or model
+    page = beside and beside.with_suffix(".html")
+    model = model or (beside and beside.with_suffix(".model.json"))
+    endings = (".rrd",), tuple(STREAMS), (".json",), (".html",)
+    options = ("--rrd", "--record", "--model", "the page beside it")
+    for path, option, ending in zip((rrd, record, model, page), options, endings, strict=True):
+        check_file(path, option, ending)
+    return model, page
 
 
 def _say_account(account: Mapping[Spent, float]) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -84,22 +82,13 @@ def load(arguments: list[str]) -> int:
     parser.add_argument("--application-id")
     application = parser.parse_known_args(arguments)[0].application_id
     with streamed(path.name, application or "mavdem") as recording:
-
-        @contextmanager
-        def step(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-            def show(done: float) -> None:
-                if application:  # the viewer waits
-                    share = f": {done:.0%}" if measured else ""
-                    write_words(recording, path.name, [Sentence(f"{title}{share} …")])
-
-            show(0.0)
-            yield show
-
+        if application:  # the viewer waits
+            write_words(recording, path.name, [Sentence("Learning from the log …")])
         try:
             if isinstance(read, Unreadable):
                 raise read
             signals = Signals(choose_vehicle(read.vehicles, None))
-            assessment = assess_signals(read, signals, "roll", progress=step)
+            assessment = assess_signals(read, signals, "roll")
         except (NotLearnable, Unreadable) as error:
             write_words(recording, path.name, [Sentence(f"{error.reason} {error.remedy}")])
         else:
