@@ -276,13 +276,13 @@ def _at_end(
     rrd: Path | None, record: Path | None, model: Path | None
 ) -> tuple[Path | None, Path | None]:
     """Returns where model and page are to be written, and refuses before the flight what could not be after it."""
+    check_file(rrd, "--rrd", (".rrd",))
+    check_file(record, "--record", tuple(STREAMS))
     beside = rrd or record or model
     page = beside and beside.with_suffix(".html")
     model = model or (beside and beside.with_suffix(".model.json"))
-    endings = (".rrd",), tuple(STREAMS), (".json",), (".html",)
-    options = ("--rrd", "--record", "--model", "the page beside it")
-    for path, option, ending in zip((rrd, record, model, page), options, endings, strict=True):
-        check_file(path, option, ending)
+    check_file(model, "--model", (".json",))
+    check_file(page, "the page", (".html",))
     return model, page
 
 

@@ -14,7 +14,11 @@ from typing import Any, NamedTuple, TypeVar
 import click
 
 from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.alignment.read import learnable_flight
+from mavdem.alignment.read import choose_vehicle, learnable_flight
+from mavdem.alignment.signals import Signals
+from mavdem.analysis import Options
+from mavdem.assessment.assess import Assessment, assess_signals
+from mavdem.assessment.evidence import Evidence
 from mavdem.cli.commands import UNUSABLE
 from mavdem.cli.output import printable, progress, say, say_aside
 from mavdem.dem import Settings
@@ -195,6 +199,18 @@ def read_source(source: str, params: Path | None = None) -> Log:
     with progress(f"Reading {source}", measured=False):
         log = read_log(source)
     return log if params is None else with_parameters(log, params)
+
+
+def assessed(
+    source: str, vehicle: str | None, params: Path | None = None, **options: Any
+) -> tuple[Assessment, Evidence]:
+    """Returns the assessment of a vehicle of the log that SOURCE names, without a model, and what it rests on."""
+    log = read_source(source, params)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle), inputs=options.get("inputs"))
+    chosen = Options(whole=False, **options)
+    assessment = assess_signals(log, signals, AXES[0], chosen, progress=progress)
+    assert assessment.evidence is not None
+    return assessment, assessment.evidence
 
 
 class Refused(NamedTuple):

@@ -8,20 +8,16 @@ from typing import Any
 import click
 
 from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
-from mavdem.analysis import Options
 from mavdem.analysis.figures import ALL
-from mavdem.assessment.assess import assess_signals
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import (
+    assessed,
     folder_named,
     params_option,
-    read_source,
     source_options,
     verbose_option,
 )
-from mavdem.cli.output import check_folder, files_in, print_json, print_screen, progress, say_aside
+from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
 from mavdem.condition.loop.advice import Advice, advise, lowered
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS, Loop
@@ -90,15 +86,10 @@ def tune_command(
       mavdem tune flight.tlog --axis all --margins soft
       mavdem tune flight.bin --params vehicle.param --filters
     """
-    log = read_source(source, params)
-    telemetry = choose_vehicle(log.vehicles, vehicle)
     if out is not None:
         check_folder(out)
-    signals = Signals(telemetry, inputs=inputs)
-    options = Options(inputs, start=start, whole=False)
-    assessment = assess_signals(log, signals, AXES[0], options, progress=progress)
-    evidence = assessment.evidence
-    assert evidence is not None
+    assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
+    telemetry = evidence.signals.telemetry
     grounds = evidence.grounds
     if (oscillation := evidence.condition.oscillation) is not None:
         grounds = (*grounds, lowered(oscillation, telemetry.parameters))

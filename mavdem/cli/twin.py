@@ -10,19 +10,15 @@ import click
 import numpy as np
 
 from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
-from mavdem.analysis import Options
-from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import (
     Number,
+    assessed,
     json_option,
     no_option,
     params_option,
-    read_source,
     vehicle_option,
 )
-from mavdem.cli.output import check_file, print_result, printable, progress, say_aside, write_text
+from mavdem.cli.output import check_file, print_result, printable, say_aside, write_text
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.twin import BANDS, Twin, again_of, alike, torque, twin_of
@@ -86,12 +82,8 @@ def twin_command(
     """
     for path in out:
         check_file(path, "--out", (".toml", *LEFT_OUT))
-    log = read_source(source, params)
-    signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    evidence = assess_signals(
-        log, signals, AXES[0], Options(whole=False), progress=progress
-    ).evidence
-    assert evidence is not None
+    assessment, evidence = assessed(source, vehicle, params)
+    signals = evidence.signals
     found = {
         axis: one.grounded if isinstance(one, Fact) and evidence.grounds else one
         for axis, one in evidence.loops.items()
@@ -104,7 +96,7 @@ def twin_command(
         for axis, one in found.items()
         if isinstance(one, Fact)
     ]
-    hover = hover_of(signals.about("roll", "motors"), log.components)
+    hover = hover_of(signals.about("roll", "motors"), assessment.log.components)
     px4 = signals.telemetry.autopilot == "PX4"
     twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), evidence.air[0], mass)
     for path in out:

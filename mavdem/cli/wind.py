@@ -6,15 +6,10 @@ from pathlib import Path
 
 import click
 
-from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
-from mavdem.analysis import Options
-from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import (
+    assessed,
     file_option,
     json_option,
-    read_source,
     vehicle_option,
     verbose_option,
 )
@@ -52,11 +47,9 @@ def wind_command(
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
     --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
     """
-    log = read_source(source)
-    signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    assessment = assess_signals(log, signals, AXES[0], Options(whole=False))
-    assert assessment.evidence is not None
-    wind, _, reason = assessment.evidence.air
+    assessment, evidence = assessed(source, vehicle)
+    signals = evidence.signals
+    wind, _, reason = evidence.air
     if reason is not None:
         raise NotLearnable(reason)
     assert wind is not None
