@@ -7,14 +7,12 @@ from time import perf_counter
 import click
 
 from mavdem.cli.options import (
-    end_report,
     motion_options,
     names_of,
-    nothing_left,
     of_each,
     window_options,
 )
-from mavdem.cli.output import print_result, progress
+from mavdem.cli.output import print_result, progress, say_aside
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, compare
 from mavdem.evaluate.window import (
@@ -38,9 +36,7 @@ from mavdem.report.comparison import comparison_report
     type=click.IntRange(1),
     help="Samples from one window to the next. [default: half of --train and --test]",
 )
-@click.pass_context
 def compare_command(
-    context: click.Context,
     sources: tuple[str, ...],
     axis: str,
     vehicle: str | None,
@@ -65,7 +61,7 @@ def compare_command(
       mavdem compare one.tlog two.ulg --json > comparison.json
 
     A SOURCE that cannot be compared is reported, and the others are compared. Exit code: 0 if a flight was compared,
-    1 if none was, 2 if a SOURCE cannot be read.
+    1 if none was, 2 if no SOURCE can be read.
     """
     began = perf_counter()
 
@@ -75,22 +71,15 @@ def compare_command(
             return found
         raise too_short(flight, 0.0, *lengths, FEWEST_SAMPLES)
 
-    cut, refused = of_each(sources, axis, vehicle, inputs, windows_of)
-    if not cut:
-        raise nothing_left(refused)
+    cut = of_each(sources, axis, vehicle, inputs, windows_of)
     windowed = [window for one in cut.values() for window in one]
     with progress(f"Comparing {len(METHODS)} methods on {len(windowed)} windows") as done:
         compared = compare(windowed, METHODS, done)
     report = {
         **compared.to_dict(),
         "axis": axis,
-        "sources": {
-            name: source
-            for name, source in zip(names_of(sources), sources, strict=True)
-            if name in cut
-        },
-        "refused": [one.values for one in refused],
+        "sources": {name: source for name, source in names_of(sources).items() if name in cut},
         "seconds": round(perf_counter() - began, 3),
     }
     print_result(report, comparison_report(compared), as_json)
-    end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.", as_json)
+    say_aside(f"Took {report['seconds']:.1f} s.")

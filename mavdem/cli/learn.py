@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -16,6 +15,7 @@ from mavdem.analysis import Options
 from mavdem.analysis.figures import ALL
 from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import (
+    Number,
     file_option,
     folder_named,
     model_options,
@@ -41,23 +41,12 @@ from mavdem.report.blocks import Block, Sentence
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
 from mavdem.results import PAGE, RECORDING
 
-
-def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
-    try:
-        seconds = float(value.removesuffix("s"))
-    except ValueError:
-        seconds = math.nan
-    if not 0 <= seconds < math.inf:
-        raise click.BadParameter(f"{value!r} is no number of seconds.", context, parameter)
-    return seconds
-
-
 start_option = click.option(
     "--start",
     metavar="SECONDS",
-    default="0",
+    type=Number(0, 1e9),
+    default=0.0,
     show_default=True,
-    callback=_seconds,
     help="Nothing before it is used: seconds into the settled flight.",
 )
 

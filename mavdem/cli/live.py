@@ -42,7 +42,7 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import run
 from mavdem.live.session import LiveSession
 from mavdem.report.flight_page import live_page
-from mavdem.report.live import spent_on, watching, whole_seconds
+from mavdem.report.live import spent_on, watching
 from mavdem.report.words import advised, go_on, headline, section
 
 # between two status lines, and two of one in its place
@@ -288,7 +288,7 @@ def _at_end(
 
 def _say_account(account: Mapping[Spent, float]) -> None:
     """Says what the seconds were."""
-    whole = whole_seconds(account)
+    whole = {kind: round(seconds) for kind, seconds in account.items()}
     spent = [f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds]
     say_aside(f"Of {sum(whole.values())} s: {', '.join(spent) or 'nothing'}.")
     say_aside("Ending takes some seconds: model, message rates and files are completed.")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -19,8 +19,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis import Options
 from mavdem.assessment.assess import Assessment, assess_signals
 from mavdem.assessment.evidence import Evidence
-from mavdem.cli.commands import UNUSABLE
-from mavdem.cli.output import printable, progress, say, say_aside
+from mavdem.cli.output import printable, progress, say_aside
 from mavdem.dem import Settings
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.window import TEST_SECONDS, Length
@@ -213,28 +212,13 @@ def assessed(
     return assessment, assessment.evidence
 
 
-class Refused(NamedTuple):
-    """A SOURCE that cannot be used, while the others can; ``source`` is as on the command line."""
-
-    name: str
-    source: str
-    error: NotLearnable | Unreadable
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """All of it, for a document."""
-        fact = self.error.fact
-        error = {"reason": fact, "remedy": fact.remedy, "fact": fact}
-        return {"flight": self.name, "source": self.source, "error": error}
-
-
-def names_of(sources: Sequence[str]) -> list[str]:
-    """Names of flights: the file's name without its ending, or the whole SOURCE if others have the same name."""
+def names_of(sources: Sequence[str]) -> dict[str, str]:
+    """SOURCEs by the flight's name: the file's without its ending, or the whole SOURCE if others have the same."""
     stems = [printable(Path(source).stem) for source in sources]
-    return [
-        stem if stems.count(stem) == 1 else printable(source)
+    return {
+        stem if stems.count(stem) == 1 else printable(source): source
         for stem, source in zip(stems, sources, strict=True)
-    ]
+    }
 
 
 def of_each(
@@ -243,38 +227,30 @@ def of_each(
     vehicle: str | None,
     inputs: str | None,
     use: Callable[[str, Flight], Result],
-) -> tuple[dict[str, Result], list[Refused]]:
-    """Returns what ``use`` makes of each settled flight, by the flight's name, and the refused SOURCEs."""
+) -> dict[str, Result]:
+    """Returns what ``use`` makes of each settled flight, by the flight's name.
+
+    A SOURCE that cannot be used is reported on standard error; the first one's error is raised if that are all.
+    """
     if len({*sources}) < len(sources):
         raise click.BadParameter(
             "one is named twice: each flight counts once.", param_hint="SOURCE"
         )
-    found: dict[str, Result] = {}
-    refused = []
-    for name, source in zip(names_of(sources), sources, strict=True):
+    found = dict[str, Result]()
+    refused = dict[str, NotLearnable | Unreadable]()
+    for name, source in names_of(sources).items():
         try:
             flight, _ = learnable_flight(read_source(source), axis, vehicle, inputs)
             found[name] = use(name, flight)
         except (NotLearnable, Unreadable) as error:
-            refused.append(Refused(name, source, error))
-    return found, refused
+            refused[source] = error
+    report_refused(found, refused)
+    return found
 
 
-def end_report(
-    context: click.Context, refused: Sequence[Refused], outcome: str, last: str, as_json: bool
-) -> None:
-    """Prints why SOURCEs are refused and a last sentence, with JSON the former, aside; exits with 2 if unreadable."""
-    for one in refused:
-        if as_json:
-            say_aside(printable(f"mavdem: {one.source}: {outcome}: {one.error}"))
-        else:
-            say(f"{one.name}: {outcome}. {one.error}\n")
-    if not as_json:
-        say(last)
-    if any(isinstance(one.error, Unreadable) for one in refused):
-        context.exit(UNUSABLE)
-
-
-def nothing_left(refused: Sequence[Refused]) -> NotLearnable | Unreadable:
-    """The error if all SOURCEs are refused: the first one, unreadable ones first."""
-    return min(refused, key=lambda one: isinstance(one.error, NotLearnable)).error
+def report_refused(found: Sized, refused: Mapping[str, NotLearnable | Unreadable]) -> None:
+    """Reports on standard error what is ``refused``, by name; raises the first error if nothing is ``found``."""
+    for name, error in refused.items():
+        if not found:
+            raise error
+        say_aside(printable(f"mavdem: {name} is left out: {error}"))

@@ -9,14 +9,11 @@ from time import perf_counter
 import click
 
 from mavdem.cli.options import (
-    Refused,
-    end_report,
     motion_options,
-    names_of,
-    nothing_left,
     of_each,
+    report_refused,
 )
-from mavdem.cli.output import print_result, progress
+from mavdem.cli.output import print_result, progress, say_aside
 from mavdem.dem.order_choice import (
     DEFAULT_MAX_ORDER,
     LARGEST_ORDER,
@@ -25,7 +22,7 @@ from mavdem.dem.order_choice import (
     orders_of,
 )
 from mavdem.dem.parallel import parallel_map
-from mavdem.errors import NotLearnable, fact_of
+from mavdem.errors import NotLearnable, Unreadable, fact_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight
@@ -47,9 +44,7 @@ from mavdem.report.comparison import order_advice, order_report
     is_flag=True,
     help="Treat the motors as unknown inputs, as the paper's black-box estimation does: η̃ᵛ = 0, P̃ᵛ = e².",
 )
-@click.pass_context
 def order_command(
-    context: click.Context,
     sources: tuple[str, ...],
     axis: str,
     vehicle: str | None,
@@ -72,7 +67,7 @@ def order_command(
       mavdem order one.tlog two.tlog three.tlog --unknown-inputs --json
 
     A SOURCE without an order is reported, and the others are used. Exit code: 0 if an order was found, 1 if no flight
-    has one, 2 if a SOURCE cannot be read.
+    has one, 2 if no SOURCE can be read.
     """
     began = perf_counter()
     channels: list[int] = []
@@ -84,9 +79,9 @@ def order_command(
             raise NotLearnable(Fact(Source.AS_MANY_INPUTS_NEEDED, count=other, needed=channels[0]))
         return flight
 
-    flights, refused = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
-    named = dict(zip(names_of(sources), sources, strict=True))
+    flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
     found = dict[str, FlightOrders]()
+    refused = dict[str, NotLearnable | Unreadable]()
     work = partial(_orders, most=max_order, known=not unknown_inputs)
     title = (
         f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {max_order} states"
@@ -94,13 +89,12 @@ def order_command(
     with progress(title) as done, closing(parallel_map(work, flights.values())) as coming:
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
             if isinstance(result, ValueError):
-                why = NotLearnable(Fact(Source.NO_ORDER_OF_FLIGHT, because=fact_of(result)))
-                refused.append(Refused(name, named[name], why))
+                because = Fact(Source.NO_ORDER_OF_FLIGHT, because=fact_of(result))
+                refused[name] = NotLearnable(because)
             else:
                 found[name] = result
             done(number / len(flights))
-    if not found:
-        raise nothing_left(refused)
+    report_refused(found, refused)
     choice = OrderChoice(tuple(found.values()))
     seconds = round(perf_counter() - began, 3)
     report = {
@@ -108,13 +102,12 @@ def order_command(
         "axis": axis,
         "known_inputs": not unknown_inputs,
         "seconds": seconds,
-        "refused": [one.values for one in refused],
         "advice": order_advice(choice, not unknown_inputs),
     }
     print_result(
         choice.to_dict() | report, order_report(choice, list(found), not unknown_inputs), as_json
     )
-    end_report(context, refused, "no order", f"Took {seconds:.1f} s.", as_json)
+    say_aside(f"Took {seconds:.1f} s.")
 
 
 def _orders(flight: Flight, most: int, known: bool) -> FlightOrders | ValueError:

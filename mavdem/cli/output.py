@@ -237,7 +237,7 @@ OF_SIGNAL = 128
 @contextmanager
 def ending_at_once() -> Iterator[None]:
     """Around imports: Ctrl-C ends the process. An exception could be lost in, or changed by, what is being imported."""
-    before = signal.signal(signal.SIGINT, _end)
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         yield
     finally:
@@ -277,13 +277,6 @@ def asked_to_end() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_IGN if asked else handler)
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    try:
-        os.write(2, b"mavdem: Interrupted; nothing was written.\n")
-    finally:
-        os._exit(INTERRUPTED)
 
 
 def _unwind(number: int, frame: FrameType | None) -> None:

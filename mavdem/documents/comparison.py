@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.documents.document import Document, Error, Said, Told
+from mavdem.documents.document import Document, Said, Told
 from mavdem.units import Nats, Number, Seconds, SquareOfOutput
 
 
@@ -21,17 +21,6 @@ class Paired(Document):
     """two-sided p-value of Wilcoxon's signed-rank test"""
     verdict: Said
     """lower, higher or not distinguishable"""
-
-
-class Refusal(Document):
-    """SOURCEs that cannot be compared."""
-
-    flight: str
-    """name of the flight"""
-    source: str
-    """as on the command line"""
-    error: Error
-    """why it cannot be used"""
 
 
 class OverFlights(Document):
@@ -193,8 +182,6 @@ class CompareReport(Comparison):
     """roll or pitch"""
     sources: dict[str, str]
     """logs by the flight's name"""
-    refused: list[Refusal]
-    """SOURCEs that cannot be compared"""
     seconds: Seconds
     """time that it took"""
 
@@ -230,7 +217,5 @@ class Order(Document):
     """false with --unknown-inputs"""
     seconds: Seconds
     """time that it took"""
-    refused: list[Refusal]
-    """SOURCEs without an order"""
     advice: Said
     """what to do with the order"""

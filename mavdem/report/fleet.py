@@ -24,7 +24,7 @@ LEVELS = {
     MotorHealth.UNKNOWN: Level.UNKNOWN,
 }
 """The level by which the health of motors is shown."""
-MAX_REASONS = 8  # rows of logs that could not be used
+MAX_REASONS = 8  # why logs could not be used, the most frequent ones
 
 
 def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
@@ -86,12 +86,6 @@ def urgency(flights: Flights) -> tuple[float, float]:
     return min(worst, 1.5) if doubt(flights) else worst, -newest.timestamp() if newest else 0.0
 
 
-def vehicle_name(name: str, flights: Flights) -> str:
-    """Returns a name to read: beside the number of a board what vehicle it is, and its firmware."""
-    known = listed(filter(None, (flights[-1][0].frame, flights[-1][0].firmware)))
-    return f"{name} [{known}]" if known and flights[-1][0].vehicle_basis == "board" else name
-
-
 def conclusion(flights: Flights) -> str:
     """Returns what one vehicle's latest flight that was judged shows, in a sentence."""
     health = vehicle_health(flights)
@@ -135,11 +129,7 @@ def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
     """The vehicles that need a look, the worst first, those that recovered, and how many show nothing."""
     healths = {name: vehicle_health(flights) for name, flights in named.items()}
     urgent = sorted((urgency(flights), name) for name, flights in named.items())
-    ill = [
-        f"{vehicle_name(name, named[name])} ({go_on(conclusion(named[name]))})"
-        for (level, _), name in urgent
-        if level < 2
-    ]
+    ill = [f"{name} ({go_on(conclusion(named[name]))})" for (level, _), name in urgent if level < 2]
     recovered = [name for name in named if healths[name] == OK and had_trouble(named[name])]
     return {
         "ill": len(ill),
@@ -164,22 +154,14 @@ def _unused(refused: Sequence[FlightRow]) -> list[Block]:
     """Why logs could not be used, the most frequent reason first."""
     by_reason = dict[str, list[FlightRow]]()
     for row in refused:
-        by_reason.setdefault(_reason(row), []).append(row)
+        by_reason.setdefault(row.status_code or row.status, []).append(row)
     ranked = sorted(by_reason.values(), key=lambda rows: (-len(rows), rows[0].status))
-    shown = ranked if len(ranked) <= MAX_REASONS else ranked[: MAX_REASONS - 1]
     cells = [
         [cut(rows[0].status, 70), str(len(rows)), cut(PurePath(rows[0].file).name, 40)]
-        for rows in shown
+        for rows in ranked[:MAX_REASONS]
     ]
-    if others := len(refused) - sum(map(len, shown)):
-        cells.append(["other reasons: see the table of flights", str(others), ""])
     table = Table(["reason", "logs", "for example"], cells, words=True)
     return [*section("fleet_unused", logs=len(refused)), *([table] if refused else [])]
-
-
-def _reason(row: FlightRow) -> str:
-    """By what rows of logs that could not be used are grouped: the code, or else the text."""
-    return row.status_code or row.status
 
 
 def cut(text: str, longest: int) -> str:

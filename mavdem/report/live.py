@@ -26,12 +26,6 @@ def watching(status: SessionStatus) -> str:
     return "".join(said.text for said in section("live_watched", watched=status.watched))
 
 
-def whole_seconds(account: Mapping[Spent, float]) -> dict[Spent, int]:
-    """Returns an account in whole seconds, whose sum is that of the account."""
-    ends = np.rint(np.cumsum(list(account.values()))).astype(int)
-    return dict(zip(account, np.diff(ends, prepend=0).tolist(), strict=True))
-
-
 def live_report(
     history: LiveHistory,
     status: SessionStatus,
@@ -51,7 +45,7 @@ def live_report(
     if errors:
         how = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         made = [_errors(errors, axis), Sentence(how, "How they were made:")]
-    whole = whole_seconds(account)
+    whole = {kind: round(seconds) for kind, seconds in account.items()}
     spent = [[begin(spent_on(kind)), f"{whole[kind]} s"] for kind in Spent if whole[kind]]
     parts = history.learned
     total = float(np.diff(parts).sum()) if parts else 0.0

@@ -137,9 +137,9 @@ def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
 
 
 def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
-    """Returns an output beside its forecasts in some windows that no model saw, and the error in every window.
+    """Returns an output beside its forecasts in the first windows that no model saw, and the error in every window.
 
-    Shown in full are the neighbours of one with the median error; each is forecast anew.
+    Shown in full are the first windows; each is forecast anew.
 
     Raises:
         ValueError: no windows.
@@ -148,7 +148,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
         raise ValueError("there is no held-out window")
     unit = readable(labels.output_units[output])
     name = labels.output_names[output]
-    shown = typical_windows(held, SHOWN_WINDOWS)
+    shown = slice(SHOWN_WINDOWS)
     steps = held.time.shape[1]
     ends = np.arange(steps, steps * len(held.time[shown]), steps)
     time = np.insert(held.time[shown].ravel(), ends, held.time[shown][1:, 0])
@@ -177,13 +177,6 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
         axis = Axis(f"RMSE ({unit.name})", ends=(0.0, None))
         charts.append(Chart(f"RMSE in every window ({unit.name})", TIME, axis, errors))
     return tuple(charts)
-
-
-def typical_windows(held: HeldOut, windows: int) -> slice:
-    """Returns neighbouring windows, of which the middle one has the median error ratio."""
-    middle = int(np.argsort(held.error_ratios())[len(held) // 2])
-    first = int(np.clip(middle - windows // 2, 0, max(len(held) - windows, 0)))
-    return slice(first, first + min(windows, len(held)))
 
 
 def sample_times(record: Record) -> Array:

@@ -119,14 +119,13 @@ def test_a_standard_output_that_fails_is_reported(words):
 
 
 @pytest.mark.slow
-def test_an_interrupt_while_starting_is_one_sentence(tmp_path):
+def test_an_interrupt_while_starting_ends_the_process(tmp_path):
     """Ctrl-C comes as numpy begins to be imported."""
     (tmp_path / "numpy.py").write_text("import signal; signal.raise_signal(signal.SIGINT)\n")
     path = os.pathsep.join([str(tmp_path), str(FLIGHT.parents[1])])
     surroundings = {"env": {**os.environ, "PYTHONPATH": path}, "timeout": PATIENCE}
     done = subprocess.run([*MAVDEM, "info", FLIGHT], capture_output=True, text=True, **surroundings)
-    assert done.returncode == 130
-    assert done.stderr.startswith("mavdem: Interrupted") and done.stderr.count("\n") == 1
+    assert done.returncode == -signal.SIGINT and done.stderr == ""
 
 
 def test_the_help_says_of_each_command_what_it_says_itself():
