@@ -6,7 +6,6 @@ import lzma
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
@@ -21,15 +20,13 @@ MAX_BYTES = 1 << 30
 FREE_BYTES = 1 << 26
 MAX_RATIO = 100
 """Bytes that any archive may unpack to, and more for each of its own: a small one can be made to hold any number."""
-# Bytes of the blocks of one byte that are cut off the end of a file, and of one that has such
-TAIL = 1 << 20
 
 
 def file_bytes(path: PathName) -> bytes:
     """Returns the whole file, or the contents of an xz archive.
 
     Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
-    is damaged. Neither may have more than ``MAX_BYTES``; zeros behind the data do not count.
+    is damaged. Neither may have more than ``MAX_BYTES``.
     """
     return _content(path)
 
@@ -55,9 +52,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
             raise Unreadable(Fact(Source.SPECIAL_FILE, path=str(path)))
         with path.open("rb") as file:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
-            size = (
-                _end_of_data(file, status.st_size) if limit is None else min(status.st_size, limit)
-            )
+            size = status.st_size if limit is None else min(status.st_size, limit)
             if size > MAX_BYTES:
                 raise Unreadable(_too_large(path, MAX_BYTES))
             content = file.read(size)
@@ -72,23 +67,9 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
     except (OSError, ValueError) as error:
         because = getattr(error, "strerror", None) or str(error)
         raise Unreadable(Fact(Source.FILE_NOT_OPENED, path=str(path), because=because)) from None
-    if not len(content):
+    if not content.rstrip(b"\0"):
         raise Unreadable(Fact(Source.FILE_EMPTY, path=str(path), zeros=bool(status.st_size)))
     return content
-
-
-def _end_of_data(file: BinaryIO, size: int) -> int:
-    """Where the data end in a file of this size: a full or damaged disk leaves one byte behind them, over and over."""
-    end = size
-    while end and size >= TAIL:
-        begin = (end - 1) // TAIL * TAIL
-        file.seek(begin)
-        block = file.read(end - begin)
-        if block[:1] not in (b"\0", b"\xff") or block != block[:1] * len(block):
-            break
-        end = begin
-    file.seek(0)
-    return end
 
 
 def _too_large(path: Path, limit: int | None, archive: bool = False) -> Fact:

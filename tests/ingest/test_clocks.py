@@ -141,17 +141,6 @@ def test_any_stamps_at_all_give_finite_times(times, servo):
     assert (np.diff(made.boot) >= -made.boot.max()).all() and (made.boot >= 0).all()
 
 
-def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead():
-    times = 100 + 0.01 * np.arange(600)
-    jumping = times + 100 * (np.arange(600) % 2)
-    made = clock_of(jumping)
-    assert np.array_equal(made.time[::2], times[::2]) and not made.boot.any()
-    assert np.array_equal(made.time[1:-1:2], times[:-2:2])
-    (ignored,) = made.repairs
-    assert ignored.code is Repair.STAMPS_IGNORED
-    assert dict(ignored.figures) == {"name": "ATTITUDE", "count": 299}
-
-
 def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
     times = 100 + 0.1 * np.arange(200)
     servo = times + 0.05

@@ -177,7 +177,7 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
 
     path = written(tmp_path, write)
     vehicles = read_log(path).vehicles
-    assert [one.system for one in vehicles] == [2, 3, 1, 4, 5]
+    assert [one.system for one in vehicles] == [1, 2, 3, 4, 5]
     numbering = [
         dict(fact.figures)
         for vehicle in vehicles[2:4]
@@ -185,12 +185,12 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
         if fact.code is Repair.SYSTEM_NUMBERED
     ]
     assert numbering == [
-        {"name": "/px4_3", "given": 3, "system": 1},
+        {"name": "/px4_3", "given": 3, "system": 3},
         {"name": "/uav4", "given": 0, "system": 4},
     ]
     with pytest.raises(NotLearnable, match="several vehicles"):
         mavdem.read_flight(path)
-    assert mavdem.read_flight(path, vehicle="3").time[0] == pytest.approx(120)
+    assert mavdem.read_flight(path, vehicle="2").time[0] == pytest.approx(120)
 
 
 def test_stamps_that_are_missing_or_astray_are_left_out(recorder):

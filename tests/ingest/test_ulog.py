@@ -443,7 +443,7 @@ def test_a_dropout_before_the_first_topic_is_reported(tmp_path):
             lambda packed: packed[:200] + b"\0\xff" * 50 + packed[300:],
             Source.ARCHIVE_DAMAGED,
         ),
-        (lambda packed: lzma.compress(bytes(2_000_000)), Source.FILE_TOO_LARGE),
+        (lambda packed: lzma.compress(b"\1" * 2_000_000), Source.FILE_TOO_LARGE),
     ],
 )
 def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, code):

@@ -137,7 +137,6 @@ FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10
 _FIRMWARE = re.compile(
     r"^(?:Ardu|APM:|Antenna)?(plane|copter|tracker|blimp|rover|sub)\b", re.IGNORECASE
 )
-_COPTER_VERSION = re.compile(r"^(?:Ardu|APM:)?copter V(\d+)\.(\d+)", re.IGNORECASE)
 FRAME_CLASSES = {
     0: 2,
     1: 2,
@@ -199,10 +198,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     # DSF counts the messages that the logger had no room for, anew with each boot.
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
     dropouts = int(np.nansum(np.maximum(np.diff(counts), 0)))
-    version = next((found for text in texts if (found := _COPTER_VERSION.match(text))), None)
-    messages, names, notes = translated(
-        tables, kind, (int(version[1]), int(version[2])) if version else None
-    )
+    messages, names, notes = translated(tables, kind)
     samples = raw_samples(tables, parameters)
     messages |= {name: columns for name, (_, columns) in samples.items()}
     names |= {name: own for name, (own, _) in samples.items()}

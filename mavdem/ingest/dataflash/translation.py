@@ -23,7 +23,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts.sources import Repair
@@ -32,7 +31,6 @@ from mavdem.ingest.telemetry import (
     Array,
     Columns,
     Facts,
-    Integers,
     Tables,
     joined,
     renamed,
@@ -91,8 +89,7 @@ MAX_IMUS = 3  # As many have a counter of clips in VIBRATION
 # UNIX s at which GPS time began, and seconds of a week
 GPS_EPOCH = 315964800
 WEEK = 604800
-LEAP_SECONDS = ((0.0, 16), (1435708800.0, 17), (1483228800.0, 18))
-"""How far GPS time is ahead of UTC from a UNIX second on: https://hpiers.obspm.fr/iers/bul/bulc/bulletinc.dat."""
+LEAP_SECONDS = 18  # GPS time is ahead of UTC, since 2017; a second or two less before
 
 
 def battery(tables: Tables) -> tuple[Columns | None, str]:
@@ -170,9 +167,7 @@ def calendar_time(tables: Tables) -> Columns | None:
     # 3D, by which it knows the time
     logged = selected(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))
     week, milliseconds = values(logged, ("GWk", "GMS")).T
-    seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3
-    begins, ahead = np.array(LEAP_SECONDS).T
-    seconds = seconds - ahead[np.searchsorted(begins, seconds, side="right") - 1]
+    seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3 - LEAP_SECONDS
     unix = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0)).astype(np.uint64)
     return stamped(logged, {"time_unix_usec": unix})
 
@@ -296,14 +291,12 @@ LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
 ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM with this ArmState
 
 
-def translated(
-    tables: Tables, kind: int, version: tuple[int, int] | None = None
-) -> tuple[dict[str, Columns], dict[str, str], Facts]:
+def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str, str], Facts]:
     """Returns MAVLink's messages with data in DataFlash's ``tables``, what the log calls each, and notes on oddities.
 
-    ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
+    ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT.
     """
-    notes = _in_centidegrees(tables, version)
+    notes = _in_centidegrees(tables)
     per_degree = 100.0 if notes else 1.0
     attitude, named = _attitude(tables, per_degree)
     demands, scaled = _demands(tables)
@@ -313,8 +306,6 @@ def translated(
         _changes(tables, "EV", "Id", ARMED_EVENTS),
         _changes(tables, "ARM", "ArmState", ARM_STATES),
     ]
-    armed = _each_second(tables, max(changes, key=len))
-    landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
     named_columns: dict[str, tuple[str, Columns | None]] = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
@@ -334,14 +325,8 @@ def translated(
         **{message: _renamed(tables, message) for message in _RENAMED},
         "LOCAL_POSITION_NED": _position(tables),
         "EKF_STATUS_REPORT": _filter_status(tables),
-        "HEARTBEAT": (
-            "EV",
-            {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
-        ),
-        "EXTENDED_SYS_STATE": (
-            "EV",
-            dict(zip(("time", "boot", "landed_state"), landed, strict=True)),
-        ),
+        "HEARTBEAT": ("EV", _armed(max(changes, key=len), kind)),
+        "EXTENDED_SYS_STATE": ("EV", _landed(tables, _changes(tables, "EV", "Id", LANDED_EVENTS))),
     }
     there = {
         name: made
@@ -387,24 +372,20 @@ def _faster_angles(tables: Tables, fields: tuple[str, ...]) -> str:
     return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
 
 
-def _in_centidegrees(tables: Tables, version: tuple[int, int] | None) -> Facts:
-    """Why RATE is in centidegrees/s: by the gyro where that turns, else by version; or empty."""
+def _in_centidegrees(tables: Tables) -> Facts:
+    """Why RATE is in centidegrees/s, by the gyro where that turns; or empty."""
     rates = having(tables, "RATE", RATES)
     gyros = instance(having(tables, "IMU", GYROS), "I", 0)
-    code = Repair.CENTIDEGREES_CONVERTED
-    if rates is None:
+    if rates is None or gyros is None:
         return ()
-    if gyros is not None:
-        turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
-        moving = turning > MOVING_RATE
-        if np.count_nonzero(moving) >= MIN_MOVING:
-            speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
-            ratio = float(np.median(speeds / turning[moving]))
-            low, high = CENTIDEGREES
-            return repair(code, ratio=ratio, version=None) if low < ratio < high else ()
-    if version is not None and version < (3, 4):  # the first whose releases log RATE in degrees/s
-        return repair(code, ratio=None, version=version)
-    return ()
+    turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
+    moving = turning > MOVING_RATE
+    if np.count_nonzero(moving) < MIN_MOVING:
+        return ()
+    speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
+    ratio = float(np.median(speeds / turning[moving]))
+    low, high = CENTIDEGREES
+    return repair(Repair.CENTIDEGREES_CONVERTED, ratio=ratio) if low < ratio < high else ()
 
 
 def _servos(tables: Tables) -> Columns | None:
@@ -470,7 +451,7 @@ def _injected(tables: Tables) -> Columns | None:
     logged = having(tables, "SIDD", ("Targ",))
     if runs is None or logged is None:
         return None
-    begun, at = (1e9 * columns["boot"] + columns["time"] for columns in (runs, logged))
+    begun, at = _across_boots(runs), _across_boots(logged)
     last = np.searchsorted(begun, at, side="right") - 1
     axis = np.where(last >= 0, runs["Ax"][last], 0)
     return stamped(logged, {"axis": axis, "target": logged["Targ"]})
@@ -516,26 +497,28 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
     """
     if base is source:
         return values
-    moved = np.full((len(base["time"]), values.shape[1]), np.nan)
     finite = np.isfinite(values).all(axis=1)
-    for boot in np.unique(base["boot"]):
-        here = base["boot"] == boot
-        there = np.flatnonzero((source["boot"] == boot) & finite)
-        time, first = np.unique(source["time"][there], return_index=True)
-        if not len(time):
-            continue
-        known = values[there[first]]
-        if turning:
-            known = np.unwrap(known, axis=0)
-        at = base["time"][here]
-        before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 1)
-        after = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
-        # a longer step is a gap
-        longest = 3 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-        sure = (time[before] <= at) & (at <= time[after]) & (time[after] - time[before] <= longest)
-        table = np.column_stack([np.interp(at, time, column) for column in known.T])
-        moved[here] = np.where(sure[:, None], table, np.nan)
-    return moved
+    time, first = np.unique(_across_boots(source)[finite], return_index=True)
+    at = _across_boots(base)
+    if len(time) < 2:
+        return np.full((len(at), values.shape[1]), np.nan)
+    known = values[finite][first]
+    if turning:
+        known = np.unwrap(known, axis=0)
+    steps = np.diff(time)
+    before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(steps) - 1)
+    # a longer step is a gap
+    is_gap = (
+        (steps > 3 * np.median(steps))[before] & (at != time[before]) & (at != time[before + 1])
+    )
+    is_sure = ~is_gap & (at >= time[0]) & (at <= time[-1])
+    table = np.column_stack([np.interp(at, time, column) for column in known.T])
+    return np.where(is_sure[:, None], table, np.nan)
+
+
+def _across_boots(columns: Columns) -> Array:
+    """Stamps (N,) on a clock of all boots: no boot is as long as what lies between two."""
+    return np.asarray(columns["time"] + 1e9 * columns["boot"])
 
 
 def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:
@@ -544,41 +527,47 @@ def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[i
     if field not in logged:
         return np.zeros((0, 4))
     rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
-    found = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
+    found = sorted((boot, time, *states[value]) for boot, time, value in rows if value in states)
     return np.array(found).reshape(-1, 4)
 
 
-def _each_second(
-    tables: Tables, changes: Array, undefined: bool = False
-) -> tuple[Array, Integers, NDArray[np.uint8]]:
-    """Time, boot and state at each change and at the first message of each second of a boot that has changes.
+def _armed(changes: Array, kind: int) -> Columns:
+    """HEARTBEAT at each change: what it was till then, and twice what the change says that it was and what it became.
 
-    At messages, because between two of them the clock may jump a year. With ``undefined``, the state is 0 between
-    changes that contradict each other, up to a second before the second, and after the last.
+    Twice, for a single row would be taken for damage.
+    """
+    boot, time, before, after = changes.T
+    till_then = np.where(np.diff(boot, prepend=-1) > 0, before, np.roll(after, 1))
+    states = np.column_stack([till_then, before, before, after, after])
+    fields = heartbeat_fields(kind, ARDUPILOT, states.ravel())
+    return {"time": np.repeat(time, 5), "boot": np.repeat(boot, 5).astype(np.int64), **fields}
+
+
+def _landed(tables: Tables, changes: Array) -> Columns:
+    """EXTENDED_SYS_STATE at each change and at the first message of each second of a boot that has changes.
+
+    At messages, because between two of them the clock may jump a year. The state is 0 between changes that contradict
+    each other, up to a second before the second, and after the last.
     """
     parts = [np.zeros((0, 3))]
     logged = joined(
         [{"time": columns["time"], "boot": columns["boot"]} for columns in tables.values()]
     )
     for boot in np.unique(changes[:, 0]):
-        own = changes[changes[:, 0] == boot]
-        at, before, after = own[np.argsort(own[:, 1], kind="stable"), 1:].T
+        at, before, after = changes[changes[:, 0] == boot, 1:].T
         times = np.unique(logged["time"][logged["boot"] == boot])
         _, first = np.unique(np.floor(times), return_index=True)
         time = np.union1d(times[first], at)
         passed = np.searchsorted(at, time, side="right")
         state = np.append(before[0], after)[passed]
-        if undefined:
-            unsure = np.concatenate([[False], after[:-1] != before[1:], [True]])[passed]
-            soon = np.append(at, np.inf)[passed] <= time + 1.0
-            until_next = np.where(soon, np.append(before, 0)[passed], 0)
-            state = np.where(unsure & ~np.isin(time, at), until_next, state)
-        else:
-            # What it was and what it became, each twice: a single row would be taken for damage.
-            state = np.append(np.column_stack([before, before, after, after]).ravel(), state)
-            time = np.append(np.repeat(at, 4), time)
-            order = np.argsort(time, kind="stable")
-            time, state = time[order], state[order]
-        parts.append(np.column_stack([np.full(len(time), boot), time, state]))
-    table = np.concatenate(parts)
-    return table[:, 1], table[:, 0].astype(np.int64), table[:, 2].astype(np.uint8)
+        unsure = np.concatenate([[False], after[:-1] != before[1:], [True]])[passed]
+        soon = np.append(at, np.inf)[passed] <= time + 1.0
+        until_next = np.where(soon, np.append(before, 0)[passed], 0)
+        state = np.where(unsure & ~np.isin(time, at), until_next, state)
+        parts.append(np.column_stack([time, np.full(len(time), boot), state]))
+    time, boots, states = np.concatenate(parts).T
+    return {
+        "time": time,
+        "boot": boots.astype(np.int64),
+        "landed_state": states.astype(np.uint8),
+    }

@@ -43,16 +43,6 @@ def outliers(seconds: Times) -> Flags:
     return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(np.abs(np.diff(seconds)))))
 
 
-def before_lower(time: Times, boot: Rows) -> Flags:
-    """Stamps soon followed by a much lower one in the same boot: the upper ones of a clock that jumps up and down."""
-    lower = np.zeros(len(time), dtype=np.bool_)
-    for ahead in range(1, min(MIN_RESET_STAMPS, len(time))):
-        lower[:-ahead] |= (time[:-ahead] - time[ahead:] > MAX_OFFSET) & (
-            boot[:-ahead] == boot[ahead:]
-        )
-    return lower
-
-
 REFERENCES = (
     "ATTITUDE",
     "ATTITUDE_QUATERNION",
@@ -183,15 +173,14 @@ def _placed_alone(kind: Sent, places: Places, raw: Times) -> tuple[_Kept, Facts]
     boot = np.cumsum(boot)
     if len(wraps):
         time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
-    late = before_lower(time, boot)
-    ignored = np.count_nonzero(outlier) + np.count_nonzero(late)
+    ignored = np.count_nonzero(outlier)
     repairs = repair(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
     if len(wraps):
         repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
     if len(reboots):
         at = time[reboots[0] - 1]
         repairs += repair(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboots), time=at)
-    return _Kept(places[~late], time[~late], boot[~late]), repairs
+    return _Kept(places, time, boot), repairs
 
 
 def _reboots(time: Times) -> Rows:

@@ -20,7 +20,6 @@ from dataclasses import dataclass, field, replace
 from io import BytesIO
 from itertools import repeat
 from math import isfinite
-from operator import add
 from typing import Any, BinaryIO
 
 import lz4.frame
@@ -230,13 +229,9 @@ def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
     queue: list[tuple[float, int, str]] = []
     for topic, (time, named) in series.items():
         channel = _registered(writer, topic, _object({name: {"type": "number"} for name in named}))
-        # A column is encoded as a whole: the file takes a third less time than with a call for each row.
-        columns = [
-            json.dumps(_plain(column.tolist()))[1:-1].split(", ") for column in named.values()
-        ]
-        keys = [json.dumps(name) + ": " for name in named]
-        rows = ("{" + ", ".join(map(add, keys, row)) + "}" for row in zip(*columns, strict=True))
-        queue += zip(time.tolist(), repeat(channel), rows)
+        columns = [_plain(column.tolist()) for column in named.values()]
+        rows = (dict(zip(named, row, strict=True)) for row in zip(*columns, strict=True))
+        queue += zip(time.tolist(), repeat(channel), map(json.dumps, rows))
     for at, channel, body in sorted(queue, key=lambda entry: entry[0]):
         write_message(writer, channel, round(at * 1e9), body.encode())
     writer.finish()  # type: ignore[no-untyped-call]

@@ -264,16 +264,12 @@ def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry |
 
 
 def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
-    """Vehicles with their namespaces, each with a system id of its own; a repair says where that is not the topics'."""
-    used = {one.system for _, one in vehicles}
-    free = iter(sorted(set(range(1, 1 + len(used) + len(vehicles))) - used))
-    given: set[int] = set()
-    for namespace, one in vehicles:
-        if one.system and one.system not in given:
-            given.add(one.system)
+    """Vehicles with their namespaces, numbered from 1 where some say no system id, or the same; repairs say so."""
+    said = {one.system for _, one in vehicles if one.system}
+    for system, (namespace, one) in enumerate(vehicles, 1):
+        if len(said) == len(vehicles):
             yield one
             continue
-        system = next(free)
         numbering = {"name": namespace or "/", "given": one.system, "system": system}
         further = repair(Repair.SYSTEM_NUMBERED, **numbering) if len(vehicles) > 1 else ()
         yield replace(one, system=system, repairs=one.repairs + further)
