@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import Columns, Facts, Integers, joined, repair, selected
+from mavdem.ingest.telemetry import Columns, Facts, Integers, repair, rows_by
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"
@@ -127,16 +127,6 @@ def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, FormatDe
     return kind, FormatDefinition(texts[0], length, texts[1], columns)
 
 
-def joined_tables(tables: list[MessageTable]) -> MessageTable:
-    """Returns the tables of one name as one, in stream order, with the fields that all of them have."""
-    tables = [table for table in tables if len(table.place)]
-    if len(tables) < 2:
-        return tables[0] if tables else EMPTY
-    place = np.concatenate([table.place for table in tables])
-    order = np.argsort(place, kind="stable")
-    return MessageTable(place[order], selected(joined([table.columns for table in tables]), order))
-
-
 NOT_NUMBERS = ("Message", "Name", "x", "y", "z")
 """Fields with a text, or an array, a message: those of MSG, PARM and ISBD."""
 
@@ -155,35 +145,25 @@ _FORMAT_BEGUN = re.compile(
     HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL
 )
 """The beginning of an FMT, long enough to skip most other matches: long runs of headers contain millions."""
-# The definitions of one id, each with the place from which on it is valid
-_Dated = list[tuple[int, FormatDefinition]]
 
 
 def read_binary(content: bytes) -> DataflashRecording:
-    """Returns the messages in the bytes of a binary log."""
+    """Returns the messages in the bytes of a binary log, up to where another one of other definitions was appended."""
     scan = _Scan(content)
     scan.run()
     # Padded, so that the last message may be read with any definition.
-    data = np.zeros(len(content) + MAX_MESSAGE_BYTES, dtype=np.uint8)
-    data[: len(content)] = np.frombuffer(content, dtype=np.uint8)
+    data = np.pad(np.frombuffer(content, dtype=np.uint8), (0, MAX_MESSAGE_BYTES))
     starts = np.array(scan.starts, dtype=np.int64)
-    ids = data[starts + 2]
-    groups: dict[str, list[tuple[FormatDefinition, Integers]]] = {}
-    for kind in np.unique(ids).tolist():
-        places = starts[ids == kind]
-        dated = scan.definitions[kind]
-        version = np.searchsorted([since for since, _ in dated], places, side="right") - 1
-        for number in np.unique(version).tolist():
-            definition = dated[number][1]
-            groups.setdefault(definition.name, []).append((definition, places[version == number]))
-    return DataflashRecording(
-        counts={name: sum(len(places) for _, places in group) for name, group in groups.items()},
-        table=lambda name: joined_tables(
-            [_decoded(data, *group) for group in groups.get(name, [])]
-        ),
-        bytes_skipped=scan.skipped(),
-        repairs=scan.repairs,
-    )
+    places = {
+        scan.definitions[kind]: starts[rows] for kind, rows in rows_by(data[starts + 2]).items()
+    }
+    named = {definition.name: definition for definition in places}
+
+    def table(name: str) -> MessageTable:
+        return _decoded(data, named[name], places[named[name]]) if name in named else EMPTY
+
+    counts = {name: len(places[definition]) for name, definition in named.items()}
+    return DataflashRecording(counts, table, scan.skipped(), scan.repairs)
 
 
 class _Scan:
@@ -194,7 +174,7 @@ class _Scan:
         self.starts = array("q")
         self.read = 0
         self.repairs: Facts = ()
-        self.definitions: dict[int, _Dated] = {FORMAT_ID: [(0, FORMAT)]}
+        self.definitions = {FORMAT_ID: FORMAT}
         self.lengths = [0] * 256
         self.lengths[FORMAT_ID] = FORMAT.length
         self._learn_definitions()
@@ -210,11 +190,11 @@ class _Scan:
             if content[place] == first and content[place + 1] == second:
                 kind = content[place + 2]
                 length = lengths[kind]
+                if kind == FORMAT_ID and self._is_of_another(place):
+                    return
                 if length and place + length <= size:
                     starts.append(place)
                     self.read += length
-                    if kind == FORMAT_ID:
-                        self._define(place)
                     place += length
                 else:
                     place = self._next_header(place + 1)
@@ -259,19 +239,15 @@ class _Scan:
                     field_length=length,
                 )
 
-    def _set(self, kind: int, definition: FormatDefinition, since: int = 0) -> None:
-        self.definitions.setdefault(kind, []).append((since, definition))
+    def _set(self, kind: int, definition: FormatDefinition) -> None:
+        self.definitions[kind] = definition
         self.lengths[kind] = definition.length
 
-    def _define(self, place: int) -> None:
-        """Replaces a definition by one that differs: another log was appended."""
-        found = self._defined_at(place)
-        if found is None or found[0] == FORMAT_ID or found[0] not in self.definitions:
-            return
-        kind, definition = found
-        known = self.definitions[kind][-1][1]
-        if definition.length == definition.wire_length and definition != known:
-            self._set(kind, definition, place)
+    def _is_of_another(self, place: int) -> bool:
+        """Whether a definition differs from the one before it: another log was appended."""
+        kind, definition = self._defined_at(place) or (FORMAT_ID, FORMAT)
+        is_sound = kind in self.definitions and definition.length == definition.wire_length
+        return is_sound and definition != self.definitions[kind]
 
     def _defined_at(self, place: int) -> tuple[int, FormatDefinition] | None:
         if place + FORMAT.length > len(self.content):

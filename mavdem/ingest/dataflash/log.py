@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import isfinite
@@ -66,32 +65,26 @@ _Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, 
 
 def read_text(content: bytes) -> DataflashRecording:
     """Returns the messages in the bytes of a text log."""
-    lines: dict[FormatDefinition, _Lines] = {}
-    holding: dict[str, FormatDefinition] = {}
+    lines: dict[str, _Lines] = {}
+    definitions: dict[str, FormatDefinition] = {}
     skipped = lost = 0
     for number, line in enumerate(content.split(b"\n")):
         name, _, values = line.partition(b",")
         text = name.decode("latin-1").strip()
-        found = holding.get(text)
         if text == binary.FORMAT.name and (definition := _definition(values)) is not None:
-            holding[definition.name] = definition
-            found = binary.FORMAT
-        if found is not None and values.count(b",") >= len(found.fields) - 1:
-            lines.setdefault(found, []).append((number, values))
+            definitions.setdefault(text, binary.FORMAT)
+            definitions.setdefault(definition.name, definition)
+        if text in definitions and values.count(b",") >= len(definitions[text].fields) - 1:
+            lines.setdefault(text, []).append((number, values))
         elif line.strip():
             skipped += len(line) + 1
             lost += 1
-    counts: Counter[str] = Counter()
-    for definition, own in lines.items():
-        counts[definition.name] += len(own)
-    return DataflashRecording(
-        counts=counts,
-        table=lambda name: binary.joined_tables(
-            [_decoded(*group) for group in lines.items() if group[0].name == name]
-        ),
-        bytes_skipped=skipped,
-        repairs=repair(Repair.LINES_LEFT_OUT, count=lost),
-    )
+
+    def table(name: str) -> MessageTable:
+        return _decoded(definitions[name], lines[name]) if name in lines else binary.EMPTY
+
+    counts = {name: len(own) for name, own in lines.items()}
+    return DataflashRecording(counts, table, skipped, repair(Repair.LINES_LEFT_OUT, count=lost))
 
 
 def _definition(values: bytes) -> FormatDefinition | None:
