@@ -67,7 +67,6 @@ class Flaw(StrEnum):
     ANOTHER_DIALECT = auto()
     UNDEFINED = auto()
     UNDECODABLE = auto()
-    CUT_OFF = auto()
     FAR_STAMP = auto()
     IMPOSSIBLE_STAMP = auto()
     NO_STAMP = auto()

@@ -237,14 +237,13 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
             {"count": 20, "recording": False},
         ),
         ("a.tlog", b"ULog\x01\x12\x35\x01" + bytes(100), Source.ULOG_WITHOUT_FLIGHT, {}),
-        ("a.ulg", ulog_files.HEADER[:9], Source.ULOG_WITHOUT_FLIGHT, {"damaged": False}),
+        ("a.ulg", ulog_files.HEADER[:9], Source.ULOG_WITHOUT_FLIGHT, {"damaged": True}),
         (
             "a.ulg",
             LOADS,
             Source.ULOG_WITHOUT_FLIGHT,
-            {"names": ("cpuload",), "damaged": False, "cut": False},
+            {"names": ("cpuload",), "damaged": False},
         ),
-        ("a.ulg", LOADS + b"\x09", Source.ULOG_WITHOUT_FLIGHT, {"damaged": False, "cut": True}),
         (
             "a.ulg",
             ulog_files.HEADER + bytes(5000),
