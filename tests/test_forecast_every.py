@@ -17,7 +17,7 @@ METHODS = {
     "DEM joint": lambda: learn(TRAIN, Settings(window=9)),
     "DEM plant": lambda: learn(TRAIN, Settings(window=9, forecasts="plant")),
     "DEM paper": lambda: learn(TRAIN, Settings.paper()),
-    "ARX": lambda: baselines.arx(TRAIN, 2),
+    "subspace": lambda: baselines.subspace(TRAIN, 2),
 }
 
 

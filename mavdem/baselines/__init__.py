@@ -3,7 +3,6 @@
 from mavdem.baselines.identified import (
     Identified,
     JointAutoregression,
-    arx,
     constant_mean,
     hold,
     var,
@@ -17,7 +16,6 @@ __all__ = [
     "Identified",
     "JointAutoregression",
     "StateSpace",
-    "arx",
     "constant_mean",
     "em",
     "hold",

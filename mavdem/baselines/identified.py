@@ -1,4 +1,4 @@
-"""What methods other than DEM share: units, regression and the result; trivial forecasts, ARX and the joint VAR."""
+"""What methods other than DEM share: units, regression and the result; trivial forecasts and the joint VAR."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.var import Var, lagged
+from mavdem.dem.forecast.var import Var
 from mavdem.dem.record import Record, UniformRecord, required_number
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
@@ -66,7 +65,7 @@ class Identified(Baseline):
     """An identified model with its forecasts, in physical units; a :class:`mavdem.Forecaster`.
 
     Attributes:
-        method: by which it was made, such as ``ARX(2)``.
+        method: by which it was made, such as ``PEM(2)``.
         model: A, B, C, D and K of one sampling step.
         record: the training data.
         starts: (segments, n) the state of each segment's first sample, as the method has it.
@@ -255,80 +254,12 @@ def _without_dynamics(
     return Identified(method, model, record, starts=np.zeros((len(record.lengths), n)))
 
 
-def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
-    """y_t = Σₖ Aₖ y_{t−k} + Σₖ Bₖ u_{t−k} + c + e_t over ``order`` lags k = 1, 2, …, by least squares.
-
-    Consistent, also in closed loop, where e is white (Ljung, System Identification, 2nd ed., secs. 7.3 and 13.4); noise
-    of the measurements alone biases it. The model is realised in observer form, m · order states. The lags before a
-    segment's first samples are taken to be at the trim.
-
-    Args:
-        train: a ``Flight``, or a list of them, segments with gaps between: no lag reaches across a gap.
-        order: number of lags.
-
-    Raises:
-        ValueError: too few samples, values that are not finite, an output that does not vary, or an order that is no
-            positive number.
-    """
-    order = required_number(order, "order")
-
-    def fit(segments: Segments) -> Fitted:
-        regressors, targets = _lagged(segments, order)
-        (rows, columns) = regressors.shape
-        m = targets.shape[1]
-        if rows <= columns:
-            raise NotLearnable(
-                Fact(
-                    Forecasts.TOO_FEW_FOR_ORDER,
-                    subject=f"ARX({order})",
-                    samples=rows,
-                    parameters=columns,
-                )
-            )
-        return Fitted(
-            _realised(regression(regressors, targets), order, m),
-            np.zeros((len(segments), m * order)),
-        )
-
-    return identified(f"ARX({order})", train, fit)
-
-
-def _lagged(segments: Segments, order: int) -> tuple[Array, Array]:
-    """Regressors [outputs of each lag, inputs of each lag, 1] and targets, of all samples with as many before them."""
-    rows = [
-        np.hstack([lagged(y, order), lagged(u, order), np.ones((max(0, len(y) - order), 1))])
-        for u, y in segments
-    ]
-    return np.vstack(rows), np.vstack([y[order:] for _, y in segments])
-
-
-def _realised(coefficients: Array, order: int, m: int) -> StateSpace:
-    """In observer form: state block i is what the samples so far contribute i − 1 samples later."""
-    lags = coefficients.T
-    n = m * order
-    k = (lags.shape[1] - 1) // order - m
-    of_outputs = lags[:, :n].reshape(m, order, m).swapaxes(0, 1).reshape(n, m)
-    of_inputs = lags[:, n:-1].reshape(m, order, k).swapaxes(0, 1).reshape(n, k)
-    C = np.eye(m, n)
-    shift = np.eye(n, k=m)
-    return StateSpace(
-        A=of_outputs @ C + shift,
-        B=of_inputs,
-        C=C,
-        D=np.zeros((m, k)),
-        K=of_outputs,
-        offset=np.concatenate([lags[:, -1], np.zeros(n - m)]),
-        input_trim=np.zeros(k),
-        output_trim=np.zeros(m),
-    )
-
-
 def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10) -> JointAutoregression:
     """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
     other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
-    motion, by a Kalman filter. ``train`` and errors are as for :func:`arx`.
+    motion, by a Kalman filter. ``train`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
     order = required_number(order, "order")
     record = Record.of(train)

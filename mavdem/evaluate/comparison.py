@@ -68,7 +68,6 @@ PEERS = (
     *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
     *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
     Method("EM(2)", partial(baselines.em, order=2)),
-    *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
     *(
         Method(
             f"{MethodName.JOINT_VAR}({order})", partial(baselines.var, order=order), predicts=True

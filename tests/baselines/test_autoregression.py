@@ -1,45 +1,11 @@
-"""Trivial forecasts and autoregressions; the joint VAR's model and its paths are tested in tests/dem/test_var.py."""
+"""Trivial forecasts and the joint VAR, whose model and paths are tested in tests/dem/test_var.py."""
 
 import numpy as np
 import pytest
 from peculiar_flights import TEST, TRAIN, back_from_other_units, in_other_units
 from simulated import simulated
 
-from mavdem import Flight, Forecaster, baselines
-
-
-def lagged_system(seed, order, samples, noise):
-    """A flight of a stable ARX system of two outputs and inputs, and its coefficients (order, 2, 2) each."""
-    rng = np.random.default_rng(seed)
-    of_outputs = 0.3 / order * rng.standard_normal((order, 2, 2))
-    of_inputs = rng.standard_normal((order, 2, 2))
-    u = rng.standard_normal((samples, 2))
-    y = np.zeros((samples, 2))
-    e = noise * rng.standard_normal((samples, 2))
-    for t in range(order, samples):
-        y[t] = e[t] + [0.3, -0.2]
-        for lag in range(order):
-            y[t] += of_outputs[lag] @ y[t - 1 - lag] + of_inputs[lag] @ u[t - 1 - lag]
-    # From where it knows of no beginning.
-    return Flight(0.01 * np.arange(samples - 50), u[50:], y[50:]), of_outputs, of_inputs
-
-
-def coefficients(model, order):
-    """Of outputs and inputs by lag, out of the observer form."""
-    unit = np.tile(model.C.diagonal(), order)[:, None]
-    return (unit * model.K).reshape(order, 2, 2), (unit * model.B).reshape(order, 2, 2)
-
-
-def test_a_lagged_system_is_recovered_and_no_lag_reaches_across_a_gap():
-    flight, of_outputs, of_inputs = lagged_system(1, 2, 650, noise=0.0)
-    segments = [flight[:250], flight[300:302], flight[400:500]]
-    arx = baselines.arx(segments, 2)
-    found = coefficients(arx.model, 2)
-    np.testing.assert_allclose(found, [of_outputs, of_inputs], atol=1e-9)
-    np.testing.assert_allclose(arx.one_step()[[0, 250, 252]], np.tile(arx.one_step()[0], (3, 1)))
-    np.testing.assert_allclose(arx.one_step()[254:], segments[-1].outputs[2:], atol=1e-9)
-    np.testing.assert_allclose(arx.forecast(flight.inputs[500:]), flight.outputs[500:], atol=1e-9)
-
+from mavdem import Forecaster, baselines
 
 APART = [TRAIN[:300], TRAIN[400:]]
 
@@ -129,15 +95,16 @@ def test_one_step_begins_anew_in_each_segment():
 
 
 def test_models_that_need_the_inputs_say_so_and_what_to_use():
-    arx = baselines.arx(FLIGHT[:700], 2)
+    found = baselines.subspace(FLIGHT[:700], 2)
     for answer in (
-        lambda: arx.predict(3),
-        lambda: arx.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:]),
+        lambda: found.predict(3),
+        lambda: found.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:]),
     ):
         with pytest.raises(
-            ValueError, match=r"^ARX\(2\) needs the inputs of the time it forecasts: use forecast"
+            ValueError,
+            match=r"^subspace\(2\) needs the inputs of the time it forecasts: use forecast",
         ):
             answer()
     ahead = FLIGHT.inputs[700:]
-    np.testing.assert_array_equal(arx.simulate(ahead), arx.forecast(ahead))
-    np.testing.assert_array_equal(arx.forecast(ahead, smooth=True), arx.forecast(ahead))
+    np.testing.assert_array_equal(found.simulate(ahead), found.forecast(ahead))
+    np.testing.assert_array_equal(found.forecast(ahead, smooth=True), found.forecast(ahead))

@@ -206,7 +206,6 @@ class Bound:
 
 
 METHODS = {
-    "arx": baselines.arx,
     "subspace": baselines.subspace,
     "pem": partial(baselines.pem, order=2),
 }
@@ -226,7 +225,7 @@ def test_units_do_not_matter(method):
     np.testing.assert_allclose(forecast, model.forecast(TEST.inputs), atol=2e-3)
 
 
-@pytest.mark.parametrize("method", [baselines.arx, baselines.subspace])
+@pytest.mark.parametrize("method", [baselines.subspace])
 @pytest.mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(method, more):
     wider = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
@@ -255,8 +254,11 @@ STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: baselines.arx(None), "^train must be a Flight"),
-        (lambda: baselines.arx(TRAIN, 2.5), "^order must be a whole number of at least 1, not 2.5"),
+        (lambda: baselines.subspace(None), "^train must be a Flight"),
+        (
+            lambda: baselines.subspace(TRAIN, 2.5),
+            "^order must be a whole number of at least 1, not 2.5",
+        ),
         *((partial(method, STILL), "^outputs column 0 must vary") for method in METHODS.values()),
     ],
 )
@@ -268,7 +270,6 @@ def test_what_cannot_be_learned_from_is_named(make, said):
 @pytest.mark.parametrize(
     ("method", "train", "order", "samples"),
     [
-        (baselines.arx, TRAIN[:9], 2, 7),
         (baselines.subspace, [TRAIN[i : i + 5] for i in range(0, 600, 5)], 4, 600),
         (baselines.em, TRAIN, 10**9, 700),
         *((method, TRAIN[:30], 2, 30) for method in (baselines.subspace, baselines.pem)),

@@ -15,7 +15,7 @@ SLOW = str(SLOW)
 FEW = (
     Method("hold last", baselines.hold),
     Method("constant mean", baselines.constant_mean),
-    Method("ARX(2)", baselines.arx),
+    Method("subspace(2)", baselines.subspace),
 )
 
 

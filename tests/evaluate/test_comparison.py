@@ -27,7 +27,7 @@ FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enume
 WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
 MEAN = Method("constant mean", baselines.constant_mean, predicts=True)
 HOLD = Method("hold", baselines.hold, predicts=True)
-ARX = Method("ARX", baselines.arx)
+SUBSPACE = Method("subspace", baselines.subspace)
 
 
 class Doubtful:
@@ -75,7 +75,7 @@ def in_this_process():
 
 @pytest.fixture(scope="module")
 def compared():
-    return compare(WINDOWS, [HOLD, MEAN, ARX, REFUSES, EXPLODES])
+    return compare(WINDOWS, [HOLD, MEAN, SUBSPACE, REFUSES, EXPLODES])
 
 
 def row_of(rows: tuple[dict, ...], method: str) -> dict:
@@ -89,9 +89,9 @@ def whole(outcome: Outcome, question: str = KNOWN) -> float:
 
 def test_an_outcome_is_what_the_model_says_of_the_window():
     window = WINDOWS[1]
-    found = evaluate_window(ARX, window)
-    model = baselines.arx(window.train)
-    assert (found.method, found.flight, found.start, found.failure) == ("ARX", "a", 425, None)
+    found = evaluate_window(SUBSPACE, window)
+    model = baselines.subspace(window.train)
+    assert (found.method, found.flight, found.start, found.failure) == ("subspace", "a", 425, None)
     assert (found.stable, found.cautions) == (model.stable, model.cautions)
     forecasts = {
         KNOWN: model.forecast(window.test.inputs),
@@ -109,9 +109,9 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
         (REFUSES, "", "train is not to my liking"),
         (BREAKS, "ZeroDivisionError", "division by zero"),
         (
-            ARX,
+            SUBSPACE,
             "",
-            "ARX(2) needs the inputs of the time it forecasts: use forecast(inputs), or mavdem.baselines.var for "
+            "subspace(2) needs the inputs of the time it forecasts: use forecast(inputs), or mavdem.baselines.var for "
             "predictions without them",
         ),
     ],
@@ -163,19 +163,19 @@ def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
     ours, theirs = (
         np.array([whole(row[column]) for row in compared.outcomes[:3]]) for column in (0, 2)
     )
-    assert found["ARX"].ratio == pytest.approx(np.median(ours / theirs))
-    assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
+    assert found["subspace"].ratio == pytest.approx(np.median(ours / theirs))
+    assert (found["subspace"].windows, found["subspace"].tested) == (3, 2)
     assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
     assert found["hold"] == Paired(1.0, 0, 3, 2, 1.0)
 
 
 def test_over_flights_each_counts_once(compared):
     rows = compared.over_flights()
-    arx = row_of(rows, "ARX")
+    ours = row_of(rows, "subspace")
     refused = row_of(rows, "refuses")
-    medians = [row_of(compared.summaries(flight), "ARX")["relative"] for flight in ("a", "b")]
-    assert arx["relative"] == pytest.approx(np.sqrt(np.prod(medians)))
-    assert (arx["flights"], arx["windows"], arx["reference"].windows) == (2, 6, 2)
+    medians = [row_of(compared.summaries(flight), "subspace")["relative"] for flight in ("a", "b")]
+    assert ours["relative"] == pytest.approx(np.sqrt(np.prod(medians)))
+    assert (ours["flights"], ours["windows"], ours["reference"].windows) == (2, 6, 2)
     assert refused["relative"] == np.inf and refused["failed"] == 6
 
 
@@ -222,7 +222,7 @@ JOINT = Method("DEM joint", learn, predicts=True)
 
 @pytest.fixture(scope="module")
 def predicted():
-    return compare(WINDOWS, [JOINT, HOLD, MEAN, ARX])
+    return compare(WINDOWS, [JOINT, HOLD, MEAN, SUBSPACE])
 
 
 @pytest.mark.slow
@@ -241,7 +241,7 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
         for question in (KNOWN, UNKNOWN)
     )
     assert one == pytest.approx(other)
-    assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
+    assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
     assert predicted.to_dict()["predictions"]["methods"] == [
         "DEM joint",
         "hold",

@@ -57,8 +57,8 @@ def test_a_comparison_of_methods(request):
     methods = [
         Method("hold last", baselines.hold, predicts=True),
         Method("constant mean", baselines.constant_mean, predicts=True),
-        Method("ARX(2)", baselines.arx),
-        Method("ARX(400)", partial(baselines.arx, order=400)),
+        Method("subspace(2)", baselines.subspace),
+        Method("subspace(400)", partial(baselines.subspace, order=400)),
     ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
