@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.var import Var
+from mavdem.dem.forecast.forecasting import Forecasting
+from mavdem.dem.forecast.var import Forecast, Var
 from mavdem.dem.record import Record, UniformRecord, required_number
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
@@ -23,7 +24,7 @@ Segments = list[tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Baseline:
+class Baseline(Forecasting):
     """A model with the name of its method and the training data."""
 
     method: str
@@ -86,40 +87,29 @@ class Identified(Baseline):
             [self.model.predicted(start, *segment) for start, segment in segments]
         )
 
-    def predict(self, steps: int) -> Array:
-        """Returns (steps, m): the outputs after the training data, of a model on which inputs have no effect."""
-        self._require_no_effect()
-        return self.forecast(
-            np.broadcast_to(self.model.input_trim, (required_number(steps), self.model.B.shape[1]))
-        )
-
-    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns :meth:`forecast_every` of these ``steps, inputs, outputs``, where inputs have no effect."""
-        self._require_no_effect()
-        return self.forecast_every(steps, inputs, outputs)
-
-    def _require_no_effect(self) -> None:
+    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+        """Returns :meth:`known_every` of these ``steps, inputs, outputs``, where inputs have no effect."""
         if self.model.B.any() or self.model.D.any():
             raise ValueError(
                 f"{self.method} needs the inputs of the time it forecasts: use forecast(inputs), or "
                 "mavdem.baselines.var for predictions without them"
             )
+        return self.known_every(steps, inputs, outputs)
 
-    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """Returns (H, m): the outputs after the training data with ``inputs`` (H, r), as in :class:`mavdem.Forecaster`.
+    def known_every(
+        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> Forecast:
+        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
 
         An unstable model's may overflow to infinity or NaN. Without feedthrough row h depends on the inputs before it.
-        Inputs are causes in these models, so that ``smooth`` changes nothing; ``from_zero`` begins with state 0.
+        Inputs are causes in these models, so that ``smooth`` changes nothing. The size of errors is not known.
         """
-        ahead = self.record.following_inputs(inputs)
-        state = np.zeros(len(self.model.A)) if from_zero else self._last_state
-        return self.model.simulated(state, ahead)
+        made = self.model.simulated_every(steps, self._last_state, inputs, outputs)
+        return Forecast(made, np.full_like(made, np.nan))
 
-    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
-        return self.model.simulated_every(
-            steps, self._last_state, *self.record.following(steps, inputs, outputs)
-        )
+    def from_zero(self, inputs: Array) -> Array:
+        """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0."""
+        return self.model.simulated(np.zeros(len(self.model.A)), inputs)
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Returns :meth:`forecast` of these ``inputs`` (H, r): the answer of the plant that is modelled."""
@@ -289,30 +279,23 @@ class JointAutoregression(Baseline):
         """Returns (T, m): each training sample from those before it in its segment, and the inputs up to its own."""
         return self.model.one_step(self.record)
 
-    def predict(self, steps: int) -> Array:
-        """Returns (steps, m): the outputs after the training data, inputs unknown."""
-        m = self.record.outputs.shape[1]
-        return self.model.predict(self._past, required_number(steps)).mean[:, :m]
-
-    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
         """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
-        return self.model.predict_every(
-            self._past, steps, *self.record.following(steps, inputs, outputs)
-        ).mean
+        return self.model.predict_every(self._past, steps, inputs, outputs)
 
-    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """Returns (H, m): the outputs after the training data given ``inputs`` (H, r); see :class:`mavdem.Forecaster`.
+    def known_every(
+        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> Forecast:
+        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
 
-        With ``smooth`` all inputs count. ``from_zero`` begins with all channels at their mean.
+        To ``smooth``, all inputs of a forecast count.
         """
-        past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
-        return self.model.infer(past, self.record.following_inputs(inputs), smooth).mean
+        return self.model.infer_every(self._past, steps, inputs, outputs, smooth)
 
-    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
-        return self.model.infer_every(
-            self._past, steps, *self.record.following(steps, inputs, outputs)
-        ).mean
+    def from_zero(self, inputs: Array) -> Array:
+        """Returns the outputs (H, m) with ``inputs`` (H, r), after all channels were at their mean."""
+        past = np.tile(self.model.units.center, (self.model.lags, 1))
+        return self.model.infer(past, inputs).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Refuses, with a ``ValueError``: this model has no plant whose ``inputs`` could be commanded."""

@@ -19,6 +19,7 @@ from mavdem.dem.engine.linalg import Array, Flags
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
+from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
@@ -26,7 +27,7 @@ from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.priors import Scaling
-from mavdem.dem.record import Record, required_number
+from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 from mavdem.downstream import LearnedDownstream
 from mavdem.errors import NotLearnable
@@ -49,7 +50,7 @@ TEXT = WithJsonSchema({"type": "string"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Learned(LearnedDownstream):
+class Learned(Forecasting, LearnedDownstream):
     """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:
@@ -176,6 +177,33 @@ class Learned(LearnedDownstream):
         return self.joint if jointly else self.plant
 
     @may_overflow
+    def known_every(
+        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> Forecast:
+        """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
+
+        The motors cause motion, and answer it: the joint model takes them for measurements of it, to ``smooth`` those
+        after a sample as well. With ``Settings(forecasts="plant")`` they are causes alone.
+        """
+        return self._forecaster.known_every(steps, inputs, outputs, smooth)
+
+    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+        """Returns (H, m) predictions begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
+
+        By the joint model, whatever ``Settings.forecasts``: the plant has no answer without inputs.
+        """
+        return self.joint.unknown_every(steps, inputs, outputs)
+
+    @may_overflow
+    def from_zero(self, inputs: Array) -> Array:
+        """Returns the plant's outputs (H, m) with ``inputs`` (H, r) from state 0."""
+        return self.plant.from_zero(inputs)
+
+    def half_widths(self, variance: Array, level: float, steps: int) -> Array:
+        """Returns (H, m) of the band of probability ``level`` of forecasts of a ``variance`` begun each ``steps``."""
+        return self._forecaster.half_widths(variance, level, steps)
+
+    @may_overflow
     def one_step(self) -> Array:
         """Returns each training sample (T, m) predicted from those before it; the joint model knows its inputs too."""
         return self._one_step.copy()
@@ -194,105 +222,28 @@ class Learned(LearnedDownstream):
         """Whether no mode of what forecasts grows, but for rounding."""
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
-    def predict(self, steps: int) -> Array:
-        """Returns what comes next (steps, m), inputs unknown; row 0 is the first sample after the training data.
-
-        By the joint model, whatever ``Settings.forecasts``: the plant has no answer without inputs.
-
-        >>> learned.predict(100).shape
-        (100, 2)
-        """
-        return self._predicted(steps).mean
-
-    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns the samples (H, m) after the training data, by a new prediction from every ``steps``-th of them on.
-
-        Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
-        """
-        return self.joint.unknown_every(steps, *self.record.following(steps, inputs, outputs)).mean
-
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
         """Returns the half width (steps, m), about :meth:`predict`, of the band of probability ``level``.
 
         From the noise and the posterior of the joint model.
         """
-        return self.joint.half_widths(self._predicted(steps).variance, level, steps)
-
-    def _predicted(self, steps: int) -> Forecast:
-        number = required_number(steps)
-        r = self.model.B.shape[1]
-        m = len(self.model.C)
-        return self.joint.unknown_every(number, np.zeros((number, r)), np.zeros((number, m)))
+        return self.joint.half_widths(self.predicted(steps).variance, level, steps)
 
     @property
     def useful_steps(self) -> NDArray[np.intp]:
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
-        found = self._predicted(max(1, round(LONGEST_FORECAST_SECONDS / self.dt)))
+        found = self.predicted(max(1, round(LONGEST_FORECAST_SECONDS / self.dt)))
         errors = np.maximum.accumulate(found.variance)
         return np.asarray((errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0))
 
-    @may_overflow
-    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """Returns the outputs (H, m) after the training data: row 0 is the first sample after it.
-
-        The motors cause motion, and answer it: the joint model takes them for measurements of it. With
-        ``Settings(forecasts="plant")`` they are causes alone.
-
-        >>> errors = learned.forecast(test.inputs) - test.outputs
-        >>> bool((errors**2).mean() < test.outputs.var())
-        True
-
-        Args:
-            inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
-            from_zero: gives the plant's forecast from state 0 at row 0 (the outputs at their trim), as the paper's
-                figures do.
-            smooth: lets the joint model use all motors for each sample, not only those up to it.
-        """
-        following = self.record.following_inputs(inputs)
-        if from_zero:
-            return self.plant.from_zero(following)
-        return self._known(following, smooth).mean
-
-    @may_overflow
-    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns the samples (H, m) after the training data, by a new forecast from every ``steps``-th of them on.
-
-        Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
-        (H, r) and ``outputs`` (H, m); nothing is fitted again.
-        """
-        following = self.record.following(steps, inputs, outputs)
-        return self._forecaster.known_every(steps, *following).mean
-
-    @may_overflow
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
-        return self._known(self.record.following_inputs(inputs)).variance
+        return self.forecasted(self.record.following_inputs(inputs)).variance
 
-    @may_overflow
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
         variance = self.forecast_variance(inputs)
-        return self._forecaster.half_widths(variance, level, len(variance))
-
-    @may_overflow
-    def forecast_every_with_band(
-        self,
-        steps: int,
-        inputs: ArrayLike,
-        outputs: ArrayLike,
-        level: float = LEVEL,
-    ) -> tuple[Array, Array, Array]:
-        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its expected squared error and band.
-
-        All are (H, m); the last is the half width of the band of probability ``level`` about the first.
-        """
-        following = self.record.following(steps, inputs, outputs)
-        mean, variance = self._forecaster.known_every(steps, *following)
-        return mean, variance, self._forecaster.half_widths(variance, level, steps)
-
-    def _known(self, inputs: Array, smooth: bool = False) -> Forecast:
-        unseen = np.zeros((len(inputs), len(self.model.C)))
-        return self._forecaster.known_every(len(inputs), inputs, unseen, smooth)
+        return self.half_widths(variance, level, len(variance))
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Returns the outputs (H, m) if these ``inputs`` (H, r) were commanded: the plant alone, by :attr:`physical`.

@@ -263,9 +263,10 @@ def _forecast(
     forecast = prediction = expected = band = np.full_like(measured, np.nan)
     if model is not None:
         with np.errstate(over="ignore", invalid="ignore"):
-            made = model.forecast_every_with_band(steps, inputs, outputs, LEVEL)
-            forecast, expected, band = map(windows, made)
-            prediction = windows(model.predict_every(steps, inputs, outputs))
+            made = model.known_every(steps, inputs, outputs)
+            half = model.half_widths(made.variance, LEVEL, steps)
+            forecast, expected, band = map(windows, (*made, half))
+            prediction = windows(model.unknown_every(steps, inputs, outputs).mean)
     trained = np.concatenate([flight.outputs for flight in training])
     last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
     forecasts = {

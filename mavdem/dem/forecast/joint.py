@@ -191,21 +191,6 @@ class JointModel:
         """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
         return self.process.predict_every(self.past, steps, inputs @ self.combinations, outputs)
 
-    def predict_every(self, steps: int, inputs: Array, outputs: Array) -> Array:
-        """Returns (H, m) the mean of :meth:`unknown_every`."""
-        return self.unknown_every(steps, inputs, outputs).mean
-
-    def forecast_every_with_band(
-        self,
-        steps: int,
-        inputs: Array,
-        outputs: Array,
-        level: float,
-    ) -> tuple[Array, Array, Array]:
-        """Returns :meth:`known_every`, mean and variance, and the half width of its band of probability ``level``."""
-        mean, variance = self.known_every(steps, inputs, outputs)
-        return mean, variance, self.half_widths(variance, level, steps)
-
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
         return self.process.one_step(_combined(record, self.combinations))
