@@ -30,6 +30,7 @@ from mavdem.assessment.reported import reported_events
 from mavdem.assessment.responses import LoopResponse, responses_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
+from mavdem.condition.said import in_order
 from mavdem.condition.spectra import Spectrum
 from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.condition.wind_velocity import WindVelocity, torque_explained
@@ -234,7 +235,7 @@ def assess_signals(
         analysis.condition,
         analysis.alarms,
         air,
-        tuple(sorted(events, key=lambda event: (event.figures["boot"], event.time or 0.0))),
+        tuple(in_order(events)),
         ending,
         loops,
     )

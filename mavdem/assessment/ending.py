@@ -31,6 +31,7 @@ from mavdem.assessment.motion import (
     LOST_SECONDS,
     attitude_error,
 )
+from mavdem.condition.said import in_order
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
@@ -67,7 +68,7 @@ def ending_of(signals: Signals, events: Sequence[Fact]) -> Fact | None:
 
     ``events`` are those of ``motion_events`` and ``reported_events``.
     """
-    bad = sorted((one for one in events if one.level is Level.BAD), key=_when)
+    bad = in_order(one for one in events if one.level is Level.BAD)
     shown = [event for event in bad if event.code in ENDINGS]
     reported = [event for event in bad if event.code in REPORTS]
     if not shown and not reported:
@@ -89,10 +90,6 @@ def ending_of(signals: Signals, events: Sequence[Fact]) -> Fact | None:
         word=word if word and (cause is None or cause.subject != word.subject) else None,
         **{name: event.figures.get(name) for name in ("height", "speed", "boot")},
     )
-
-
-def _when(event: Fact) -> tuple[int, float]:
-    return event.figures.get("boot", 0), event.time or 0.0
 
 
 def _word(signals: Signals, bad: Sequence[Fact], boot: int) -> Fact | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -119,12 +118,11 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
         fixed = fix >= FIX_3D
         if not fixed.any():
             continue
-        figures: dict[str, Any] = {
-            "satellites": int(np.median(satellites[fixed])),
-            "dilution": float(np.median(dilution[fixed])) / 100,
-        }
-        if figures["satellites"] < FEW_SATELLITES or figures["dilution"] > POOR_DILUTION:
-            yield Fact(EstimatorLight.FIX_POOR, Level.WATCH, **figures)
+        number = int(np.median(satellites[fixed]))
+        spread = float(np.median(dilution[fixed])) / 100
+        if number < FEW_SATELLITES or spread > POOR_DILUTION:
+            code = EstimatorLight.FIX_POOR
+            yield Fact(code, Level.WATCH, satellites=number, dilution=spread)
 
 
 def _compass(evidence: Evidence) -> Iterator[Fact]:

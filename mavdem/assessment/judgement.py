@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from mavdem.analysis.findings import Finding, next_step
@@ -78,18 +78,15 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
     """
     oscillates = evidence.condition.oscillation is not None
     found = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
-    worst = [
-        *filter(None, [evidence.ending]),
-        *_of_level(Level.BAD, evidence.events),
-        *_of_level(Level.BAD, [*found, *(lights[light] for light in OF_LOG)]),
-    ]
-    if worst:
-        return worst[0]
+    of_log = [lights[light] for light in OF_LOG]
+    for fact in filter(None, [evidence.ending, *evidence.events, *found, *of_log]):
+        if fact.level is Level.BAD:
+            return fact
     if not evidence.verdict.figures.airborne:
         return evidence.verdict.reason
-    watched = [*_of_level(Level.WATCH, found)]
-    if watched:
-        return watched[0]
+    for fact in found:
+        if fact.level is Level.WATCH:
+            return fact
     checked = [light for light in OF_VEHICLE if lights[light].level is Level.GOOD]
     unknown = [light for light in OF_VEHICLE if light not in checked]
     if not checked:
@@ -97,10 +94,6 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
     # Battery and estimator alone say nothing of how it flies.
     level = Level.GOOD if OF_MOTION.intersection(checked) else Level.UNKNOWN
     return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown)
-
-
-def _of_level(level: Level, facts: Sequence[Fact]) -> Iterator[Fact]:
-    return (fact for fact in facts if fact.level is level)
 
 
 def next_step_of(headline: Fact, lights: Mapping[str, Fact], of_model: Fact | None) -> Fact:

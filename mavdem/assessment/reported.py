@@ -115,19 +115,15 @@ def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:
 
 def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
     """Take-offs and landings: when the land detector says so or, where it says nothing, as the motors show them."""
-    landed = of_boot(signals.landed_state, part.boot)
-    reports = {Reported.OFF_GROUND: np.zeros(0), Reported.ON_GROUND: np.zeros(0)}
-    if landed is not None:
+    changes = np.zeros(0)
+    if (landed := of_boot(signals.landed_state, part.boot)) is not None:
         defined = landed.values > 0
-        time = landed.time[defined]
         in_air = np.isin(landed.values[defined], OFF_GROUND)
-        changes = np.diff(in_air, prepend=in_air[:1])
-        reports[Reported.OFF_GROUND] = time[changes & in_air]
-        reports[Reported.ON_GROUND] = time[changes & ~in_air]
+        changes = landed.time[defined][np.diff(in_air, prepend=in_air[:1])]
     by_motors = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
     for flight in flights_of(signals, part.boot):
-        for (code, times), end in zip(reports.items(), flight, strict=True):
-            near = times[np.abs(times - end) <= AVERAGING_SECONDS]
+        for code, end in zip((Reported.OFF_GROUND, Reported.ON_GROUND), flight, strict=True):
+            near = changes[np.abs(changes - end) <= AVERAGING_SECONDS]
             source = "EXTENDED_SYS_STATE" if len(near) else by_motors
             at = float(near[np.argmin(np.abs(near - end))]) if len(near) else end
             if isfinite(end):

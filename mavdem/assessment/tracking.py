@@ -52,15 +52,9 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact | None:
     if signals.attitude is None or asked is None:
         return None
     angle = signals.attitude.angles
-    pieces = [piece for part in parts if (piece := _compared(asked, angle, part)) is not None]
-    if sum(len(setpoint) for _, setpoint, _, _ in pieces) < FEWEST:
+    setpoint, errors = _errors(asked, angle, parts, DELAYS)
+    if len(setpoint) < FEWEST:
         return None
-    setpoint = np.concatenate([setpoint for _, setpoint, _, _ in pieces])
-    errors = [
-        np.concatenate([np.interp(at + delay, time, seen) for at, _, time, seen in pieces])
-        - setpoint
-        for delay in DELAYS
-    ]
     sizes = np.sqrt(np.mean(np.square(errors), axis=1))
     best = int(np.argmin(sizes))
     error = float(sizes[best])
@@ -91,20 +85,25 @@ def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
     setpoints = [one.signal for one in signals.setpoints if one.unit == "rad/s"]
     if signals.attitude is None or not setpoints:
         return None
-    pieces = [_compared(setpoints[0], signals.attitude.rates, part) for part in parts]
-    errors = [np.interp(at, time, seen) - one for at, one, time, seen in filter(None, pieces)]
-    return float(np.sqrt(np.mean(np.square(np.concatenate(errors))))) if errors else None
+    _, errors = _errors(setpoints[0], signals.attitude.rates, parts, DELAYS[:1])
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors.size else None
 
 
-def _compared(
-    asked: Signal, angle: Signal, part: Segment
-) -> tuple[Array, Array, Array, Array] | None:
-    """Times and values of setpoints, and of the angle, in one part; None without both."""
-    rows = np.flatnonzero(within(asked, part, slack=0))
-    there = within(angle, part)
-    if not len(rows) or np.count_nonzero(there) < 2:
-        return None
-    return asked.time[rows], asked.values[rows], angle.time[there], angle.values[there]
+def _errors(
+    asked: Signal, seen: Signal, parts: Sequence[Segment], delays: Array
+) -> tuple[Array, Array]:
+    """Setpoints (N,) in the ``parts``, and how far what is seen after each of the ``delays`` (D,) is off (D, N)."""
+    setpoints = [np.zeros(0)]
+    errors = [np.zeros((len(delays), 0))]
+    for part in parts:
+        rows = within(asked, part, slack=0)
+        there = within(seen, part)
+        if np.count_nonzero(there) > 1:
+            setpoints.append(asked.values[rows])
+            later = asked.time[rows] + delays[:, None]
+            found = np.interp(later, seen.time[there], seen.values[there])
+            errors.append(found - setpoints[-1])
+    return np.concatenate(setpoints), np.concatenate(errors, axis=1)
 
 
 def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float | None:
