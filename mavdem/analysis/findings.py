@@ -175,9 +175,9 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> Iterator[Finding]:
 
 def _grade(name: str, share: float, status: Status = Status.REPORTED) -> Grade:
     """The grade of an estimate by its ``status`` and the half width of its interval, as a ``share`` of it."""
-    if status is Status.NOT_IDENTIFIABLE:
+    if status == Status.NOT_IDENTIFIABLE:
         return Grade.NOT_IDENTIFIABLE
-    is_limited = status is Status.BIASED or share > HALF_WIDTH[name]
+    is_limited = status == Status.BIASED or share > HALF_WIDTH[name]
     return Grade.LIMITED if is_limited else Grade.GOOD
 
 
@@ -192,9 +192,9 @@ def _because(reason: Fact | None) -> Fact:
 
 def _effect(physical: Physical) -> Finding:
     mean, half = physical.mean_effect(LEVEL)
-    status = Status(physical.status["effect"])
+    status = physical.status["effect"]
     reason = Fact(Because.EFFECT_KNOWN, share=half / mean)
-    if status is not Status.REPORTED:
+    if status != Status.REPORTED:
         reason = _because(physical.reasons["effect"])
     return Finding(Purpose.CONTROL_EFFECTIVENESS, _grade("effect", half / mean, status), reason)
 
@@ -203,8 +203,7 @@ def _motion(physical: Physical) -> Finding:
     half = physical.interval(LEVEL)
     values = {"damping": physical.damping, "lag": physical.lag}
     shares = {name: getattr(half, name) / value if value else nan for name, value in values.items()}
-    statuses = {name: Status(physical.status[name]) for name in values}
-    grades = {_grade(name, share, statuses[name]) for name, share in shares.items()}
+    grades = {_grade(name, share, physical.status[name]) for name, share in shares.items()}
     if grades == {Grade.NOT_IDENTIFIABLE}:
         reason = _because(physical.reasons["damping"] or physical.reasons["lag"])
         effect = physical.reasons["effect"]
@@ -212,8 +211,8 @@ def _motion(physical: Physical) -> Finding:
             reason = Fact(Because.SAME_AS_EFFECT)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
     doubts = dict[tuple[Status, Fact], list[str]]()
-    for name, status in statuses.items():
-        if status is not Status.REPORTED:
+    for name in values:
+        if (status := physical.status[name]) != Status.REPORTED:
             doubts.setdefault((status, _because(physical.reasons[name])), []).append(name)
     reason = Fact(
         Because.MOTION_KNOWN,
@@ -243,9 +242,7 @@ def _wind(wind: WindTorque | None, physical: Physical) -> Finding:
         reason = Fact(Because.WIND_NOT_ESTIMATED)
     elif wind.reason is not None:
         reason = wind.reason
-    elif doubted := [
-        name for name, status in physical.status.items() if Status(status) is not Status.REPORTED
-    ]:
+    elif doubted := [name for name, status in physical.status.items() if status != Status.REPORTED]:
         grade = Grade.LIMITED
         reason = Fact(Because.FOLLOWS_FROM_DOUBTED, names=doubted)
     else:

@@ -31,20 +31,12 @@ class Residuals(NamedTuple):
         return float(np.abs(self.auto[1:]).max()), float(np.abs(self.across).max())
 
     @property
-    def outcomes(self) -> list[BoundTest]:
-        """Of each of ``largest``: beyond its bound is nearly passed; by three times it is no chance, and failed."""
-        return list(map(_test, self.largest, self.bounds))
-
-    @property
     def outcome(self) -> BoundTest:
-        """The worse of both."""
-        return max(self.outcomes, key=list(BoundTest).index)
-
-
-def _test(size: float, bound: float) -> BoundTest:
-    if size <= bound:
-        return BoundTest.PASSED
-    return BoundTest.NEARLY if size <= 3 * bound else BoundTest.FAILED
+        """By the larger beside its bound: beyond it is nearly passed; by three times it is no chance, and failed."""
+        beyond = max(np.divide(self.largest, self.bounds))
+        if beyond <= 1:
+            return BoundTest.PASSED
+        return BoundTest.NEARLY if beyond <= 3 else BoundTest.FAILED
 
 
 def residuals(learned: Learned, output: int = -1) -> Residuals:

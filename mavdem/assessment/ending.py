@@ -134,8 +134,7 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
         return commands and _of_commands(commands, idle, at_stop, None)
     at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
     commands = _commands(signals.motors, boot, onset, float(error.time[at]))
-    fell = complex(-error.pitch[at], error.roll[at])
-    cause = commands and _of_commands(commands, idle, (), fell)
+    cause = commands and _of_commands(commands, idle, (), complex(error.lean[at]))
     if cause and cause.code is FailedFirst.ALL_OFF_FIRST and _seemed_landed(signals, boot, onset):
         return Fact(FailedFirst.LANDING_ASSUMED_FIRST, Level.BAD, time=cause.time)
     return cause

@@ -60,20 +60,15 @@ FORCES = {"HIGHRES_IMU": 1.0, "RAW_IMU": 9.80665e-3}
 class AttitudeError:
     """How far roll and pitch are from all that was asked in the last second, at ``time`` (N,) s of one boot.
 
-    ``roll`` (N,), as it turns the body's vertical, and ``pitch`` (N,) in rad, positive to the right and nose up;
-    ``lies`` (N,): whether it leans by more than ``MAX_TILT``; ``asked`` (N,): whether the setpoint is known.
+    ``lean`` (N,) of the body's vertical, forward and, imaginary, to the right, and its ``size`` (N,), rad; ``lies``
+    (N,): whether it leans by more than ``MAX_TILT``; ``asked`` (N,): whether the setpoint is known.
     """
 
     time: Array
-    roll: Array
-    pitch: Array
+    lean: NDArray[np.complex128]
+    size: Array
     lies: NDArray[np.bool_]
     asked: NDArray[np.bool_]
-
-    @property
-    def size(self) -> Array:
-        """(N,) both together, rad."""
-        return np.hypot(self.roll, self.pitch)
 
 
 def motion_events(signals: Signals) -> tuple[Fact, ...]:
@@ -153,8 +148,9 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     unasked = np.where(flight.by_rate, 0.0, angles / 2)
     apart = np.where(unknown, unasked, angles - np.clip(angles, least, most))
     roll, pitch = np.remainder(apart + np.pi, 2 * np.pi).T - np.pi
+    lean = 1j * roll * np.cos(angles[:, 1]) - pitch
     lies = np.cos(angles).prod(axis=1) < np.cos(MAX_TILT)
-    return AttitudeError(time, roll * np.cos(angles[:, 1]), pitch, lies, ~unknown[:, 1])
+    return AttitudeError(time, lean, np.abs(lean), lies, ~unknown[:, 1])
 
 
 def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Intervals:
@@ -248,10 +244,8 @@ def _trusted(signals: Signals, boot: int, flight: Interval) -> Signal | None:
 
 def _fastest(climb: Signal | None, since: float, until: float) -> float | None:
     """How fast it sank at most, m/s; None where that is not known."""
-    if climb is None:
-        return None
-    here = climb.values[(climb.time >= since) & (climb.time <= until)]
-    return -float(here.min()) if len(here) else None
+    here = () if climb is None else climb.values[during(climb.time, [(since, until)])]
+    return -float(min(here)) if len(here) else None
 
 
 def _seen(end: float) -> float | None:
@@ -295,7 +289,6 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     if lost is not None and lost.time is not None:
         since = lost.time - (CAUGHT_SECONDS if lost.code is MotionEvent.HIT else 0.0)
     span = (max(flight[0], since), end + CAUGHT_SECONDS)
-    near = (time > span[0]) & (time < span[1])
     trusted = _trusted(signals, boot, flight)
     assert trusted is not None
     falling = trusted.time[during(trusted.time, [span]) & (trusted.values < -FALL_SPEED)]
@@ -303,14 +296,14 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
         begun, ended = falling[[0, -1]].tolist()
         speed = _fastest(trusted, *span)
         yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
-    soon = np.interp(time + LOST_SECONDS, time, climb.values)
-    braked = near & (climb.values < -HIT_SPEED) & (soon - climb.values > HIT_SPEED)
     if lost is not None:
         hit = _hit(signals, boot, since, end + CAUGHT_SECONDS)
         if hit is not None and lost.code is not MotionEvent.HIT:
             yield Fact(MotionEvent.HIT, Level.WATCH, height=None, time=hit, boot=boot)
-    elif braked.any():
-        at = int(np.argmax(braked))
+        return
+    braked = np.interp(time + LOST_SECONDS, time, climb.values) - climb.values > HIT_SPEED
+    near = (time > span[0]) & (time < span[1])
+    for at in np.flatnonzero(near & braked & (climb.values < -HIT_SPEED))[:1]:
         speed = -float(climb.values[at])
         yield Fact(MotionEvent.HIT, Level.BAD, height=None, time=time[at], speed=speed, boot=boot)
 
@@ -330,19 +323,23 @@ def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact
     least = airborne_collective(signals.telemetry.parameters)
     off &= (others > least) & (shares.max(axis=0) > least)  # what never ran is no motor
     flown = during(time, flights)
-    for code, held in ((MotionEvent.MOTOR_AT_ITS_STOP, at_stop), (MotionEvent.MOTOR_OFF, off)):
-        is_off = code is MotionEvent.MOTOR_OFF
+    # A mixer may stop one for a moment.
+    for code, level, held, shortest in (
+        (MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, at_stop, 0.0),
+        (MotionEvent.MOTOR_OFF, Level.BAD, off, ASKED_SECONDS),
+    ):
         for name, true in zip(motors.layout.names, held.T, strict=True):
             for start, end in _lasting(time, true & flown, CAUGHT_SECONDS):
-                if is_off and min(end, time[-1]) - start <= ASKED_SECONDS:
-                    continue  # a mixer may stop one for a moment
+                if min(end, time[-1]) - start <= shortest:
+                    continue
+                share = float(true[during(time, [(start, end)])].mean())
                 yield Fact(
                     code,
-                    Level.BAD if is_off else Level.WATCH,
+                    level,
                     time=start,
                     until=_seen(end),
                     subject=name,
-                    share=float(true[during(time, [(start, end)])].mean()),
+                    share=share,
                     boot=boot,
                 )
 

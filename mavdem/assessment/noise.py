@@ -80,10 +80,9 @@ def noise_of(evidence: Evidence, responses: Responses) -> Noise:
     boots = np.unique(signals.attitude.boot).tolist()
     spans = [Segment(boot, *span) for boot in boots for span in evidence.flights(boot)]
     spectra = spectra_of_flight(signals, spans)
-    parameters = signals.telemetry.parameters
     noise = Noise(spectra, {name: peaks_of(one) for name, one in spectra.items()})
     try:
-        controller = controller_of(parameters, "roll", (1.0,))
+        controller = controller_of(signals.telemetry.parameters, "roll", (1.0,))
     except NotLearnable:
         return noise
     before, behind = spectra.get(BEFORE), spectra.get(GYRO)

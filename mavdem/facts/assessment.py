@@ -37,11 +37,6 @@ class BoundTest(StrEnum):
     NEARLY = auto()
     FAILED = auto()
 
-    @property
-    def level(self) -> Level:
-        """The level by which it is shown."""
-        return {BoundTest.PASSED: Level.GOOD, BoundTest.NEARLY: Level.WATCH}.get(self, Level.BAD)
-
 
 class Override(Code):
     """What makes the flight itself doubtful, and overrides all grades; the values are those of documents."""
