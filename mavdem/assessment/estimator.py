@@ -114,15 +114,13 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
     telemetry = evidence.signals.telemetry
     report = recorded(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
     for part in evidence.flown(report):
-        fix, satellites, dilution = part.values.T
-        fixed = fix >= FIX_3D
-        if not fixed.any():
+        fixed = part.values[part.values[:, 0] >= FIX_3D]
+        if not len(fixed):
             continue
-        number = int(np.median(satellites[fixed]))
-        spread = float(np.median(dilution[fixed])) / 100
-        if number < FEW_SATELLITES or spread > POOR_DILUTION:
-            code = EstimatorLight.FIX_POOR
-            yield Fact(code, Level.WATCH, satellites=number, dilution=spread)
+        _, satellites, dilution = np.median(fixed, axis=0).tolist()
+        if satellites < FEW_SATELLITES or dilution > 100 * POOR_DILUTION:
+            known = {"satellites": int(satellites), "dilution": dilution / 100}
+            yield Fact(EstimatorLight.FIX_POOR, Level.WATCH, **known)
 
 
 def _compass(evidence: Evidence) -> Iterator[Fact]:

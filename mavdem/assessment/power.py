@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -61,20 +60,23 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     low = max(low, critical, CELL.watch * (cells or 0))
     load = recorded(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
     resistance, current = _resistance([*evidence.flown(load)])
-    figures: dict[str, Any] = {
-        "voltage": means[0],
-        "cells": cells,
-        "current": current,
-        "resistance": resistance,
-        "voltage_limit": critical if lasting < critical else low,
-    }
+    code = PowerLight.CELLS_UNKNOWN
+    level = Level.UNKNOWN
     if lasting < low:
+        code = PowerLight.BATTERY_LOW
         level = Level.BAD if lasting < critical else Level.WATCH
-        yield Fact(PowerLight.BATTERY_LOW, level, **figures)
     elif low > 0:
-        yield Fact(PowerLight.BATTERY_HELD, Level.GOOD, **figures)
-    else:
-        yield Fact(PowerLight.CELLS_UNKNOWN, **figures)
+        code = PowerLight.BATTERY_HELD
+        level = Level.GOOD
+    yield Fact(
+        code,
+        level,
+        voltage=means[0],
+        cells=cells,
+        current=current,
+        resistance=resistance,
+        voltage_limit=critical if lasting < critical else low,
+    )
     remaining = evidence.averaged(recorded(signals.telemetry, "SYS_STATUS", "battery_remaining"))
     least = parameters.get("BAT_LOW_THR", 0.0)
     if np.any(left := remaining[remaining > 0] / 100) and left.min() < least:
@@ -91,19 +93,16 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
         return
     least = float(volts.min())
     usual = float(np.median(volts))
-    figures: dict[str, Any] = {
-        "voltage": least,
-        "voltage_usual": usual,
-        "voltage_limit": SUPPLY.watch,
-    }
+    code = PowerLight.SUPPLY_HELD
+    level = Level.UNKNOWN
     if least < SUPPLY.watch:
         # where it is always so low, the vehicle flies, and the scale may be wrong
+        code = PowerLight.SUPPLY_LOW
         level = Level.BAD if least < SUPPLY.bad <= usual else Level.WATCH
-        yield Fact(PowerLight.SUPPLY_LOW, level, **figures)
     elif usual - least > SUPPLY_FALL:
-        yield Fact(PowerLight.SUPPLY_FELL, Level.WATCH, **figures)
-    else:
-        yield Fact(PowerLight.SUPPLY_HELD, **figures)
+        code = PowerLight.SUPPLY_FELL
+        level = Level.WATCH
+    yield Fact(code, level, voltage=least, voltage_usual=usual, voltage_limit=SUPPLY.watch)
 
 
 def _cells(signals: Signals, full: float) -> int | None:
