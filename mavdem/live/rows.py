@@ -73,9 +73,8 @@ class PlacedMessage(NamedTuple):
 class BootClock:
     """Places the messages of one vehicle on its boot clock; ``report`` is called with each fact about it.
 
-    A stamp that does not continue the clock is held back. If the next attitude stamps continue from there, the clock
-    has changed, and the held messages are placed on it; if one continues the old clock, they were outliers, which are
-    dropped.
+    A message whose stamp does not continue the clock is dropped. If the next attitude stamps continue from there, the
+    clock has changed.
     """
 
     def __init__(self, report: Callable[[Fact], None]) -> None:
@@ -84,70 +83,51 @@ class BootClock:
         self.boot = 0
         self._latest = nan
         self._turns = 0
-        self._held: list[Message] = []
         self._run: list[float] = []
         self._report = report
 
-    def place(self, message: Message) -> list[PlacedMessage]:
-        """What can be placed after this message: itself, and messages held back before."""
-        if message.stamp <= 0:
-            is_placed = not isnan(self._latest)
-            return [PlacedMessage(message, self._latest, self.boot, False)] * is_placed
-        if message.name in ATTITUDE_MESSAGES:
-            return self._place_reference(message)
-        time = self._time_of(message)
-        return self._hold(message) if time is None else [self._stamp(message, time)]
-
-    def _stamp(self, message: Message, time: float) -> PlacedMessage:
+    def place(self, message: Message) -> PlacedMessage | None:
+        """Returns the message in its place; None where it has none."""
+        stamped = message.stamp > 0
+        if not stamped:
+            time = None if isnan(self._latest) else self._latest
+        elif message.name in ATTITUDE_MESSAGES:
+            time = self._reference(message)
+        else:
+            time = self._time_of(message)
+        if time is None:
+            return None
         self._latest = time
-        return PlacedMessage(message, time, self.boot, True)
+        return PlacedMessage(message, time, self.boot, stamped)
 
-    def _place_reference(self, message: Message) -> list[PlacedMessage]:
+    def _reference(self, message: Message) -> float | None:
+        """The time of an attitude; None where it neither continues the clock nor shows that it has changed."""
         time = message.stamp + self._turns * message.period if self._turns else message.stamp
         if time < self.now - STEP_BACK and time + message.period - self.now <= WRAP_GAP:
             time += message.period
-        if _continues(time, self.now):
-            self._turns = (
-                round((time - message.stamp) / message.period) if isfinite(message.period) else 0
-            )
-            self.now = max(self.now, time)
-            self._held = []
-            self._run = []
-            return [self._stamp(message, time)]
-        if self._run and not _continues(message.stamp, self._run[-1]):
-            self._run = []
-        self._run.append(message.stamp)
-        self._hold(message)
-        return self._restart() if len(self._run) >= MIN_RESET_STAMPS else []
+        if not _continues(time, self.now):
+            time = message.stamp
+            is_next = bool(self._run) and _continues(time, self._run[-1])
+            self._run = [*self._run, time] if is_next else [time]
+            if len(self._run) < MIN_RESET_STAMPS:
+                return None
+            self._restart(self._run[0])
+        self._turns = (
+            round((time - message.stamp) / message.period) if isfinite(message.period) else 0
+        )
+        self.now = max(self.now, time)
+        self._run = []
+        return time
 
-    def _restart(self) -> list[PlacedMessage]:
-        """Starts the clock again at the first of the held stamps that continue each other."""
-        first = self._run[0]
+    def _restart(self, first: float) -> None:
+        """Starts the clock again at the ``first`` of stamps that continue each other."""
         before = self.now
-        held = self._held
+        self.now = first
         if first < before:
-            self.boot = self.boot + 1
+            self.boot += 1
             self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=before))
         elif not isnan(before):
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=first - before, clock=before))
-        self._held = []
-        self._run = []
-        self._turns = 0
-        self.now = first
-        placed = []
-        started = False
-        for message in held:
-            if message.name in ATTITUDE_MESSAGES:
-                # Held stamps that do not continue the run belong to no clock.
-                time = message.stamp if _continues(message.stamp, self.now) else None
-                if time is not None:
-                    started = True
-                    self.now = max(self.now, time)
-            else:
-                time = self._time_of(message)
-            if time is not None and (started or time >= first - STEP_BACK):
-                placed.append(self._stamp(message, time))
-        return placed
 
     def _time_of(self, message: Message) -> float | None:
         """The time of another message by the reference; None if it is far off."""
@@ -157,10 +137,6 @@ class BootClock:
         if isfinite(message.period):
             time += message.period * round((self.now - time) / message.period)
         return time if abs(time - self.now) <= MAX_OFFSET else None
-
-    def _hold(self, message: Message) -> list[PlacedMessage]:
-        self._held = [*self._held[1 - 40 * MIN_RESET_STAMPS :], message]
-        return []
 
 
 def _continues(time: float, before: float) -> bool:

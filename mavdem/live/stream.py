@@ -249,7 +249,8 @@ class LiveStream:
         if message.name in REPLIES:
             self._replies.append(message)
             return
-        for placed in self._clock.place(message):
+        placed = self._clock.place(message)
+        if placed is not None:
             if placed.boot != self.boot:
                 self._reboot(placed.boot)
             yield from self._process(sender, placed)

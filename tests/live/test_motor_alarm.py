@@ -44,7 +44,7 @@ def flown(request, tmp_path_factory):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
     vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.8)
-    stream = StreamSpec(speaks=request.param, rate=12.0)
+    stream = StreamSpec(autopilot=request.param, rate=12.0)
     scenario = Scenario(
         duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream
     )
