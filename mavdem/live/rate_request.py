@@ -58,21 +58,10 @@ class Arrivals:
     """Rates over the last ``WINDOW_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes."""
 
     def __init__(self) -> None:
-        # whether the vehicle was silent before the latest call, and is no longer
-        self.resumed = False
         self._window: deque[tuple[float, dict[int, int]]] = deque()
-        self._heard = -np.inf
-        self._total = 0
 
     def rates(self, now: float, arrived: Mapping[int, int]) -> dict[int, float] | None:
         """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
-        total = sum(arrived.values())
-        self.resumed = total != self._total > 0 and now - self._heard > SILENCE_SECONDS
-        if total != self._total:
-            self._heard = now
-            self._total = total
-        if self.resumed:
-            self._window.clear()
         if not self._window or now - self._window[-1][0] >= MIN_WINDOW_SECONDS / 4:
             self._window.append((now, dict(arrived)))
         while len(self._window) > 1 and self._window[1][0] <= now - WINDOW_SECONDS:

@@ -107,7 +107,6 @@ class LiveSession:
         self._display: Display | None = None
         self.request: RateRequest | None = None  # for rates, once sent
         self._arrivals = Arrivals()
-        self._boot = 0
         self._greeted = -np.inf
         # of the latest rows, and the largest, s
         self._latencies = deque[float](maxlen=MAX_LATENCIES)
@@ -234,6 +233,7 @@ class LiveSession:
         resumed = {Missing.MESSAGES: first.arrival - self._heard}
         self._arrival = first.arrival
         self._heard = together[-1].arrival
+        boot = self.stream.boot
         frames = [frame for piece in together for frame in piece.frames]
         for row in self.stream.take(first.stamp, frames):
             self._take(row)
@@ -248,6 +248,10 @@ class LiveSession:
         for what, after in resumed.items():
             if SILENCE_SECONDS < after < np.inf:
                 self._log(Fact(Rows.MESSAGES_RESUMED, Level.GOOD, subject=what, duration=after))
+        is_new = self.stream.boot != boot or resumed[Missing.MESSAGES] > SILENCE_SECONDS
+        if is_new and self.request is not None:
+            self._arrivals = Arrivals()
+            self.request.restart()
 
     def final_model(self) -> Learned:
         """Returns the last model before the last landing; in flight, that of the last samples.
@@ -539,9 +543,6 @@ class LiveSession:
         for message in self.stream.replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
-        if self._arrivals.resumed or self.stream.boot != self._boot:
-            self._boot = self.stream.boot
-            self.request.restart()
         self._send(self.request.due(now, rates, vehicle.parameters))
         for fact in self.request.events:
             self._log(fact)

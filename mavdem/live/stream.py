@@ -28,7 +28,7 @@ from mavdem.alignment.signals import (
 from mavdem.alignment.steadiness import strays
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
-from mavdem.facts import Code, Fact, Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
@@ -458,9 +458,8 @@ class LiveStream:
             # With hysteresis: a rate at the limit must not be reported twice a second.
             least = MINIMUM_RATE / STEP_TOLERANCE if self._enough else MINIMUM_RATE
             slow = too_slow(rates, self.axis) if min(rates.values()) < least else None
-            obstacle = None
-            if slow is not None:
-                obstacle = self._fact(Rows.LIVE_RATES_TOO_LOW).but(because=slow)
+            code = Rows.LIVE_RATES_TOO_LOW
+            obstacle = slow and Fact(code, can_ask=self._can_ask, because=slow)
         if obstacle is not None and self._enough:
             self._report(obstacle)
         elif obstacle is None and not self._enough:
@@ -511,11 +510,7 @@ class LiveStream:
 
     @property
     def _no_attitude(self) -> Fact:
-        asks = Rows.NO_LIVE_ATTITUDE if self._can_ask else Rows.ATTITUDE_ASKED
-        return self._fact(asks)
-
-    def _fact(self, code: Code) -> Fact:
-        """A fact that says, unless rates are asked for already, that they can be."""
+        code = Rows.NO_LIVE_ATTITUDE if self._can_ask else Rows.ATTITUDE_ASKED
         return Fact(code, can_ask=self._can_ask)
 
     def _report(self, fact: Fact) -> None:

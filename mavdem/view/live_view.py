@@ -43,7 +43,6 @@ class SinkThread(threading.Thread):
         self._id = recording_id
         self._rows: deque[tuple[Channels, ShownRow]] = deque(maxlen=MAX_ROWS)
         self._lines: deque[Event] = deque(maxlen=MAX_ROWS)
-        self._lock = threading.Lock()  # held for an append or a swap only
         self.dropped = 0  # rows
         self.held = False  # whether rows wait until it closes or is let go
         self.status = SessionStatus()
@@ -60,14 +59,12 @@ class SinkThread(threading.Thread):
 
     def put(self, channels: Channels, row: ShownRow) -> None:
         """Adds a row; drops the oldest if too many wait."""
-        with self._lock:
-            self.dropped += len(self._rows) == self._rows.maxlen
-            self._rows.append((channels, row))
+        self.dropped += len(self._rows) == self._rows.maxlen
+        self._rows.append((channels, row))
 
     def log(self, event: Event) -> None:
         """Adds a line of the log."""
-        with self._lock:
-            self._lines.append(event)
+        self._lines.append(event)
 
     def run(self) -> None:
         """Sends what waits at the pace of the sink, until it closes."""
@@ -123,12 +120,10 @@ class SinkThread(threading.Thread):
     def _send(self) -> None:
         if (recording := self._recording) is None:
             return
-        with self._lock:
-            rows = [] if self.held and not self.closing.is_set() else list(self._rows)
-            if rows:
-                self._rows.clear()
-            lines = list(self._lines)
-            self._lines.clear()
+        # Of a deque each end may be used by another thread.
+        count = 0 if self.held and not self.closing.is_set() else len(self._rows)
+        rows = [self._rows.popleft() for _ in range(count)]
+        lines = [self._lines.popleft() for _ in range(len(self._lines))]
         for channels, batch in groupby(rows, key=itemgetter(0)):
             if self._writer is None or channels != self._writer.channels:
                 self._writer = LiveWriter(channels, recording)

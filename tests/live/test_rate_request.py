@@ -17,6 +17,7 @@ from mavdem.live.rate_request import (
     GET_INTERVAL,
     PAUSE_SECONDS,
     SET_INTERVAL,
+    SILENCE_SECONDS,
     STOPPED,
     Arrivals,
     RateRequest,
@@ -139,15 +140,21 @@ class Vehicle:
                 self.counts[kind] = self.counts.get(kind, 0.0) + (
                     0.0 if self.silent or kind == self.late else 0.1 * rate
                 )
-            rates = self.arrivals.rates(
-                self.now, {kind: int(count) for kind, count in self.counts.items()}
-            )
-            if self.arrivals.resumed:
-                self.request.restart()
+            counts = {kind: int(count) for kind, count in self.counts.items()}
+            rates = self.arrivals.rates(self.now, counts)
             if not self.silent:
                 for command, kind, interval in said(self.request.due(self.now, rates)):
                     self.sent.append((round(self.now, 1), command, kind))
                     self.answer(command, kind, interval)
+
+    def restarts_after(self, silence: float) -> None:
+        """It sends nothing for so many seconds; the session notices a long silence."""
+        self.silent = True
+        self.run(silence)
+        self.silent = False
+        if silence > SILENCE_SECONDS:
+            self.arrivals = Arrivals()
+            self.request.restart()
 
     def answer(self, command: int, kind: int, interval: float) -> None:
         if command == GET_INTERVAL:
@@ -170,10 +177,8 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0)
     vehicle.run(20.0)
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0
-    vehicle.silent = silence > 0
     vehicle.rates = {}
-    vehicle.run(silence)
-    vehicle.silent = False
+    vehicle.restarts_after(silence)
     vehicle.run(15.0)
     assert vehicle.rates == {30: 100.0, 36: 100.0, 245: 4.0, 32: 4.0, 74: 4.0}
     vehicle.give_back()
@@ -208,10 +213,8 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     vehicle.rates = dict(vehicle.usual)
     vehicle.run(120.0)
     assert vehicle.rates[30] == 100.0, "once it gives in, rates stay"
-    vehicle.silent = True
-    vehicle.run(6.0)
-    vehicle.silent = False
     vehicle.rates = {}
+    vehicle.restarts_after(6.0)
     vehicle.run(1.0)
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
 
