@@ -145,8 +145,8 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
     again = again_of(loops)
     if not again:
         return {}
-    record = again["roll"].record
-    setpoints = np.zeros((len(record), len(AXES), 2))
+    samples = len(again["roll"].outputs)
+    setpoints = np.zeros((samples, len(AXES), 2))
     for axis, one in again.items():
         setpoints[:, AXES.index(axis)] = one.setpoints
     flown = []
@@ -154,14 +154,14 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
         scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
         for seed in range(FLIGHTS):
             noise = np.random.default_rng(seed)
-            blown = np.zeros((len(record), len(AXES)))
+            blown = np.zeros((samples, len(AXES)))
             for axis in again:
-                blown[:, AXES.index(axis)] = torque(loops[axis], len(record), noise)
+                blown[:, AXES.index(axis)] = torque(loops[axis], samples, noise)
             seeded = scenario.model_copy(update={"seed": seed})
-            flown.append(replayed(seeded, record.dt, setpoints, blown))
+            flown.append(replayed(seeded, loops["roll"].record.dt, setpoints, blown))
     except ValueError as error:
         raise NotLearnable(Fact(Twins.CANNOT_FLY, because=str(error))) from None
     return {
-        axis: alike(loops[axis], one.record, [motion[:, AXES.index(axis)] for motion in flown])
+        axis: alike(loops[axis], one.outputs, [motion[:, AXES.index(axis)] for motion in flown])
         for axis, one in again.items()
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -207,41 +207,34 @@ def estimate_wind(
     found = Drag(mean[:6], covariance[:6, :6])
     winds = states @ TOTAL.T
     variances = np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
-    speed, low, high, turned = _mean(winds, spreads, fine.step)
+    whole = _mean(winds, variances, fine.step)
     air = winds.mean(axis=1)
     width = max(round(GUST_SECONDS / fine.step), 1)
     mean = air.mean(axis=0)
-
     minutes = []
     for rows in np.array_split(np.arange(len(air)), max(round(len(air) * fine.step / 60), 1)):
-        its_speed, its_low, its_high, _ = _mean(winds[rows], spreads[rows], fine.step)
-        minutes.append(
-            {
-                "speed": its_speed,
-                "low": its_low,
-                "high": its_high,
-                "direction": coming_from(*air[rows].mean(axis=0)),
-                "start": float(fine.time[rows[0]]),
-                "end": float(fine.time[rows[-1]]),
-            }
-        )
+        own = _mean(winds[rows], variances[rows], fine.step)
+        minute = {name: getattr(own, name) for name in ("speed", "low", "high", "direction")}
+        start, end = fine.time[rows[[0, -1]]].tolist()
+        minutes.append({**minute, "start": start, "end": end})
     layers = []
     place = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER)
     for n in np.unique(place):
-        if np.sum(place == n) * fine.step >= INDEPENDENT_SECONDS:
-            one = air[place == n].mean(axis=0)
-            layer = {"speed": float(np.hypot(*one)), "direction": coming_from(*one)}
+        one = air[place == n]
+        if len(one) * fine.step >= INDEPENDENT_SECONDS:
+            north, east = one.mean(axis=0).tolist()
+            layer = {"speed": float(np.hypot(north, east)), "direction": coming_from(north, east)}
             layers.append({"height": float(LAYER * (n + 0.5)), **layer})
     moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
     sd = found.relative_sd(moved)
     known = sd / prior.relative_sd(moved)
     found = replace(found, source=prior.source if known > DRAG_LEFT else DragSource.FLIGHT)
-    doubts = list(_doubts(speed, low, high, turned, sd, known, steered, prior.source))
+    doubts = list(_doubts(whole, sd, known, steered, prior.source))
     return WindVelocity(
-        speed=speed,
-        speed_interval=(least_speed(low, high), high),
-        direction=coming_from(*mean),
-        direction_interval=turned,
+        speed=whole.speed,
+        speed_interval=(least_speed(whole.low, whole.high), whole.high),
+        direction=whole.direction,
+        direction_interval=whole.turned,
         gust=float(np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid").max()),
         gust_seconds=width * fine.step,
         turbulence_intensity=float((air @ mean).std() / max(float(mean @ mean), 1e-9)),
@@ -264,78 +257,79 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     It is the share of the variance of means over 3 s, by what is linear in the velocity through that air along body x
     and y, fitted to every second quarter of a minute and tried on the others. None where that hardly changes.
     """
-    place = np.floor(time / GUST_SECONDS).astype(int)
-    number, place = np.unique(place, return_inverse=True)
+    number, place = np.unique(np.floor(time / GUST_SECONDS), return_inverse=True)
     known = np.isfinite(wind.along).all(axis=1)
     air = (np.interp(time, wind.time[known], part, np.nan, np.nan) for part in wind.along[known].T)
-    slow = np.column_stack(
-        [np.bincount(place, part) / np.bincount(place) for part in (torque, *air)]
-    )
-    number, slow = number[kept := np.isfinite(slow).all(axis=1)], slow[kept]
-    if len(slow) < LEAST_MEANS or slow[:, 1:].std(axis=0).max() < CHANGED:
+    means = np.array([np.bincount(place, one) for one in (torque, *air)]) / np.bincount(place)
+    kept = np.isfinite(means).all(axis=0)
+    slow, *along = means[:, kept]
+    if len(slow) < LEAST_MEANS or np.std(along, axis=1).max() < CHANGED:
         return Fact(WindShare.SHARE_UNKNOWN, share=None)
-    left = slow[:, 0].copy()
-    flat = np.column_stack([np.ones(len(slow)), slow[:, 1:]])
-    for tried in (number // 5 % 2 == 0, number // 5 % 2 == 1):
-        left[tried] -= flat[tried] @ np.linalg.lstsq(flat[~tried], slow[~tried, 0])[0]
-    share = max(1 - float(left.var() / slow[:, 0].var()), 0.0)
+    table = np.column_stack([np.ones(len(slow)), *along])
+    is_even = number[kept] // 5 % 2 == 0
+    left = slow.copy()
+    for tried in (is_even, ~is_even):
+        left[tried] -= table[tried] @ np.linalg.lstsq(table[~tried], slow[~tried])[0]
+    share = max(1 - float(left.var() / slow.var()), 0.0)
     return Fact(WindShare.SHARE_KNOWN, Level.GOOD, share=share, span=GUST_SECONDS)
 
 
-def _mean(winds: Array, spreads: Array, step: float) -> tuple[float, float, float, float]:
-    """Speed of the mean over steps, both ends of its interval, and the direction's half width in degrees."""
+class _Mean(NamedTuple):
+    """Of the wind over steps: its speed with both ends of its interval, where it comes from, and that half width."""
+
+    speed: float
+    low: float
+    high: float
+    direction: float
+    turned: float
+
+
+def _mean(winds: Array, variances: Array, step: float) -> _Mean:
+    """That of draws (T, N, 2) with these variances."""
     means = winds.mean(axis=0)
     # By the draws of drag and lean, which are common to all steps; what noise does averages out.
-    count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0) * len(winds)
-    variances = np.einsum("ai,tnij,aj->na", TOTAL, spreads, TOTAL) / count
-    noise = np.random.default_rng(2).standard_normal((50, len(means), 2)) * np.sqrt(variances)
-    samples = (means + noise).reshape(-1, 2)
+    count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
+    noise = np.random.default_rng(2).standard_normal((50, len(means), 2))
+    samples = (means + noise * np.sqrt(variances.mean(axis=0) / count)).reshape(-1, 2)
     low, high = np.quantile(np.hypot(*samples.T), [0.05, 0.95]).tolist()
-    centre = means.mean(axis=0) / max(float(np.hypot(*means.mean(axis=0))), 1e-9)
-    apart = np.arctan2(samples[:, 1], samples[:, 0]) - np.arctan2(*centre[::-1])
-    turned = np.quantile(np.abs((apart + np.pi) % (2 * np.pi) - np.pi), 0.9)
-    turned = float(np.hypot(np.degrees(turned), quantile() * HEADING_SD))
-    return (speed := max(float(np.median(means @ centre)), 0.0)), min(low, speed), high, turned
+    north, east = means.mean(axis=0)
+    speed = np.median(means @ [north, east]) / max(np.hypot(north, east), 1e-9)
+    speed = max(float(speed), 0.0)
+    apart = np.angle((samples @ [1, 1j]) / (north + 1j * east or 1.0))
+    turned = np.degrees(np.quantile(np.abs(apart), 0.9))
+    turned = float(np.hypot(turned, quantile() * HEADING_SD))
+    return _Mean(speed, min(low, speed), high, coming_from(north, east), turned)
 
 
 def _doubts(
-    speed: float,
-    low: float,
-    high: float,
-    turned: float,
-    sd: float,
-    known: float,
-    steered: float,
-    source: DragSource,
+    mean: _Mean, sd: float, known: float, steered: float, source: DragSource
 ) -> Iterator[tuple[str, Status, Fact]]:
     """Status and reason of drag, speed and direction where they are not reported."""
     if sd > DRAG_ERROR:
         status = Status.NOT_IDENTIFIABLE if known > DRAG_LEFT else Status.BIASED
-        yield (
-            "drag",
-            status,
-            Fact(
-                WindDoubt.DRAG_UNSURE,
-                Level.WATCH,
-                status=status,
-                relative_sd=sd,
-                source=source,
-                steered=steered,
-            ),
+        doubt = Fact(
+            WindDoubt.DRAG_UNSURE,
+            Level.WATCH,
+            status=status,
+            relative_sd=sd,
+            source=source,
+            steered=steered,
         )
-    if (status := speed_status(speed, low, high)) is not Status.REPORTED:
+        yield "drag", status, doubt
+    status = speed_status(mean.speed, mean.low, mean.high)
+    if status is not Status.REPORTED:
+        low = least_speed(mean.low, mean.high)
         doubt = Fact(
             WindDoubt.SPEED_UNSURE,
             Level.WATCH,
             status=status,
-            low=least_speed(low, high),
-            high=high,
+            low=low,
+            high=mean.high,
             by_drag=sd > DRAG_ERROR,
         )
         yield "speed", status, doubt
-    if turned > DIRECTION_ERROR:
-        roughly = turned <= DIRECTION_LIMIT
-        doubt = Fact(
-            WindDoubt.DIRECTION_UNSURE, Level.WATCH, direction_interval=float(np.radians(turned))
-        )
+    if mean.turned > DIRECTION_ERROR:
+        roughly = mean.turned <= DIRECTION_LIMIT
+        half = float(np.radians(mean.turned))
+        doubt = Fact(WindDoubt.DIRECTION_UNSURE, Level.WATCH, direction_interval=half)
         yield "direction", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt

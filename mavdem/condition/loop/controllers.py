@@ -210,31 +210,30 @@ def _is_moving(own: Mapping[str, float], prefix: str) -> bool:
 
 
 def _harmonic_notches(own: Mapping[str, float], prefix: str) -> Iterator[Notch]:
-    """Of a filter that is on: one that follows the throttle is where it hovers, another moving one at its lowest."""
+    """Of a filter that is on: one that follows the throttle is where it hovers, another moving one at its lowest.
+
+    Two or three beside each other, as its options may have them, are as late as the single one, within 3° at a quarter
+    of its frequency.
+    """
     if not own.get(f"{prefix}ENABLE"):
         return
     base, bandwidth, depth = _required(own, *(prefix + end for end in ("FREQ", "BW", "ATT")))
     base = max(base, 0.52 * bandwidth)
-    mode = own.get(
-        f"{prefix}MODE", 0.0
-    )  # 1 the throttle, 3 motors' speeds, 4 peaks of the spectrum
-    options = int(own.get(f"{prefix}OPTS", 0.0))
+    mode = own.get(f"{prefix}MODE", 0.0)  # 1 the throttle, 3 motors' speeds, 4 peaks of spectra
     reference = own.get(f"{prefix}REF", 0.0)
     centre = base
     if mode == 1 and reference > 0:
         throttle = own.get("MOT_THST_HOVER", reference) / reference
         centre *= max(own.get(f"{prefix}FM_RAT", 1.0), sqrt(max(throttle, 0.0)))
-    count = 2 if options & 1 else 3 if options & 16 else 5 if options & 64 else 1
-    half = bandwidth / base / count / 2
+    half = bandwidth / base / 2
     width = half * (2 - half) / (1 - half)
-    sides = [side for side in range(-(count // 2), count // 2 + 1) if side or count % 2]
     # each motor, or each of three peaks, with notches of its own
-    sources = {3.0: MOTORS, 4.0: 3}.get(mode, 1) if options & 2 else 1
+    each = int(own.get(f"{prefix}OPTS", 0.0)) & 2
+    sources = {3.0: MOTORS, 4.0: 3}.get(mode, 1) if each else 1
     for harmonic in range(1, 17):
         if int(own.get(f"{prefix}HMNCS", 1.0)) >> (harmonic - 1) & 1:
-            for side in sides * sources:
-                frequency = harmonic * centre * (1 + side * bandwidth / base / 32)
-                yield Notch(frequency, width * frequency, depth)
+            frequency = harmonic * centre
+            yield from [Notch(frequency, width * frequency, depth)] * sources
 
 
 def _px4(own: Mapping[str, float], axis: str, is_demand: bool) -> dict[str, Any]:

@@ -16,9 +16,7 @@ from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.parameters import wind_density
-from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Twins
@@ -82,25 +80,29 @@ def twin_of(
     Raises ``NotLearnable``: no hover.
     """
     roll = loops["roll"]
-    begin, end = roll.controller.spin
+    controller = roll.controller
+    begin, end = controller.spin
     if not max(0.1, begin) < hover < end:
         raise NotLearnable(Fact(Twins.NO_HOVER, share=hover))
     drag = None if air is None else air.drag
     wind = air if air is not None and air.sized and air.directed else None
+    autopilot = "px4" if px4 else "ardupilot"
     weight = mass or MASS
-    arm, is_measured = _arm(roll.controller.parameters, weight)
-    own, cycle = _parameters(roll.controller.parameters, "px4" if px4 else "ardupilot")
+    arm, is_measured = _arm(controller.parameters, weight)
+    own, cycle = _parameters(controller.parameters, autopilot)
     lag, late = (roll.draws[0, 1:] - [0.0, cycle / 2]).tolist()  # the hold is flown
+    damping = {"pitch": roll.plant.damping, "yaw": 0.0}
+    damping |= {axis: loop.plant.damping for axis, loop in loops.items()}
     body = Twin(
-        autopilot="px4" if px4 else "ardupilot",
+        autopilot=autopilot,
         mass=weight,
         inertia=(),
         arm=arm,
         hover=hover,
-        spin=roll.controller.spin,
-        expo=min(max(roll.controller.expo, 0.0), 1.0),
+        spin=controller.spin,
+        expo=min(max(controller.expo, 0.0), 1.0),
         moment=MOMENT * arm[1],
-        damping=(),
+        damping=tuple(damping[axis] for axis in COLUMNS),
         lag=max(lag + min(late, 0.0), 0.0),
         delay=max(late, 0.0),
         noise=roll.plant.noise,
@@ -108,29 +110,12 @@ def twin_of(
         wind_speed=None if wind is None else wind.speed,
         wind_direction=None if wind is None else wind.direction,
         parameters=own,
-        notes={},
+        notes=_notes(loops, bool(mass), is_measured, drag),
     )
     inertia = {axis: _inertia(body, axis, loop) for axis, loop in loops.items()}
     sizes = inertia["roll"], inertia.get("pitch", inertia["roll"])
     moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else body.moment
-    about = {"pitch": roll.plant.damping, "yaw": 0.0}
-    about |= {axis: loop.plant.damping for axis, loop in loops.items()}
-    effects = {axis: _effect_note(loop) for axis, loop in loops.items()}
-    notes = {
-        "mass": Fact(Twins.MASS_NOTE, is_given=bool(mass)),
-        "arm": Fact(Twins.ARM_NOTE, is_given=is_measured),
-        "inertia": Fact(Twins.INERTIA_NOTE, roll=effects["roll"], pitch=effects.get("pitch")),
-        "moment": effects.get("yaw", Fact(Twins.MOMENT_NOTE)),
-        **_dynamics_notes(roll.plant),
-        **_drag_notes(drag),
-    }
-    return replace(
-        body,
-        inertia=(*sizes, sum(sizes)),
-        moment=moment,
-        damping=tuple(about[axis] for axis in COLUMNS),
-        notes=notes,
-    )
+    return replace(body, inertia=(*sizes, sum(sizes)), moment=moment)
 
 
 def _arm(parameters: Mapping[str, float], mass: float) -> tuple[tuple[float, float], bool]:
@@ -166,34 +151,38 @@ def _inertia(body: Twin, axis: str, loop: Loop) -> float:
     return float(lever * body.slope * moved / loop.gains[0])
 
 
-def _effect_note(loop: Loop) -> Fact:
-    half = quantile() * np.std(loop.gains) / loop.gains[0]
-    return Fact(Twins.EFFECT_NOTE, share=half, is_biased=bool(loop.plant.bias))
-
-
-def _dynamics_notes(plant: Physical) -> dict[str, Fact]:
-    halves = plant.interval()
-    damping, lag = (
-        None if plant.status[name] == "not identifiable" else getattr(halves, name)
+def _notes(
+    loops: Mapping[str, Loop], is_given: bool, is_measured: bool, drag: Drag | None
+) -> dict[str, Fact]:
+    """How sure the attributes are, by name; of mass and arm whether they are given, or measured."""
+    effects = {
+        axis: Fact(
+            Twins.EFFECT_NOTE,
+            share=quantile() * np.std(loop.gains) / loop.gains[0],
+            is_biased=bool(loop.plant.bias),
+        )
+        for axis, loop in loops.items()
+    }
+    plant = loops["roll"].plant
+    known = {
+        name: None if plant.status[name] == "not identifiable" else getattr(plant.interval(), name)
         for name in ("damping", "lag")
-    )
-    return {
-        "damping": Fact(Twins.DAMPING_NOTE, damping=damping),
-        "lag": Fact(Twins.LAG_NOTE, lag=lag),
     }
-
-
-def _drag_notes(drag: Drag | None) -> dict[str, Fact]:
-    if drag is None:
-        return {}
-    ends = {
-        f"drag_{name}_interval": drag.interval(name).mean(axis=1).tolist()
-        for name in ("linear", "quadratic")
+    notes = {
+        "mass": Fact(Twins.MASS_NOTE, is_given=is_given),
+        "arm": Fact(Twins.ARM_NOTE, is_given=is_measured),
+        "inertia": Fact(Twins.INERTIA_NOTE, roll=effects["roll"], pitch=effects.get("pitch")),
+        "moment": effects.get("yaw", Fact(Twins.MOMENT_NOTE)),
+        "damping": Fact(Twins.DAMPING_NOTE, damping=known["damping"]),
+        "lag": Fact(Twins.LAG_NOTE, lag=known["lag"]),
     }
-    return {
-        f"drag_{name}": Fact(Twins.DRAG_NOTE, subject=name, **ends)
-        for name in ("linear", "quadratic")
-    }
+    if drag is not None:
+        names = "linear", "quadratic"
+        ends = {
+            f"drag_{name}_interval": drag.interval(name).mean(axis=1).tolist() for name in names
+        }
+        notes |= {f"drag_{name}": Fact(Twins.DRAG_NOTE, subject=name, **ends) for name in names}
+    return notes
 
 
 BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
@@ -204,12 +193,13 @@ LONGEST = 120.0
 
 
 class Again(NamedTuple):
-    """What is flown again of one axis: a segment of the ``record``, with ``setpoints`` (T, 2) of angle and rate.
+    """What is flown again of one axis: a segment of its record's ``outputs``, with ``setpoints`` (T, 2).
 
-    The rate, rad/s, is beside what the angle's error asks for; of yaw it is all, and the angle is 0.
+    They are of angle and rate. The rate, rad/s, is beside what the angle's error asks for; of yaw it is all, and the
+    angle is 0.
     """
 
-    record: Record
+    outputs: Array
     setpoints: Array
 
 
@@ -221,12 +211,11 @@ def again_of(loops: Mapping[str, Loop]) -> dict[str, Again]:
     found = dict[str, Again]()
     roll = loops["roll"].record
     longest = int(np.argmax(roll.lengths))
-    length = min(roll.lengths[longest], round(LONGEST / roll.dt))
-    segment = slice(int(roll.starts[longest]), int(roll.starts[longest]) + length)
+    start = int(roll.starts[longest])
+    segment = slice(start, start + min(roll.lengths[longest], round(LONGEST / roll.dt)))
     for axis, loop in loops.items():
         is_alike = loop.record.lengths == roll.lengths and loop.record.begins == roll.begins
-        again = _again(loop, segment) if is_alike else None
-        if again is not None:
+        if is_alike and (again := _again(loop, segment)) is not None:
             found[axis] = again
     return found if "roll" in found else {}
 
@@ -236,64 +225,55 @@ def _again(loop: Loop, segment: slice) -> Again | None:
     names = [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"][loop.axis == "yaw" :]
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
         return None
-    table = record.setpoints[segment]
-    asked = table[:, [record.setpoint_names.index(name) for name in names]]
+    columns = [record.setpoint_names.index(name) for name in names]
+    asked = record.setpoints[segment, columns]
     known = np.isfinite(asked).all(axis=1)
     if known.mean() < 0.5:
         return None
     at = np.arange(len(asked))
     *angles, rate = (evenly(np.interp(at, at[known], column[known])) for column in asked.T)
-    flown = replace(
-        record,
-        inputs=record.inputs[segment],
-        outputs=record.outputs[segment],
-        lengths=(len(asked),),
-        begins=(),
-        setpoints=table,
-    )
+    outputs = record.outputs[segment]
     if not angles:
         # A heading that is only held is turned by roll and pitch of a leaned vehicle.
-        is_steered = rate.std() > 0.8 * flown.outputs.std()
-        return Again(flown, np.column_stack([0 * rate, rate])) if is_steered else None
+        is_steered = rate.std() > 0.8 * outputs.std()
+        return Again(outputs, np.column_stack([0 * rate, rate])) if is_steered else None
     # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
-    corrected = loop.controller.angle * (angles[0] - flown.outputs[:, 0])
+    corrected = loop.controller.angle * (angles[0] - outputs[:, 0])
     ahead = np.gradient(angles[0], record.dt)
     apart = [np.std(rate - one) for one in (ahead, corrected + ahead, corrected)]
-    inside = not loop.controller.derivative_of_error or np.argmin(apart) > 0
-    return Again(flown, np.column_stack([angles[0], rate - inside * corrected]))
+    if not loop.controller.derivative_of_error or np.argmin(apart):
+        rate = rate - corrected
+    return Again(outputs, np.column_stack([angles[0], rate]))
 
 
 def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
     """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
     frequency: Array = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
-    size = np.sqrt(wind_density(loop.plant, frequency) * samples / (4 * loop.record.dt)) * (
-        frequency > 0
-    )
-    return np.fft.irfft(
-        size * (noise.standard_normal((2, len(size))).T @ np.array([1, 1j])), samples
-    )
+    power = wind_density(loop.plant, frequency) * (frequency > 0)
+    real, imaginary = noise.standard_normal((2, len(power)))
+    size = np.sqrt(power * samples / (4 * loop.record.dt))
+    return np.fft.irfft(size * (real + 1j * imaginary), samples)
 
 
-def alike(loop: Loop, record: Record, flown: Sequence[Array]) -> dict[str, list[float]]:
-    """Returns figures of a ``record`` and of angle and rate (T, 2), rad and rad/s, that were ``flown`` again.
+def alike(loop: Loop, outputs: Array, flown: Sequence[Array]) -> dict[str, list[float]]:
+    """Returns figures of ``outputs`` and of angle and rate (T, 2), rad and rad/s, that were ``flown`` again.
 
     Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; both mean and sd of the angle but
     for yaw, and sd of the rate, in degrees.
     """
     from scipy.signal import detrend, welch  # it takes half a second to import
 
-    outputs = [one[:, -record.outputs.shape[1] :] for one in flown]
-    both = np.array([record.outputs, *outputs])[:, round(SETTLES / record.dt) :]
-    length = int(min(WINDOW / record.dt, both.shape[1] / 2))
-    frequency, power = welch(both[..., -1], 1 / record.dt, nperseg=length, detrend=detrend)
-    bands = [
-        (low <= frequency) & (frequency < high)
-        for low, high in zip(BANDS[:-1], BANDS[1:], strict=True)
-    ]
-    level = np.array([power[:, band].mean(axis=1) for band in bands])
-    values = {"rate": np.degrees(both[..., -1].std(axis=1))}
+    dt = loop.record.dt
+    every = np.array([outputs, *(one[:, -outputs.shape[1] :] for one in flown)])
+    every = every[:, round(SETTLES / dt) :]
+    length = int(min(WINDOW / dt, every.shape[1] / 2))
+    frequency, power = welch(every[..., -1], 1 / dt, nperseg=length, detrend=detrend)
+    places = np.digitize(frequency, BANDS)
+    level = np.array([power[:, places == n].mean(axis=1) for n in range(1, len(BANDS))])
+    ratio = level[:, 1:].mean(axis=1) / level[:, 0]
+    values = {"rate": np.degrees(every[..., -1].std(axis=1))}
     if loop.axis != "yaw":
-        angles = np.degrees(both[..., 0])
+        angles = np.degrees(every[..., 0])
         values |= {"lean": angles.mean(axis=1), "sway": angles.std(axis=1)}
     found = {name: [float(one[0]), float(one[1:].mean())] for name, one in values.items()}
-    return {"levels": (10 * np.log10(level[:, 1:].mean(axis=1) / level[:, 0])).tolist()} | found
+    return {"levels": (10 * np.log10(ratio)).tolist(), **found}
