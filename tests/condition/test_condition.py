@@ -64,6 +64,12 @@ def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
     assert found.settled == approx(HOVER.hovering, abs=3)
     assert found.collective == approx(0.625, abs=2e-3)
     assert all(0 < half < 0.01 for half in found.share_interval)
+    hover = found.hover
+    assert hover.unit == "µs" and hover.motors[0] == "motor 1 (front right)"
+    assert hover.trim == approx([1600, 1700, 1600, 1600], abs=2)
+    assert hover.imbalance == approx([-4, 12, -4, -4], abs=0.4)
+    assert hover.headroom == approx([0.39, 0.29, 0.39, 0.39], abs=0.01)
+    assert (hover.roll, hover.pitch) == approx((3, 0), abs=0.5)
     # Motor 2 is rear left: more of it turns the vehicle to the right, nose down and, as it turns to the left, right.
     steady = {axis: one.mean for axis, one in found.command.items()}
     assert steady == approx({"roll": 0.025, "pitch": -0.025, "yaw": 0.025}, abs=2e-3)
@@ -122,39 +128,6 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
     inside = float((np.abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
     # Four standard errors of a share of so many series; correlation costs a few per cent.
     assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
-
-
-def leaning(motor_rate=100.0):
-    """A hover about 10° of roll and -4° of pitch, motor 1 at 1800 µs and, every fourth message, at 1995 µs."""
-    telemetry = HOVER.telemetry(motor_time=motor_rate)
-    attitude = telemetry.messages["ATTITUDE"]
-    motors = telemetry.messages["SERVO_OUTPUT_RAW"]
-    tilt = {"roll": attitude["roll"] + np.radians(10), "pitch": attitude["roll"] - np.radians(4)}
-    telemetry = changed(telemetry, "ATTITUDE", **tilt, pitchspeed=attitude["rollspeed"])
-    flying = motors["servo1_raw"] != 1000
-    full = np.arange(len(flying)) % 4 == 0
-    swing = 20 * np.sin(5 * motors["time"])
-    outputs = (np.where(full, 1995.0, 1800.0), 1600 + swing, 1600 - swing, 1600 + swing)
-    return with_pulses(telemetry, np.where(flying, outputs, 1000.0))
-
-
-@pytest.mark.parametrize("motor_rate", [100.0, 10.0])
-def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_rate):
-    found = hover_of(Signals(leaning(motor_rate), inputs="motors"))
-    assert found.unit == "µs" and found.motors[0] == "motor 1 (front right)"
-    mean = 0.75 * 1800 + 0.25 * 1995
-    of_range = np.array([mean - 1000, 600, 600, 600]) / 1000
-    assert found.trim == approx([mean, 1600, 1600, 1600], abs=2)
-    assert found.trim_of_range == approx(of_range, abs=2e-3)
-    assert found.trim_share == approx(of_range / of_range.mean(), rel=5e-3)
-    assert found.imbalance == approx([100 * (share - 1) for share in found.trim_share])
-    # Motor 1 stays at 1995 µs, so that is where all stop.
-    assert found.headroom == approx([0, 0.375, 0.375, 0.375], abs=1e-3)
-    assert found.at_upper_limit == approx([0.25, 0, 0, 0], abs=0.01)
-    assert found.at_lower_limit == (0, 0, 0, 0)
-    assert (found.roll, found.pitch) == approx((10, -4), abs=0.2)
-    assert found.seconds == approx(HOVER.hovering, abs=1.5)
-    assert documents.Hover.model_validate(found).as_dict()["imbalance"] == approx(found.imbalance)
 
 
 @pytest.mark.parametrize(

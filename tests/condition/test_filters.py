@@ -14,7 +14,6 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.controllers import Controller, Notch, controller_of
 from mavdem.condition.loop.filters import equivalent_cutoff, gyro_filters, gyro_response
 from mavdem.condition.spectra import spectra_of_flight
-from mavdem.facts.loops import Controllers
 
 FREQUENCY = np.array([1.0, 20.0, 80.0, 130.0, 180.0])
 NOTCH = {"ENABLE": 1.0, "FREQ": 80.0, "BW": 40.0, "ATT": 30.0, "HMNCS": 1.0}
@@ -114,13 +113,6 @@ def test_the_filters_are_shown_with_their_lag_and_as_late_as_one_low_pass():
     both = ardupilot(NOTCH, INS_GYRO_FILTER=20.0)
     assert gyro_filters(both, 20.0).phase_lag == approx(98.4, abs=0.1)
     assert 15 < equivalent_cutoff(both) < 19
-
-
-def test_notches_that_follow_motors_are_named():
-    (caution,) = controller_of(PX4 | {"IMU_GYRO_DNF_EN": 1.0}).cautions
-    assert caution.code is Controllers.NOTCHES_UNMODELLED
-    (caution,) = ardupilot(NOTCH | {"MODE": 3.0}).cautions
-    assert caution.code is Controllers.NOTCHES_MOVING
 
 
 def test_the_raw_gyro_through_the_filters_is_the_filtered_one():

@@ -43,10 +43,6 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
-    if not isinstance(controller, Controller | None):
-        raise ValueError(
-            f"The loop takes a Controller, such as the one of another loop, and not {controller!r}."
-        )
     if plant.caution is not None:
         raise NotLearnable(Fact(Loops.NO_MARGINS, because=plant.caution))
     axis = axis_of(record)
