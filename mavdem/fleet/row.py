@@ -447,17 +447,12 @@ def flown_once(flights: Sequence[list[FlightRow]]) -> list[list[FlightRow]]:
     """Returns flights of one vehicle, in order of date, each once by its best tier: those at the same time are one."""
     once: list[list[FlightRow]] = []
     for flight in flights:
-        last = once[-1][0] if once else None
-        date = flight[0].date
-        if (
-            not last
-            or not last.date
-            or not date
-            or (date - last.date).total_seconds() >= (last.duration or 0.0)
-        ):
-            once.append(flight)
-        else:
-            once[-1] = min(once[-1], flight, key=lambda flight: best_tier(flight) or "z")
+        same = [flight]
+        if once and (last := once[-1][0]).date and flight[0].date:
+            seconds = (flight[0].date - last.date).total_seconds()
+            if seconds < (last.duration or 0.0):
+                same.append(once.pop())
+        once.append(min(reversed(same), key=lambda flight: best_tier(flight) or "z"))
     return once
 
 
@@ -469,26 +464,23 @@ def summary(rows: Iterable[FlightRow]) -> dict[str, Any]:
     its code of each log without a flight.
     """
     rows = list(rows)
-    vehicles = vehicles_of(rows)
-    named = {
-        name for name, flights in vehicles.items() if name != UNKNOWN and not is_shared(flights)
-    }
-    flown = [
-        flight
-        for name in vehicles
-        for flight in (flown_once if name in named else list)(vehicles[name])
-    ]
+    named = 0
+    flown = list[Flight]()
+    for name, flights in vehicles_of(rows).items():
+        is_named = name != UNKNOWN and not is_shared(flights)
+        named += is_named
+        flown += flown_once(flights) if is_named else flights
     healths = Counter(map(worst_health, flown))
-    keys = ("file", "status", "status_code")
+    tiers = Counter(filter(None, map(best_tier, flown)))
     failed = dict.fromkeys(
-        tuple(getattr(row, key) for key in keys) for row in rows if row.status != OK
+        (row.file, row.status, row.status_code) for row in rows if row.status != OK
     )
     return {
         "flights": len(flown),
-        "vehicles": len(named),
-        "tiers": dict(
-            sorted(Counter(tier for flight in flown if (tier := best_tier(flight))).items())
-        ),
+        "vehicles": named,
+        "tiers": dict(sorted(tiers.items())),
         "health": {health: healths[health] for health in HEALTHS if healths[health]},
-        "failed": [dict(zip(keys, values, strict=True)) for values in failed],
+        "failed": [
+            {"file": file, "status": status, "status_code": code} for file, status, code in failed
+        ],
     }

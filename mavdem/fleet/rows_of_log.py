@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mavdem.alignment.drive import AXES
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis
 from mavdem.assessment import Assessment
@@ -42,10 +43,9 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     pages = {}
     for telemetry in log.vehicles:
         ids = {"system": telemetry.system, "component": telemetry.component}
-        signals = Signals(telemetry, inputs="motors")
         try:
-            assessment = assess_signals(log, signals).with_axis("pitch")
-            found = rows_of_assessment(assessment, signals, str(path))
+            assessment = assess_signals(log, Signals(telemetry)).with_axis("pitch")
+            found = rows_of_assessment(assessment, str(path))
         except (MemoryError, OSError, Unreadable):
             raise  # of the whole log
         except Exception as error:  # others in the log keep their rows
@@ -61,19 +61,15 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     return rows or [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))], pages
 
 
-def rows_of_assessment(assessment: Assessment, signals: Signals, file: str) -> list[FlightRow]:
-    """Returns a row for each axis that the ``assessment`` of a vehicle with these ``signals`` has an analysis of.
+def rows_of_assessment(assessment: Assessment, file: str) -> list[FlightRow]:
+    """Returns a row for each axis that the ``assessment`` of a vehicle has an analysis of.
 
     ``file`` is the name of its log. Without settled flight there is one row, of no axis, whose status says why.
     """
-    telemetry = signals.telemetry
     first = assessment.analysis
-    assert first is not None
-    columns: dict[str, Any] = {
-        "file": file,
-        "component": telemetry.component,
-        "date": first.identity.date,
-    }
+    assert first is not None and assessment.evidence is not None
+    signals = assessment.evidence.signals.about(AXES[0], "motors")
+    columns: dict[str, Any] = {"file": file, "component": signals.telemetry.component}
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))
@@ -94,9 +90,8 @@ def rows_of_assessment(assessment: Assessment, signals: Signals, file: str) -> l
             "balance": balance.mean,
             "balance_error": balance.error,
             "balance_lean": balance.lean,
-        }
-        columns |= {
-            name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")
+            "lean_effect": balance.lean_effect.ravel(),
+            "lean_effect_error": balance.lean_effect_error.ravel(),
         }
     columns |= {} if assessment.wind is None else _wind(assessment.wind)
     if signals.motors is not None:

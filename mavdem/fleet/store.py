@@ -230,19 +230,11 @@ class Store:
             self._name_rows()
             query = "select distinct vehicle from flights where file is not null and judged is not ? order by vehicle"
             for (vehicle,) in self._db.execute(query, [baseline]).fetchall():
-                query = (
-                    "select rowid, row, file from flights where vehicle = ? and file is not null"
-                )
-                known = [
-                    (number, _row(text, file))
-                    for number, text, file in self._db.execute(query, [vehicle])
-                ]
-                numbers, rows = zip(
-                    *sorted(known, key=lambda numbered: numbered[1].order), strict=True
-                )
-                judged = _assessed(
-                    [*rows], assess, [row for row in healthy if row.vehicle == vehicle]
-                )
+                query = "select rowid, row, file from flights where vehicle = ? and file is not null order by file, log, rowid"
+                numbers, *columns = zip(*self._db.execute(query, [vehicle]), strict=True)
+                rows = [*map(_row, *columns)]
+                own = [row for row in healthy if row.vehicle == vehicle]
+                judged = _assessed(rows, assess, own)
                 updates = [
                     (json.dumps(new.as_dict()), baseline, at)
                     for new, at in zip(judged, numbers, strict=True)

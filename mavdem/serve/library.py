@@ -211,8 +211,8 @@ class Library:
         """Where an upload may be written; what is left there of a dead server is swept."""
         return self.folder / INCOMING / f"{self.name}-{secrets.token_hex(8)}"
 
-    def receive(self, part: Path, digest: str, name: str, **columns: Any) -> tuple[Entry, bool]:
-        """Takes a whole upload, ``part``, and returns its entry, and whether it is new.
+    def receive(self, part: Path, digest: str, name: str, **columns: Any) -> Entry:
+        """Takes a whole upload, ``part``, and returns its entry.
 
         When it returns, neither the end of the process nor of its machine loses the log. Of a log that is known
         already the entry is the one there was, unless that could not be read.
@@ -222,7 +222,7 @@ class Library:
             known = db.execute("select * from entries where digest = ?", [digest]).fetchone()
             if known is not None and known["stage"] != Stage.FAILED:
                 part.unlink()
-                return _entry(known), False
+                return _entry(known)
             if known is not None:
                 db.execute("delete from entries where digest = ?", [digest])
             now = datetime.now(UTC)
@@ -241,7 +241,7 @@ class Library:
             os.replace(part, self.folder / path)
             _sync((self.folder / path).parent)
             _sync(self.folder / LOGS)
-        return entry, True
+        return entry
 
     def copied(self, path: Path) -> Entry:
         """Takes a copy of a log of this machine, and returns its entry."""
@@ -254,7 +254,7 @@ class Library:
         with full_disk_refused(), part.open("rb") as file:
             os.fsync(file.fileno())
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return self.receive(part, digest, name, **columns)[0]
+        return self.receive(part, digest, name, **columns)
 
     def set_baseline(self, ids: Iterable[str]) -> None:
         """Makes these flights those that all others of their vehicles are compared with."""
@@ -419,7 +419,7 @@ def file_name(name: str) -> str:
 def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
     """The entry of a log of a fleet."""
     first = rows[0]
-    date = "" if first.date is None else first.date.isoformat(timespec="seconds")
+    columns = columns_of(rows)
     size = first.key.rpartition("-")[2]
     return Entry(
         new_id(),
@@ -429,10 +429,9 @@ def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
         received=0.0 if first.date is None else first.date.timestamp(),
         stage=Stage.DONE if first.status == OK else Stage.FAILED,
         problem="" if first.status == OK else first.status,
-        date=date,
-        sorted_by=date,
+        sorted_by=columns["date"],
         files=first.page or "",
-        **columns_of(rows),
+        **columns,
     )
 
 
@@ -440,13 +439,14 @@ def columns_of(rows: list[FlightRow]) -> dict[str, Any]:
     """Returns what the index has of a log's rows."""
     first = rows[0]
     lights = {str(light): getattr(first, f"light_{light}") or "" for light in Light}
-    suspects = [row.suspect_motor for row in rows if row.suspect_motor is not None]
+    suspects = (row.suspect_motor for row in rows if row.suspect_motor is not None)
     return {
         "vehicle": first.vehicle,
+        "date": "" if first.date is None else first.date.isoformat(timespec="seconds"),
         "duration": first.duration,
         "headline": first.headline or "",
         "level": first.headline_level or "",
-        "motor": suspects[0] if suspects else None,
+        "motor": next(suspects, None),
         "wind_speed": first.wind_speed,
         **lights,
     }

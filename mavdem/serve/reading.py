@@ -15,9 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.figures import ALL
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.documents import whole
@@ -89,11 +87,9 @@ def _judged(
         yield lambda share: None
 
     tell(Stage.JUDGING)
-    signals = Signals(telemetry)
-    assessment = assess_signals(log, signals, ALL, progress=step)
+    assessment = assess_signals(log, Signals(telemetry), progress=step)
     tell(Stage.LEARNING, **_judgement(assessment))
-    motors = signals.about(TILT_AXES[0], "motors")
-    return assessment, rows_of_assessment(assessment.with_axis("pitch"), motors, log.source)
+    return assessment, rows_of_assessment(assessment.with_axis("pitch"), log.source)
 
 
 def _judgement(assessment: Assessment) -> dict[str, str]:
@@ -107,8 +103,7 @@ def _judgement(assessment: Assessment) -> dict[str, str]:
 
 def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
     """What the index has of a log."""
-    assert assessment.analysis is not None and assessment.evidence is not None
-    identity = assessment.analysis.identity
+    assert assessment.evidence is not None
     signals = assessment.evidence.signals
     parameters = signals.telemetry.parameters
     gains = {name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)}
@@ -116,7 +111,6 @@ def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
     modes = dict.fromkeys(event.subject for event in changes)
     return {
         **columns_of(rows),
-        "date": "" if identity.date is None else identity.date.isoformat(timespec="seconds"),
         **_judgement(assessment),
         "modes": ",".join(modes),
         "gains": json.dumps(gains),

@@ -30,7 +30,7 @@ ALL = condition_of("")
 def received(library, said="One.", name="a.ulg", **columns):
     part = library.new_part()
     part.write_bytes(log(said))
-    return library.receive(part, said.encode().hex(), name, **columns)[0]
+    return library.receive(part, said.encode().hex(), name, **columns)
 
 
 def killed(library):
