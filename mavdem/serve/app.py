@@ -188,10 +188,6 @@ class Server:
         page = refusal_page(fact, asks, **self._known(request))
         return HTMLResponse(page, status, headers)
 
-    def _need(self, right: bool, name: Use) -> None:
-        if not right:
-            raise Refusal(Fact(Request.NO_RIGHT, name=name))
-
     def _seen(self, request: HttpRequest) -> Entry:
         """The flight of a link, for one who may see it."""
         entry = self.library.entry(request.path_params["id"])
@@ -202,7 +198,7 @@ class Server:
 
     def _known(self, request: HttpRequest) -> dict[str, Any]:
         """What every page knows: who reads it, and where the server is."""
-        may_read = self.rights.may_read(request)
+        may_read = self.rights.may(request, Use.READ)
         address = str(request.base_url).rstrip("/")
         key = self.rights.key(Use.UPLOAD)
         return {
@@ -222,7 +218,7 @@ class Server:
         query = request.query_params.get("q", "")[:500]
         offset = _whole_number(request, "offset", 0)
         where, values = condition_of(query)
-        if not self.rights.may_read(request):
+        if not self.rights.may(request, Use.READ):
             where = f"sharing = '{Sharing.PUBLIC}' and {where}"
         entries, total = self.library.find(where, values, min(limit, most), offset)
         return entries, total, query, offset
@@ -272,7 +268,8 @@ class Server:
         entry = self._seen(request)
         name = request.path_params["name"]
         if name == "log":
-            self._need(bool(entry.log_shared) or self.rights.may_read(request), Use.DOWNLOAD)
+            if not entry.log_shared and not self.rights.may(request, Use.READ):
+                raise Refusal(Fact(Request.NO_RIGHT, name=Use.DOWNLOAD))
             path = self.library.path_of(entry)
             name = entry.name
         elif entry.digest and name in entry.file_names:
@@ -284,13 +281,13 @@ class Server:
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
     def _live_page(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_read(request), Use.READ)
+        self.rights.need(request, Use.READ)
         if self._live is None:
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
         return HTMLResponse(self._live.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
 
     def _vehicle_page(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_read(request), Use.READ)
+        self.rights.need(request, Use.READ)
         name = request.query_params.get("name", "")
         entries, _ = self.library.find("vehicle = ?", [name], MOST_LISTED)
         if not entries:
@@ -311,7 +308,7 @@ class Server:
         return HTMLResponse(page)
 
     def _compare_page(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_read(request), Use.READ)
+        self.rights.need(request, Use.READ)
         a, b = (self.library.entry(request.query_params.get(name, "")) for name in "ab")
         first, second = (self._flown(name, entry) for name, entry in (("A", a), ("B", b)))
         parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
@@ -363,7 +360,7 @@ class Server:
         return JSONResponse(added.as_dict(), 201 if added.flights else 415)
 
     async def _receive(self, request: HttpRequest) -> Added:
-        self._need(self.rights.may_upload(request), Use.UPLOAD)
+        self.rights.need(request, Use.UPLOAD)
         where, values = condition_of(f"stage:{Stage.WAITING}")
         _, waiting = await run_in_threadpool(self.library.find, where, values, 0)
         limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS), Crowd.LOGS: (waiting, MOST_WAITING)}
@@ -414,7 +411,7 @@ class Server:
         return Added.model_validate({"flights": flights, "refused": errors})
 
     def _add_sample(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_write(request), Use.UPLOAD)
+        self.rights.need(request, Use.WRITE)
         if self._sample is None:
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
         entry = self.library.copied(self._sample)
@@ -440,7 +437,7 @@ class Server:
         return review
 
     async def _change(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_write(request), Use.WRITE)
+        self.rights.need(request, Use.WRITE)
         told = _checked(Change, await _body(request)).model_dump(mode="json", exclude_unset=True)
         if "tags" in told:
             told["tags"] = ",".join(told["tags"])
@@ -448,12 +445,12 @@ class Server:
         return _answer(Flight.model_validate(entry))
 
     def _delete(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_write(request), Use.WRITE)
+        self.rights.need(request, Use.WRITE)
         self.library.delete(request.path_params["id"])
         return Response(status_code=204)
 
     def _viewer(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_write(request), Use.WRITE)
+        self.rights.need(request, Use.WRITE)
         entry = self._seen(request)
         if self._show is None or RECORDING not in entry.file_names:
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
@@ -461,7 +458,7 @@ class Server:
         return _answer(Viewer(address=address))
 
     async def _baseline(self, request: HttpRequest) -> Response:
-        self._need(self.rights.may_write(request), Use.WRITE)
+        self.rights.need(request, Use.WRITE)
         chosen = _checked(Baseline, await _body(request))
         await run_in_threadpool(self.library.set_baseline, chosen.flights)
         return _answer(chosen)
@@ -472,7 +469,7 @@ class Server:
     async def _progress(self, request: HttpRequest) -> Response:
         id = request.query_params.get("id")
         if id is None:
-            self._need(self.rights.may_read(request), Use.READ)
+            self.rights.need(request, Use.READ)
             condition = Condition(WORKING)
         else:
             request.path_params["id"] = id

@@ -44,24 +44,22 @@ class Rights:
             return ""
         return hmac.new(self.token.encode(), use.encode(), hashlib.sha256).hexdigest()[:32]
 
-    def may_read(self, request: HTTPConnection) -> bool:
-        """Returns whether the one who asks may read all flights."""
-        return self._holds(_bearer(request), Use.WRITE) or self._holds(
-            request.cookies.get(COOKIE, ""), Use.READ
-        )
+    def may(self, request: HTTPConnection, use: Use) -> bool:
+        """Returns whether the one who asks has the right to this ``use`` of all flights."""
+        if self._holds(_bearer(request), Use.WRITE):
+            return True
+        # A cookie reads and no more, and so does the key in the address upload.
+        weak = {Use.READ: request.cookies.get(COOKIE), Use.UPLOAD: request.path_params.get("key")}
+        return self._holds(weak.get(use) or "", use)
+
+    def need(self, request: HTTPConnection, use: Use) -> None:
+        """Raises ``Refusal`` where the one who asks has no right to this ``use``."""
+        if not self.may(request, use):
+            raise Refusal(Fact(Request.NO_RIGHT, name=use))
 
     def may_see(self, request: HTTPConnection, entry: Entry) -> bool:
         """Returns whether the one who asks, and has its link, may see a flight."""
-        return entry.sharing != Sharing.PRIVATE or self.may_read(request)
-
-    def may_write(self, request: HTTPConnection) -> bool:
-        """Returns whether the one who asks may change flights: no cookie is enough."""
-        return self._holds(_bearer(request), Use.WRITE)
-
-    def may_upload(self, request: HTTPConnection) -> bool:
-        """Returns whether the one who asks may upload, by the key in the address too."""
-        key = request.path_params.get("key", "")
-        return self.may_write(request) or self._holds(key, Use.UPLOAD)
+        return entry.sharing != Sharing.PRIVATE or self.may(request, Use.READ)
 
     def is_token(self, token: str) -> bool:
         """Returns whether this is the token."""
