@@ -157,12 +157,10 @@ class Store:
             with atomic_write(self.folder / PAGES / name) as file:
                 file.write(html.encode(errors="replace"))  # the name of a file need not be Unicode
         path = as_text(source.path)
-        log = outcome.key or f"path:{as_text(source.path)}"
-        size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
+        log = outcome.key or f"path:{path}"
         with self._transaction():
-            (tracked,) = self._db.execute(
-                "select max(tracked) from logs where path = ?", [path]
-            ).fetchone()
+            query = "select max(tracked) from logs where path = ?"
+            (tracked,) = self._db.execute(query, [path]).fetchone()
             if outcome.ended == "known":
                 names = self._db.execute("select path from logs where log = ?", [log]).fetchall()
                 self._db.execute(
@@ -172,23 +170,17 @@ class Store:
                 )
                 gone = [name for name in names if not (is_url(name[0]) or os.path.lexists(name[0]))]
                 self._db.executemany("delete from logs where path = ?", gone)
-            else:
-                spent = (
-                    round(outcome.seconds, 3),
-                    round(outcome.megabytes, 1),
-                    *limits,
-                    metadata.version("mavdem"),
-                )
-                entry = path, source.version, size, outcome.key, log, outcome.ended, *spent, tracked
-                self._db.execute(
-                    f"insert or replace into logs values ({', '.join('?' * len(entry))})", entry
-                )
-                self._delete_rows("log = ?", [log])
-                rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
-                self._db.executemany(
-                    "insert into flights (log, vehicle, row) values (?, ?, ?)", rows
-                )
-                self._judge_anew(vehicle for _, vehicle, _ in rows)
+                return
+            size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
+            spent = round(outcome.seconds, 3), round(outcome.megabytes, 1)
+            read = outcome.key, log, outcome.ended, *spent, *limits, metadata.version("mavdem")
+            entry = path, source.version, size, *read, tracked
+            places = ", ".join("?" * len(entry))
+            self._db.execute(f"insert or replace into logs values ({places})", entry)
+            self._delete_rows("log = ?", [log])
+            rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
+            self._db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
+            self._judge_anew(row.vehicle for row in outcome.rows)
 
     def remove(self, source: Source) -> None:
         """Removes what is known of a log by this name, and its rows where it has no other."""
@@ -230,7 +222,8 @@ class Store:
             self._name_rows()
             query = "select distinct vehicle from flights where file is not null and judged is not ? order by vehicle"
             for (vehicle,) in self._db.execute(query, [baseline]).fetchall():
-                query = "select rowid, row, file from flights where vehicle = ? and file is not null order by file, log, rowid"
+                query = """select rowid, row, file from flights where vehicle = ? and file is not null
+                    order by file, log, rowid"""
                 numbers, *columns = zip(*self._db.execute(query, [vehicle]), strict=True)
                 rows = [*map(_row, *columns)]
                 own = [row for row in healthy if row.vehicle == vehicle]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.metadata import version
 from typing import Any, NamedTuple
@@ -79,23 +80,22 @@ def openapi() -> dict[str, Any]:
 
 
 def _described(operation: Operation) -> dict[str, Any]:
+    kind = "text/event-stream" if operation.name == "progress" else "application/json"
+    answer = {kind: _schema(operation.answer)} if operation.answer else {}
+    places = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
+    places |= dict.fromkeys(QUERIES.get(operation.name, ()), "query")
     summary = words()["interface"][operation.name]
-    answer: dict[str, Any] = {"description": summary}
-    if operation.answer:
-        kind = "text/event-stream" if operation.name == "progress" else "application/json"
-        answer["content"] = {kind: _schema(operation.answer)}
-    failure = {"description": "Error", "content": {"application/json": _schema("Error")}}
-    names = [part[1:-1] for part in operation.path.split("/") if part.startswith("{")]
-    places = [*((name, "path") for name in names)]
-    places += [(name, "query") for name in QUERIES.get(operation.name, ())]
     described: dict[str, Any] = {
         "operationId": operation.name,
         "summary": summary,
         "parameters": [
             {"name": name, "in": place, "required": place == "path", "schema": {"type": "string"}}
-            for name, place in places
+            for name, place in places.items()
         ],
-        "responses": {operation.status: answer, "default": failure},
+        "responses": {
+            operation.status: {"description": summary, "content": answer},
+            "default": {"description": "Error", "content": {"application/json": _schema("Error")}},
+        },
     }
     if operation.body:
         json = {"application/json": _schema(operation.body)}
