@@ -28,12 +28,12 @@ from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.facts.identifiability import Status
 from mavdem.fleet.row import (
     OK,
+    SHARED,
     UNKNOWN,
     Flight,
     FlightRow,
     Numbers,
     flights_of,
-    is_shared,
     vehicles_of,
 )
 from mavdem.health.balance import SCATTER
@@ -169,18 +169,14 @@ def vehicle_difference(
         pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
         if quantity.kind in kinds and all(pair):
             judged.append(_compared(quantity, pair, _allowance(quantity.kind, conditions)))
-    order = [*BETWEEN]
-    changes = sorted(
-        _tested(judged), key=lambda change: (order.index(change.quantity.kind), change.quantity)
-    )
-    flights = [*sides[0], *sides[1]]
+    rows = [flight[0] for side in sides for flight in side]
     first, second = (tuple(sorted({flight[0].vehicle for flight in side})) for side in sides)
     return VehicleDifference(
         (first, second),
-        tuple(sorted({flight[0].vehicle for flight in flights if is_shared([flight])})),
-        next((tuple(row.motors) for flight in flights for row in flight if row.motors), ()),
+        tuple(sorted({row.vehicle for row in rows if row.vehicle_basis == SHARED})),
+        next((row.motors for row in rows if row.motors), ()),
         (len(sides[0]), len(sides[1])),
-        tuple(changes),
+        tuple(_tested(judged)),
         tuple(_incomparable(sides, estimates, unlike)),
         conditions,
     )
@@ -302,7 +298,7 @@ def _compared(
 
 
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
-    """The outcome of each, by Holm's procedure over all."""
+    """Each with its outcome, in order, by Holm's procedure over all."""
     tested: list[QuantityChange] = []
     outcome = Outcome.CHANGED
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
@@ -310,7 +306,8 @@ def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
             within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
             outcome = Outcome.SAME if within else Outcome.UNCERTAIN
         tested.append(change._replace(outcome=outcome))
-    return tested
+    order = [*BETWEEN]
+    return sorted(tested, key=lambda one: (order.index(one.quantity.kind), one.quantity))
 
 
 def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
