@@ -68,11 +68,9 @@ class Incomparable(Code):
     """Why something cannot be compared; the subject is A or B."""
 
     NO_FLIGHT = auto()
-    OTHER_MOTORS = auto()
-    OTHER_FRAMES = auto()
+    OTHER_VEHICLES = auto()
     OTHER_UNITS = auto()
     OTHER_INPUTS = auto()
-    OTHER_INPUT_UNITS = auto()
     NOT_IN_BOTH = auto()
     NOT_REPORTED = auto()
     NOT_ESTIMATED = auto()

@@ -163,7 +163,9 @@ def vehicle_difference(
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
     unlike = _unlike(sides)
-    kinds = [*BETWEEN] if not unlike else [SHARE] if _is_of_models(unlike) else []
+    kinds = [*BETWEEN] if unlike is None else [SHARE]
+    if unlike is not None and unlike.code is not Incomparable.OTHER_INPUTS:
+        kinds = []
     judged = list[QuantityChange]()
     for quantity in {quantity for flight in estimates[0] for quantity in flight}:
         pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
@@ -346,22 +348,20 @@ def _unlike(sides: Sequence[Flights]) -> Fact | None:
         if not flights:
             return Fact(Incomparable.NO_FLIGHT, subject=side)
     rows = [[row for flight in flights for row in flight] for flights in sides]
-    columns: dict[Code, Callable[[FlightRow], object]] = {
-        Incomparable.OTHER_MOTORS: lambda row: len(row.motors) if row.motors else None,
-        Incomparable.OTHER_FRAMES: lambda row: row.frame or None,
+    columns: dict[Code, Callable[[FlightRow], str | None]] = {
+        Incomparable.OTHER_VEHICLES: lambda row: (
+            f"{len(row.motors)} motors" if row.motors else None
+        ),
         Incomparable.OTHER_UNITS: lambda row: row.trim_unit,
-        Incomparable.OTHER_INPUTS: lambda row: row.inputs if row.effect else None,
-        Incomparable.OTHER_INPUT_UNITS: lambda row: row.input_unit if row.effect else None,
+        Incomparable.OTHER_INPUTS: lambda row: (
+            f"{row.inputs} {row.input_unit}" if row.effect else None
+        ),
     }
     for code, column in columns.items():
-        before, after = ({column(row) for row in side} - {None} for side in rows)
+        before, after = ({*filter(None, map(column, side))} for side in rows)
         if before and after and not before & after:
             return Fact(code, before=_sorted(before), after=_sorted(after))
     return None
-
-
-def _is_of_models(unlike: Fact) -> bool:
-    return unlike.code in (Incomparable.OTHER_INPUTS, Incomparable.OTHER_INPUT_UNITS)
 
 
 def _incomparable(
@@ -374,7 +374,7 @@ def _incomparable(
     if unlike is None:
         of_axes = [Quantity(kind, axis=axis) for kind in (DAMPING, LAG) for axis in TILT_AXES]
         wanted += [Quantity(EFFECT), *of_axes]
-    elif _is_of_models(unlike):
+    elif unlike.code is Incomparable.OTHER_INPUTS:
         yield Missing(Fact(Compared.OF_MODELS), unlike)
     else:
         yield Missing(Fact(Compared.EVERYTHING), unlike)

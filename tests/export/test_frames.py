@@ -15,6 +15,7 @@ import mavdem
 from mavdem.evaluate import held_out_test
 from mavdem.export.conversion import columns, write_channels
 from mavdem.flight import Flight
+from mavdem.report.series import series_of
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
@@ -65,9 +66,7 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
 
 
 @pytest.mark.filterwarnings("ignore:Of this plant")
-def test_the_physical_plant_responds_as_the_vehicle_is_simulated_and_is_refused_where_unknown(
-    learned, monkeypatch
-):
+def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
     plant = learned.to_control()
     trim = learned.record.inputs.mean(axis=0)
     assert plant.name == "mavdem physical model" and plant.delay == learned.physical.delay
@@ -77,12 +76,6 @@ def test_the_physical_plant_responds_as_the_vehicle_is_simulated_and_is_refused_
     response = control.forced_response(plant, time, steered.T)
     assert_allclose(response.outputs[:, 1:].T, expected, atol=2e-3 * np.abs(expected[:, 1]).max())
     assert len({abs(one(2j * np.pi))[1, 0] for one in plant.draws}) == len(plant.draws)
-    status = dict.fromkeys(learned.physical.status, "not identifiable")
-    monkeypatch.setattr(mavdem.Learned, "physical", learned.physical._replace(status=status))
-    with pytest.raises(
-        ValueError, match=r"There is no physical plant. The motors' effect is not identifiable"
-    ):
-        learned.to_control()
 
 
 def test_hidden_states_and_arrays_without_names_are_numbered():
@@ -135,24 +128,12 @@ def test_what_was_learned_stands_beside_it(tmp_path, result):
     series = read(tmp_path / "flight.mcap")
     assert list(series["flight/outputs"][1]) == ["roll", "roll_rate"]
     assert list(series["flight/inputs"][1]) == ["motor_1", "motor_2", "motor_3", "motor_4"]
-    places, noise = learned.process_noise()
-    expected = {
-        "flight/outputs": (train.time, train.outputs),
-        "flight/inputs": (train.time, train.inputs),
-        "learned/one_step": (train.time, learned.one_step()),
-        "held_out/measured": (test.time, test.outputs),
-        "held_out/forecast": (test.time, held_out.forecasts["forecast"][0]),
-        "held_out/band": (test.time, held_out.band[0]),
-        "learned/process_noise": (train.time[places], noise),
-        "learned/free_energy": (train.time[places], learned.free_energy_of_samples[:, None]),
-        "learned/wind_torque": (
-            train.time,
-            np.stack([learned.wind.torque, learned.wind.band], axis=1),
-        ),
-    }
-    for topic, (time, values) in expected.items():
+    for topic, (time, _, values) in series_of([train], learned, held_out).items():
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
         assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
+    assert_array_equal(series["held_out/measured"][0], test.time)
+    wind = learned.wind_torque
+    assert_array_equal(series["learned/wind_torque"][1]["torque"], wind.torque)
     with pytest.raises(ValueError, match="300 samples"):
         write_channels(tmp_path / "other.mcap", [train[:299]], learned)
     assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]

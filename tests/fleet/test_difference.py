@@ -23,7 +23,6 @@ from mavdem.fleet.difference import (
     vehicle_difference,
 )
 from mavdem.fleet.row import FlightRow
-from mavdem.report.difference import difference_blocks
 
 Z90 = 1.645
 SHARES = np.array([1.0, 0.98, 1.03, 0.99])
@@ -106,7 +105,7 @@ def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others()
     assert kinds == {MEAN_EFFECT}
 
 
-def test_several_flights_narrow_the_interval_and_flights_that_differ_widen_it():
+def test_several_flights_narrow_the_interval():
     def width(before, after):
         found = vehicle_difference(before, after)
         return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
@@ -114,14 +113,6 @@ def test_several_flights_narrow_the_interval_and_flights_that_differ_widen_it():
     one = width(state([0]), state([1], 1))
     many = width(state(range(8)), state(range(8, 16), 1))
     assert many < one / 1.5
-    spread = [
-        replace(
-            row,
-            trim_share=tuple(np.array(row.trim_share) + (i // 2 % 2) * np.array([0.2, 0, 0, 0])),
-        )
-        for i, row in enumerate(state(range(8)))
-    ]
-    assert width(spread, state(range(8, 16), 1)) > 2 * many
 
 
 @pytest.mark.parametrize(
@@ -154,16 +145,13 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
     [
         ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, EFFECT, Incomparable.NOT_REPORTED),
         ({"tier": "c", **NO_MODEL}, {SHARE}, EFFECT, Incomparable.NOT_ESTIMATED),
-        ({"axis": "yaw"}, {SHARE, EFFECT}, DAMPING, Incomparable.NOT_ESTIMATED),
         ({"trim_share": None}, {*BETWEEN} - {SHARE}, SHARE, Incomparable.NOT_ESTIMATED),
         (BY_DEMAND, {SHARE}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
-        ({"input_unit": "%"}, {SHARE}, Compared.OF_MODELS, Incomparable.OTHER_INPUT_UNITS),
-        ({"frame": "HEXAROTOR"}, set(), Compared.EVERYTHING, Incomparable.OTHER_FRAMES),
         (
             {"motors": tuple("123456"), "trim_share": None, "effect": None},
             set(),
             Compared.EVERYTHING,
-            Incomparable.OTHER_MOTORS,
+            Incomparable.OTHER_VEHICLES,
         ),
         ({"trim_unit": "%"}, set(), Compared.EVERYTHING, Incomparable.OTHER_UNITS),
         ({"status": "It is empty."}, set(), Compared.EVERYTHING, Incomparable.NO_FLIGHT),
@@ -214,8 +202,3 @@ def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
     after = {"ANGLE_MAX": 4500.0, "ATC_RAT_RLL_P": 0.2, "STAT_BOOTCNT": 2.0, "INS_GYROFFS_X": 0.2}
     changes = changed_parameters(before, after | {"ANGLE_NEW": 1.0})
     assert changes == [("ATC_RAT_RLL_P", 0.135, 0.2), ("ANGLE_MAX", 3000.0, 4500.0)]
-    one, other = (
-        [flight_row(name, 0, axis) for axis in ("roll", "pitch")] for name in ("alpha", "beta")
-    )
-    said = [block.text for block in difference_blocks(vehicle_difference(one, other), changes)]
-    assert "alpha and beta" in said[0] and said[1].startswith("ATC_RAT_RLL_P 0.135 → 0.2, ANGLE")

@@ -20,7 +20,6 @@ from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.health.in_flight import MotorAlarm
 
 DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()})
 SLOW = LOGS / "ardupilot_default_rates.tlog"
@@ -97,18 +96,6 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
     }
 
 
-def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
-    alarm = MotorAlarm(20.0, 15.0, 2, "motor 2", 0.14, 0.99, loss=(0.1, 0.2))
-    load = alarm._replace(motor=None, name="")
-
-    def alarmed(*arguments, **known):
-        return replace(analyse(*arguments, **known), alarms=(load, alarm))
-
-    monkeypatch.setattr("mavdem.assessment.assess.analyse", alarmed)
-    for row in rows_of_log(SLOW)[0]:
-        assert alarm.fact.subject in row.warnings[0].lower() and str(load.fact) not in row.warnings
-
-
 @pytest.mark.parametrize(
     ("read", "text", "code"),
     [
@@ -125,19 +112,10 @@ def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, c
     assert refused.value.fact.code is code
 
 
-@pytest.mark.parametrize(
-    ("axis", "physical", "code"),
-    [
-        ("pitch", None, Prior.MODEL_OF_OTHER_AXIS),
-        ("roll", None, Prior.MODEL_WITHOUT_EFFECT),
-        ("roll", SimpleNamespace(identifiable=False), Prior.MODEL_WITHOUT_EFFECT),
-    ],
-)
-def test_a_model_that_is_no_prior_is_refused(tmp_path, monkeypatch, axis, physical, code):
-    record = SimpleNamespace(output_names=(axis, f"{axis} rate"))
-    learned = SimpleNamespace(record=record, physical=physical)
+def test_a_model_of_another_axis_is_no_prior(tmp_path, monkeypatch):
+    learned = SimpleNamespace(record=SimpleNamespace(output_names=("pitch", "pitch rate")))
     monkeypatch.setattr(priors.Learned, "from_json", lambda _: learned)
     (tmp_path / "model.json").write_text("")
     with pytest.raises(Unreadable) as refused:
         earlier_flight(tmp_path, "roll")
-    assert refused.value.fact.code is code
+    assert refused.value.fact.code is Prior.MODEL_OF_OTHER_AXIS

@@ -21,7 +21,7 @@ import pytest
 from distributed import LocalCluster
 from recorded_flights import LOGS
 from refusals import prose
-from standin_logs import LIMITS, READ, InThisProcess, make_logs, table_of, track
+from standin_logs import LIMITS, READ, make_logs, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
@@ -31,7 +31,7 @@ from mavdem.fleet import cluster
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
-from mavdem.fleet.store import STORE, Store, read_rows
+from mavdem.fleet.store import STORE, read_rows
 from mavdem.fleet.workers import Job, WorkerPool, outcome_of
 
 
@@ -158,22 +158,6 @@ def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, 
     assert track(out, tmp_path / "logs").read == 6 - kept == 2
     track(tmp_path / "whole", tmp_path / "logs")
     assert table_of(out) == table_of(tmp_path / "whole")
-
-
-def test_a_run_that_cannot_write_ends_its_reader(tmp_path, monkeypatch):
-    closed = list[bool]()
-
-    class Endless(InThisProcess):
-        def outcomes(self, jobs):
-            try:
-                yield from super().outcomes(jobs)
-            finally:
-                closed.append(True)
-
-    monkeypatch.setattr(Store, "add", Mock(side_effect=OSError(28, "No space left on device")))
-    with pytest.raises(Unreadable) as refused:
-        track(tmp_path / "fleet", *make_logs(tmp_path, 2), reader=Endless())
-    assert refused.value.fact.code is Folder.FLEET_NOT_WRITTEN and closed
 
 
 @pytest.fixture(scope="module")

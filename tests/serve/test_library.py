@@ -8,7 +8,6 @@ import pytest
 from serving import LIMITS, AtOnce, log, read_made_up, serving
 from standin_logs import fleet_of
 
-from mavdem.cli.commands import main
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
@@ -181,11 +180,6 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
         serve(given, print, print, is_shown=False)
     assert refused.value.fact.code is Start.ADDRESS_NOT_FREE
     assert not (tmp_path / "two").exists()
-
-
-def test_the_command_refuses_what_is_not_safe(tmp_path, capsys):
-    assert main(["serve", str(tmp_path / "data"), "--host", "0.0.0.0", "--no-browser"]) == 2
-    assert "--token" in capsys.readouterr().err and not (tmp_path / "data").exists()
 
 
 def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
