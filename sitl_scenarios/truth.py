@@ -110,8 +110,8 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """Arrays by name: every column of ``Motion``, ``scenario`` as JSON text, and what docs/scenarios.md explains.
 
     ``roll_A`` (2, 2) and ``roll_B`` (2, 4) are of angle (rad) and rate (rad/s) without lag, by µs from ``trim`` (4,);
-    ``lag`` of the rotors: mean, rising, falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per
-    µs; likewise ``pitch_…``, ``yaw_…``.
+    ``roll_lag_A``, ``roll_lag_B`` with the rotors' angular acceleration, rad/s², as third state; ``lag`` mean, rising,
+    falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per µs; likewise ``pitch_…``, ``yaw_…``.
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
@@ -128,6 +128,10 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     for number, name in enumerate(AXES):
         instant = axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
+        if tau := sum(body.lag) / 2:
+            last = np.eye(len(instant.A))[:, -1:]
+            arrays[f"{name}_lag_A"] = np.block([[instant.A, last], [0 * last.T, -1 / tau]])
+            arrays[f"{name}_lag_B"] = np.vstack([0 * instant.B, instant.B[-1] / tau])
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
         acting = (
             motion.moment[:, number] / body.inertia[number]
