@@ -292,7 +292,19 @@ class LossyLink:
             arriving = joined([self._held, arriving])
             waits = np.concatenate([[True], waits])
             self._held = None
-        return self._swapped(arriving, np.flatnonzero(waits).tolist())
+        order = []
+        behind: int | None = None  # the row that waits for the next
+        for row, is_late in enumerate(waits.tolist()):
+            if is_late and behind is None:
+                behind = row
+                continue
+            order.append(row)
+            if behind is not None:
+                order.append(behind)
+                behind = None
+        if behind is not None:
+            self._held = arriving.taken(np.array([behind]), arriving.time[-1:])
+        return arriving.taken(np.array(order, np.intp), arriving.time[: len(order)])
 
     def out(self, time: NDArray[np.float64] | float) -> NDArray[np.bool_]:
         """Whether the link is lost at a time, s of the motion."""
@@ -308,20 +320,6 @@ class LossyLink:
         held = self._held
         self._held = None
         return [] if held is None else [held]
-
-    def _swapped(self, batch: Batch, waits: list[int]) -> Batch:
-        """The batch with each frame that waits behind the next; the last, if it waits, is held."""
-        if not waits:
-            return batch
-        order = np.arange(len(batch))
-        for row in waits:
-            if order[row] == row < len(batch) - 1:  # else it has itself just overtaken another
-                order[row] = row + 1
-                order[row + 1] = row
-        if waits[-1] == order[-1] == len(batch) - 1:
-            self._held = batch.taken(order[-1:], batch.time[-1:])
-            order = order[:-1]
-        return batch.taken(order, batch.time[: len(order)])
 
 
 BLOCK = 1 << 14  # Cycles whose frames are made together

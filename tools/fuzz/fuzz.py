@@ -5,8 +5,9 @@ Usage: tools/fuzz/fuzz.py bin|mcap|tlog|ulg [CORPUS] [OPTIONS]
 
 Coverage-guided, by atheris (``pip install atheris``, Linux and macOS). OPTIONS are libFuzzer's: ``-max_total_time=480``
 stops after eight minutes, ``-artifact_prefix=FOLDER/`` names the folder for failing inputs. Useful inputs gather in
-the folder CORPUS, which begins with small logs as the tests make them. An input that fails is run again by naming its
-file, and becomes a test of ``tests/ingest``. ``--seeds`` checks the first inputs once, without atheris.
+the folder CORPUS. It begins with small logs: of tlog with pieces of those of ``logs``, of the others with what
+``pytest --basetemp FOLDER tests/ingest`` leaves. An input that fails is run again by naming its file, and becomes a
+test of ``tests/ingest``.
 
 An input is a file of the format; of a telemetry log every frame gets a correct checksum first, or hardly any change
 would pass it. Any bytes are read, or refused with ``Unreadable`` in one sentence, within the time and the memory that
@@ -21,30 +22,16 @@ from __future__ import annotations
 
 import contextlib
 import io
-import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+import atheris
 import click
 import numpy as np
 
-ROOT = Path(__file__).parents[2]
-sys.path += [str(ROOT / "tests"), str(ROOT / "tests/ingest")]
-SEEDS = "--seeds" in sys.argv
-if SEEDS:
-    tracing: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
-else:
-    import atheris
-
-    tracing = atheris.instrument_imports(include=["mavdem", "pyulog"])
-with tracing:
-    import dataflash_logs
-    import mcap_files
-    import ros2_files
-    import ulog_files
-    from mcap.writer import CompressionType
+with atheris.instrument_imports(include=["mavdem", "pyulog"]):
     from pymavlink.dialects.v20 import all as dialect
     from pymavlink.generator.mavcrc import x25crc
 
@@ -52,32 +39,14 @@ with tracing:
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.ingest import read_log
 
-TIMES = 20 + 0.022 * np.arange(250)
+LOGS = Path(__file__).parents[2] / "logs"
 MEMORY = Path("/dev/shm")
 
 
-def first_inputs(kind: str) -> Iterator[bytes]:
-    """Small files of a format: made-up flights, with and without their definitions, and pieces of telemetry logs."""
-    if kind == "tlog":
-        for content in (path.read_bytes() for path in sorted((ROOT / "logs").glob("*.tlog"))):
-            yield from (content[at : at + 600] for at in range(0, len(content), len(content) // 6))
-    elif kind == "bin":
-        flown = b"".join([dataflash_logs.told(), *dataflash_logs.flight(TIMES.tolist())])
-        yield from (flown, dataflash_logs.formats() + flown)
-    elif kind == "ulg":
-        flown = b"".join([ulog_files.parameter("MAV_SYS_ID", 7), *ulog_files.flight(TIMES)])
-        yield from (ulog_files.HEADER + flown, ulog_files.log(flown))
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "flight.mcap"
-            for compression in CompressionType:
-                with mcap_files.Recorder(path, compression=compression) as recorder:
-                    recorder.flight(TIMES.tolist())
-                yield path.read_bytes()
-            for write in (ros2_files.px4_flight, ros2_files.mavros_flight):
-                with ros2_files.Ros2Recorder(path, CompressionType.NONE) as ros2:
-                    write(ros2)
-                yield path.read_bytes()
+def pieces() -> Iterator[bytes]:
+    """Of telemetry logs."""
+    for content in (path.read_bytes() for path in sorted(LOGS.glob("*.tlog"))):
+        yield from (content[at : at + 600] for at in range(0, len(content), len(content) // 6))
 
 
 def with_checksums(stream: bytearray) -> bytes:
@@ -130,14 +99,10 @@ def check(kind: str, content: bytes) -> None:
 @click.argument("arguments", metavar="[CORPUS] [OPTIONS]", nargs=-1, type=click.UNPROCESSED)
 def main(kind: str, arguments: tuple[str, ...]) -> None:
     warnings.simplefilter("ignore")
-    if SEEDS:
-        for content in first_inputs(kind):
-            check(kind, content)
-        return
     folders = [Path(argument) for argument in arguments if not argument.startswith("-")]
-    if folders and not folders[0].is_file():
+    if kind == "tlog" and folders and not folders[0].is_file():
         folders[0].mkdir(parents=True, exist_ok=True)
-        for number, content in enumerate(first_inputs(kind)):
+        for number, content in enumerate(pieces()):
             (folders[0] / f"seed_{number}").write_bytes(content)
     atheris.Setup([__file__, *arguments], lambda content: check(kind, content))
     atheris.Fuzz()
