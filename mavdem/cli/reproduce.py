@@ -62,13 +62,13 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         )
     require("plot", "`mavdem reproduce`")
     from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
-    from mavdem.paper.runner import Extent, Runner
+    from mavdem.paper.runner import Runner
 
     check_folder(out)
     began = perf_counter()
     reports = []
     with pool(spare_cores()) as executor:
-        runner = Runner(Extent(), executor)
+        runner = Runner(executor)
         for claim, run in ITEMS.items():
             if claim.name in names or not names:
                 with progress(claim.title) as runner.progress:

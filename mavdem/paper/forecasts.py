@@ -49,7 +49,7 @@ def prediction(runner: Runner) -> Result:
     """Learns from the sample experiment and forecasts its test data."""
     window = runner.sample
     learned = learn(window.train, PAPER)
-    draws = runner.draws[WITH][runner.extent.sample]
+    draws = runner.draws[WITH][runner.shown]
     ahead = {
         f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO)
         for start in STARTS
@@ -155,7 +155,7 @@ def coordinates(runner: Runner) -> Result:
     drawn = [runner.draws[name].values() for name in (WITH, WITHOUT)]
     errors = {f"paper’s settings, from {start}": _pair(drawn, start) for start in STARTS}
     middle = {
-        f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], DATA)
+        f"p = {p}": median_draw(runner.draws[name][runner.shown], DATA)
         for p, name in ((2, WITH), (1, WITHOUT))
     }
     ahead = {
@@ -164,10 +164,10 @@ def coordinates(runner: Runner) -> Result:
         }
         for start in STARTS
     }
-    tried = [runner.trials[flight] for flight in runner.recorded]
-    real = [
-        paired(errors_of(trials[WITH], DATA), errors_of(trials[WITHOUT], DATA)) for trials in tried
-    ]
+    real = []
+    if runner.recorded:
+        tried = runner.trials[REAL]
+        real = [paired(errors_of(tried[WITH], DATA), errors_of(tried[WITHOUT], DATA))]
     return Result(
         checks=(
             *(coordinates_check(pair, what) for what, pair in errors.items()),
@@ -270,28 +270,22 @@ def benchmark(runner: Runner) -> Result:
         }
         for start in STARTS
     }
-    sample = {name: _trial(runner, name, runner.extent.sample, DATA).forecasts for name in SHOWN}
+    sample = {name: _trial(runner, name, runner.shown, DATA).forecasts for name in SHOWN}
     ahead = {name: forecasts[KNOWN] for name, forecasts in sample.items() if forecasts}
     outputs = runner.sample.test.outputs
     squares = {name: ((forecast - outputs) ** 2).sum(axis=1) for name, forecast in ahead.items()}
-    real = {
-        flight: {name: errors_of(runner.trials[flight][name], DATA) for name in SHOWN}
-        for flight in runner.recorded
-    }
-    medians = {
-        flight: {name: np.median(values, keepdims=True) for name, values in errors.items()}
-        for flight, errors in real.items()
-    }
+    real = {name: errors_of(runner.trials[REAL][name], DATA) for name in SHOWN if runner.recorded}
+    medians = {name: np.median(errors, keepdims=True) for name, errors in real.items()}
     return Result(
         checks=(
             *(least(experiments[start], f"from {start}") for start in STARTS),
             _most_steps(squares, runner.sample.flight),
-            *(least(errors, f"on {flight}") for flight, errors in medians.items()),
+            *([least(medians, f"on {REAL}")] if medians else []),
         ),
         numbers={
             **{f"mspe, from {start}": plain(errors) for start, errors in experiments.items()},
             "squared_errors_by_step": plain(squares),
-            **{f"mspe, windows of {flight}": plain(errors) for flight, errors in real.items()},
+            f"mspe, windows of {REAL}": plain(real),
         },
         tables=tuple(
             block

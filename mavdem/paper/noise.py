@@ -27,7 +27,7 @@ from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.window import Window
 from mavdem.paper import figures
-from mavdem.paper.runner import PAPER, REAL, Check, Result, Runner
+from mavdem.paper.runner import PAPER, Check, Result, Runner
 from mavdem.report.figures.style import Picture
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
@@ -37,7 +37,7 @@ def run(runner: Runner) -> Result:
     """Tests the process noise of the learned models."""
     named = {f"experiment {number}": window for number, window in runner.experiments.items()}
     # Every other window: those next to each other share a half.
-    apart = runner.recorded.get(REAL, ())[::2]
+    apart = runner.recorded[::2]
     noises = runner.each(noise_of_model, (*named.values(), *apart))
     learned = dict(zip(named, noises, strict=False))
     real = noises[len(named) :]

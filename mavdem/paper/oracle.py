@@ -35,7 +35,7 @@ METHODS = ("DEM p=2", "DEM p=1", "EM")
 
 def run(runner: Runner) -> Result:
     """Fits the authors' data with our DEM and EM, from several priors."""
-    if not runner.extent.recorded or not FOLDER.is_dir():
+    if not runner.uses_recorded or not FOLDER.is_dir():
         return Result(
             remarks=(
                 f"The authors’ results are not in {FOLDER}, so there is nothing to compare with.",

@@ -13,9 +13,10 @@ from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.flight import Flight
 from mavdem.paper import figures
-from mavdem.paper.runner import PAPER, TRAIN, Check, Result, Runner, hover, paper_scenario, percent
+from mavdem.paper.runner import PAPER, TRAIN, Check, Result, Runner, hover, percent
 from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed
+from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
 
 SYSTEMS = {1: ("φ̇",), 2: ("φ", "φ̇"), 3: ("ẏ", "φ", "φ̇"), 4: ("y", "ẏ", "φ", "φ̇")}
@@ -30,9 +31,9 @@ INPUTS = {"unknown": replace(PAPER, known_inputs=False, input_precision=e**2), "
 SATURATED = 0.01
 
 
-def lateral_flight(experiment: int, duration: float | None = None) -> Flight:
+def lateral_flight(experiment: int) -> Flight:
     """Returns the first 700 samples of the hover, with y, ẏ, φ and φ̇ as outputs."""
-    scenario = paper_scenario(experiment, duration)
+    scenario = load(f"paper_{experiment}")
     return hover(scenario, fly(scenario))[:TRAIN]
 
 
@@ -61,8 +62,8 @@ def saturates_at(free_energy: Array) -> int:
 
 def run(runner: Runner) -> Result:
     """Fits models of each order to each system and finds where F̄ saturates."""
-    numbers = runner.extent.experiments
-    flights = runner.each(partial(lateral_flight, duration=runner.extent.duration), numbers)
+    numbers = runner.numbers
+    flights = runner.each(lateral_flight, numbers)
     jobs = [
         (system, inputs, order, flight)
         for inputs, system, flight, order in product(INPUTS, SYSTEMS, flights, ORDERS)

@@ -37,7 +37,7 @@ from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.report.blocks import Block
 from mavdem.report.figures.style import Picture
 from sitl_scenarios.dynamics import euler
-from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.files import load
 from sitl_scenarios.gains import cycle_of
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
@@ -60,17 +60,9 @@ ARDRONE = SHARED / "ardrone_tudelft" / "expData10_29_25.mat"
 SKIPPED_HOVER_SECONDS = 3.0
 
 
-def paper_scenario(number: int, duration: float | None = None) -> Scenario:
-    """The scenario in place of experiment 1 to 5 of the paper; ``duration`` in s, instead of the scenario's."""
-    scenario = load(f"paper_{number}")
-    return scenario_of(
-        scenario.model_dump(mode="json") | {"duration": duration or scenario.duration}
-    )
-
-
-def simulated_experiment(number: int, duration: float | None = None) -> Flight:
-    """The simulated flight of :func:`paper_scenario`, as its log holds it."""
-    return logged(paper_scenario(number, duration), f"paper_{number}")
+def simulated_experiment(number: int) -> Flight:
+    """The simulated flight in place of experiment 1 to 5 of the paper, as its log holds it."""
+    return logged(load(f"paper_{number}"), f"paper_{number}")
 
 
 def logged(scenario: Scenario, name: str = "flight") -> Flight:
@@ -224,35 +216,33 @@ def median_draw(trials: list[Outcome], start: str) -> Outcome:
     return trials[int(np.argsort(errors_of(trials, start), kind="stable")[len(trials) // 2])]
 
 
-@dataclass(frozen=True)
-class Extent:
-    """How much to run."""
-
-    experiments: tuple[int, ...] = EXPERIMENTS  # numbers of the simulated flights
-    duration: float | None = None  # of each of them, s, in place of the scenarios'
-    recorded: bool = (
-        True  # whether to use the real flight, and the authors' results, if on this machine
-    )
-    priors: int = 40  # draws of the random prior η^θ
-
-    @property
-    def sample(self) -> int:
-        """The experiment in the figures of one flight."""
-        return SAMPLE if SAMPLE in self.experiments else self.experiments[0]
-
-
 class Runner:
     """Runs jobs on workers, or in this process, and keeps the results that several experiments share.
 
-    ``progress`` is called with the share of all jobs so far that are done.
+    ``experiments`` are numbers of simulated flights; ``uses_recorded`` whether to use the real flight, and the authors'
+    results, if on this machine; ``draws_of_prior`` of η^θ. ``progress`` is called with the share of all jobs so far
+    that are done.
     """
 
-    def __init__(self, extent: Extent, executor: Executor | None = None) -> None:
-        self.extent = extent
+    def __init__(
+        self,
+        executor: Executor | None = None,
+        experiments: Sequence[int] = EXPERIMENTS,
+        uses_recorded: bool = True,
+        draws_of_prior: int = 40,
+    ) -> None:
+        self.numbers = experiments
+        self.uses_recorded = uses_recorded
+        self.draws_of_prior = draws_of_prior
         self.progress: Callable[[float], None] = lambda share: None
         self._executor = executor
         self._begun = 0
         self._done = 0
+
+    @property
+    def shown(self) -> int:
+        """The experiment in the figures of one flight."""
+        return SAMPLE if SAMPLE in self.numbers else self.numbers[0]
 
     def each(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
         """Returns ``work`` of each job, done on the workers; both must pickle."""
@@ -278,9 +268,8 @@ class Runner:
     @cached_property
     def windows(self) -> dict[int, tuple[Window, ...]]:
         """All windows of each simulated flight; the first, of 850 samples, is the paper's experiment."""
-        numbers = self.extent.experiments
-        flown = self.each(partial(simulated_experiment, duration=self.extent.duration), numbers)
-        cut = zip(numbers, flown, strict=True)
+        flown = self.each(simulated_experiment, self.numbers)
+        cut = zip(self.numbers, flown, strict=True)
         return {
             number: windows(f"experiment {number}", flight, TRAIN, TEST) for number, flight in cut
         }
@@ -293,19 +282,19 @@ class Runner:
     @property
     def sample(self) -> Window:
         """The experiment in the figures of one flight."""
-        return self.experiments[self.extent.sample]
+        return self.experiments[self.shown]
 
     @cached_property
-    def recorded(self) -> dict[str, tuple[Window, ...]]:
-        """All windows of the real flight by its name; empty where there is none."""
-        if not (self.extent.recorded and ARDRONE.exists()):
-            return {}
-        return {REAL: windows(REAL, ardrone(ARDRONE), TRAIN, TEST)}
+    def recorded(self) -> tuple[Window, ...]:
+        """All windows of the real flight; none where there is none."""
+        if not (self.uses_recorded and ARDRONE.exists()):
+            return ()
+        return windows(REAL, ardrone(ARDRONE), TRAIN, TEST)
 
     @cached_property
     def trials(self) -> dict[str, dict[str, list[Outcome]]]:
         """All methods on windows of all flights: by flight and method, a trial a window."""
-        flights = {cut[0].flight: cut for cut in (*self.windows.values(), *self.recorded.values())}
+        flights = {cut[0].flight: cut for cut in (*self.windows.values(), self.recorded) if cut}
         jobs = {
             (name, one.name): [(one, window) for window in cut]
             for name, cut in flights.items()
@@ -330,7 +319,7 @@ class Runner:
 
     def priors(self, settings: Settings) -> list[Method]:
         """Returns DEM with these settings from each random prior."""
-        seeds = range(self.extent.priors)
+        seeds = range(self.draws_of_prior)
         return [
             Method(f"prior {seed}", partial(learn, settings=replace(settings, seed=seed)))
             for seed in seeds

@@ -87,7 +87,7 @@ def test_the_order_is_found():
     By what so few runs can tell (a false alarm in a thousand).
     """
     runs = [(order, random_flight(order, 2, 201)) for order in (1, 2, 3, 4)]
-    hover = lateral_flight(1, duration=30.0)[:400]
+    hover = lateral_flight(1)[:400]
     runs += [
         (order, Flight(hover.time, hover.inputs, hover.outputs[:, 4 - order :])) for order in (2, 4)
     ]

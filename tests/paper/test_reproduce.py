@@ -17,9 +17,7 @@ from mavdem.evaluate.window import Window
 from mavdem.paper import CLAIMS, forecasts, noise, oracle, order
 from mavdem.paper.forecasts import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.report import ITEMS, PAGE, ItemReport, document, write
-from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Extent, Result, Runner
-
-SMALL = Extent(experiments=(2,), duration=30, recorded=False, priors=2)
+from mavdem.paper.runner import PEERS, WITH, Check, ClaimStatus, Result, Runner
 
 HELD = Check("a rule", True, "this is so")
 FAILED = Check("a rule", False, "that is not")
@@ -130,7 +128,7 @@ def test_all_items_make_one_report(tmp_path, monkeypatch):
     # a report needs no more of them
     monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (20,))
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
-    runner = Runner(SMALL)
+    runner = Runner(experiments=(2,), uses_recorded=False, draws_of_prior=2)
     chosen = [claim for claim in ITEMS if claim.name != "demonstrations"]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
     write(tmp_path, reports, 1.0)

@@ -92,13 +92,11 @@ def judged(case: tuple[int, str], seed: int) -> list[Values]:
 @command(__doc__, seed=0, flights=5)
 def main(seed: int, flights: int, jobs: int) -> None:
     rows = rows_of(partial(judged, seed=seed), product(range(flights), NAMES), jobs)
-    table = []
-    both = pd.concat([rows, rows.assign(flights="all")])
-    for name, some in both.groupby("flights", sort=False):
-        row: Values = {"flights": name, "number": len(some)}
-        row |= {key: share(some[key]) for key in SHARES}
-        table.append(row | {key: int(some[key].sum()) for key in COUNTS})
-    show(f"Seed {seed}", table)
+    grouped = pd.concat([rows, rows.assign(flights="all")]).groupby("flights", sort=False)
+    table = grouped[[*SHARES]].agg(share)
+    table.insert(0, "number", grouped.size())
+    table[[*COUNTS]] = grouped[[*COUNTS]].sum().astype(int)
+    show(f"Seed {seed}", table.reset_index())
 
 
 if __name__ == "__main__":
