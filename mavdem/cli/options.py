@@ -67,8 +67,9 @@ class Number(click.FloatRange):
     """A range of numbers, without the one that every range accepts: NaN."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Returns the number, or refuses it as click does."""
-        number = super().convert(value, param, ctx)
+        """Returns the number, without the s of seconds, or refuses it as click does."""
+        text: Any = str(value).removesuffix("s")
+        number = super().convert(text, param, ctx)
         return number if number == number else self.fail("it must be a number.", param, ctx)
 
 
