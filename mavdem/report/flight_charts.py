@@ -58,6 +58,7 @@ def _of_response(title: str, found: LoopResponse, seen: StepResponse) -> Iterato
 
 
 COLOURS = PREDICTED, PHYSICAL
+MOST_SENSITIVE = 1.0, TARGETS["default"].ms
 
 
 def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, ...]:
@@ -65,34 +66,27 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, 
 
     ``which`` is "rate" or "attitude". Marked is where the gain is 1; the level is the largest sensitivity to have.
     """
-    gains, phases, rests = list[Line](), list[Line](), list[Line]()
+    charts = (
+        Chart("gain (dB)", FREQUENCY, Axis("gain (dB)", ends=(-40.0, 30.0)), levels=(0.0,)),
+        Chart("phase (°)", FREQUENCY, Axis("phase (°)", ends=(-300.0, -45.0)), levels=(-180.0,)),
+        Chart("sensitivity", FREQUENCY, Axis("sensitivity |S|", log=True), levels=MOST_SENSITIVE),
+    )
+    title = f"{next(iter(loops.values())).axis.capitalize()} {which}"
+    lines: tuple[list[Line], ...] = ([], [], [])
     marks = list[Mark]()
     for (name, loop), colour in zip(loops.items(), COLOURS, strict=False):
         one: OpenLoop = getattr(loop, which)
         shown = one.frequency >= LOWEST
         response = one.response[:, shown]
-        frequency = one.frequency[shown]
         turned = np.unwrap(np.angle(response), axis=1)
         turned -= 2 * np.pi * (turned[:, :1] > 0)
-        gains.append(banded(name, colour, frequency, 20 * np.log10(np.abs(response))))
-        phases.append(banded(name, colour, frequency, np.degrees(turned)))
-        rests.append(banded(name, colour, frequency, 1 / np.abs(1 + response)))
+        drawn = 20 * np.log10(np.abs(response)), np.degrees(turned), 1 / np.abs(1 + response)
+        for values, those in zip(drawn, lines, strict=True):
+            those.append(banded(name, colour, one.frequency[shown], values))
         marks.append(Mark(one.crossover, f"{one.phase_margin:.0f}°", colour))
-    title = f"{next(iter(loops.values())).axis.capitalize()} {which}"
-    gain = Axis("gain (dB)", ends=(-40.0, 30.0))
-    phase = Axis("phase (°)", ends=(-300.0, -45.0))
-    sensitivity = Axis("sensitivity |S|", log=True)
-    known = tuple(marks)
-    return (
-        Chart(f"{title}: gain (dB)", FREQUENCY, gain, tuple(gains), (0.0,), known),
-        Chart(f"{title}: phase (°)", FREQUENCY, phase, tuple(phases), (-180.0,), known),
-        Chart(
-            f"{title}: sensitivity",
-            FREQUENCY,
-            sensitivity,
-            tuple(rests),
-            (1.0, TARGETS["default"].ms),
-        ),
+    return tuple(
+        chart._replace(title=f"{title}: {chart.title}", lines=tuple(those), marks=tuple(marks))
+        for chart, those in zip(charts, lines, strict=True)
     )
 
 

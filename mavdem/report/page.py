@@ -135,16 +135,18 @@ def notebook_html(blocks: Sequence[Block]) -> str:
 
 def flight_html(flight: Flight) -> str:
     """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
+    channels = (
+        *zip(flight.input_names, flight.input_units, flight.inputs.T, strict=True),
+        *zip(flight.output_names, flight.output_units, flight.outputs.T, strict=True),
+    )
     rows = list[list[str]]()
-    for kind in ("input", "output"):
-        names, units = getattr(flight, f"{kind}_names"), getattr(flight, f"{kind}_units")
-        columns = getattr(flight, f"{kind}s").T
-        for name, unit, column in zip(names, map(readable, units), columns, strict=True):
-            shown = unit.scale * column
-            figures = shown.mean(), shown.std(), shown.min(), shown.max()
-            rows.append([named(name, unit.name), kind, *(rounded(one, 3) for one in figures)])
-    header = ["channel", "is", "mean", "sd", "lowest", "highest"]
-    return notebook_html([title([flight]), Table(header, rows)])
+    for name, unit, column in channels:
+        shown = readable(unit)
+        figures = column.mean(), column.std(), column.min(), column.max()
+        rows.append([named(name, shown.name), *(rounded(shown.scale * one, 3) for one in figures)])
+    return notebook_html(
+        [title([flight]), Table(["channel", "mean", "sd", "lowest", "highest"], rows)]
+    )
 
 
 def learned_html(learned: Learned) -> str:
