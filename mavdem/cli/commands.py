@@ -7,6 +7,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any
 
 import click
 from click.shell_completion import shell_complete
@@ -57,7 +58,18 @@ COMPLETION = "_MAVDEM_COMPLETE"
 def imported_command(name: str) -> click.Command:
     """Returns the command of this name, from the module that is named like it."""
     command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
+    for parameter in command.params:
+        parameter.callback = parameter.callback or _no_option
     return command
+
+
+def _no_option(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+    """Refuses an option as the value of another, which was then forgotten: ``--out --json``."""
+    if str(value).startswith("--"):
+        raise click.BadParameter(
+            f"{value} is an option, and no value was given.", context, parameter
+        )
+    return value
 
 
 def is_log(word: str) -> bool:

@@ -6,7 +6,7 @@ import os
 
 import click
 
-from mavdem.cli.options import no_option, refuse_link, source_options
+from mavdem.cli.options import refuse_link, source_options
 from mavdem.cli.output import print_json, printable, progress, say
 from mavdem.export.conversion import convert as convert_file
 from mavdem.report.words import section
@@ -14,7 +14,7 @@ from mavdem.report.words import section
 
 @click.command("convert")
 @source_options()
-@click.argument("out", type=click.Path(), callback=no_option)
+@click.argument("out", type=click.Path())
 def convert_command(
     source: str, out: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool
 ) -> None:

@@ -10,7 +10,7 @@ import click
 
 from mavdem.assessment import Assessment
 from mavdem.cli.commands import UNSUPPORTED
-from mavdem.cli.options import folder_named, json_option, no_option, refuse_link
+from mavdem.cli.options import file_option, json_option, refuse_link
 from mavdem.cli.output import check_folder, files_in, print_result, progress, say_aside
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -33,16 +33,9 @@ PAGE = "diff.html"
 @click.option(
     "--vehicle",
     metavar="NAME",
-    callback=no_option,
     help="Which vehicle, by its name in the fleet or, in a log with several, SYSTEM:COMPONENT.",
 )
-@click.option(
-    "--out",
-    metavar="DIR",
-    type=click.Path(),
-    callback=folder_named,
-    help="Folder for the page diff.html.  [default: named after A and B]",
-)
+@file_option("--out", "Folder for the page diff.html.  [default: named after A and B]")
 @json_option
 @click.pass_context
 def diff_command(

@@ -14,7 +14,7 @@ from typing import Any
 import click
 import numpy as np
 
-from mavdem.cli.options import Number, file_option, json_option, no_option
+from mavdem.cli.options import Number, file_option, json_option
 from mavdem.cli.output import (
     check_file,
     print_json,
@@ -54,9 +54,7 @@ from sitl_scenarios.vehicles import airframe
     "Telemetry log (.tlog) or MCAP recording (.mcap) to write; the true states go beside it, .truth.npz.",
 )
 @file_option("--rrd", "Rerun recording to write: the flight in 3D.")
-@click.option(
-    "--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT."
-)
+@click.option("--udp", metavar="HOST:PORT", help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
     "--speed",
     type=Number(0.01, 1000.0),
@@ -72,7 +70,6 @@ from sitl_scenarios.vehicles import airframe
     "changed",
     multiple=True,
     metavar="NAME=VALUE",
-    callback=no_option,
     help="A parameter to set.",
 )
 @click.option("--seed", type=int, help="Random seed, instead of the scenario's.")

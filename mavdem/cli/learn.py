@@ -17,7 +17,6 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import (
     Number,
     file_option,
-    folder_named,
     model_options,
     read_source,
     source_options,
@@ -56,12 +55,7 @@ start_option = click.option(
     (*TILT_AXES, ALL),
     "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw.",
 )
-@click.option(
-    "--out",
-    type=click.Path(),
-    callback=folder_named,
-    help="Folder for the results. [default: named after the log]",
-)
+@file_option("--out", "Folder for the results. [default: named after the log]")
 @model_options
 @window_options(
     "the whole settled flight",

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import Number, file_option, model_options, motion_options, no_option
+from mavdem.cli.options import Number, file_option, model_options, motion_options
 from mavdem.cli.output import (
     STDERR,
     asked_to_end,
@@ -135,7 +135,6 @@ class Dashboard:
 @click.option(
     "--connect",
     metavar="URL",
-    callback=no_option,
     help="Show it in the Rerun viewer at this address.",
 )
 @file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")

@@ -30,37 +30,14 @@ from mavdem.ingest import Log, read_log
 from mavdem.ingest.parameter_file import with_parameters
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-Value = TypeVar("Value")
 ORDERS = {"real": range(2, 2 + Settings().p + 1), "paper": range(1, 11)}
 """The real prior has a state for each of two outputs and at most p hidden ones; a fit's memory is of order n⁴."""
 SPOKEN = {preset: f"{orders[0]} to {orders[-1]}" for preset, orders in ORDERS.items()}
 
 
 def file_option(name: str, text: str) -> Callable[[Command], Command]:
-    """Returns an option that names a file."""
-    return click.option(name, type=click.Path(path_type=Path), callback=no_option, help=text)
-
-
-def no_option(context: click.Context, parameter: click.Parameter, value: Value) -> Value:
-    """Refuses an option as the value of another, which was then forgotten: ``--out --json``."""
-    if str(value).startswith("--"):
-        raise click.BadParameter(
-            f"{value} is an option, and no value was given.", context, parameter
-        )
-    return value
-
-
-def folder_named(
-    context: click.Context, parameter: click.Parameter, value: str | None
-) -> Path | None:
-    """Returns the folder of an option; refuses no name, which a path would take for the current folder."""
-    if value is None:
-        return None
-    if not no_option(context, parameter, value):
-        raise click.BadParameter(
-            "it names no folder; use `.` for the current one.", context, parameter
-        )
-    return Path(value)
+    """Returns an option that names a file, or a folder."""
+    return click.option(name, type=click.Path(path_type=Path), help=text)
 
 
 class Number(click.FloatRange):
@@ -81,9 +58,7 @@ def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
 jobs_option = click.option(
     "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
 )
-vehicle_option = click.option(
-    "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=no_option, help="Which, of several."
-)
+vehicle_option = click.option("--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which, of several.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."
 )

@@ -8,7 +8,7 @@ from time import perf_counter
 import click
 
 from mavdem.assessment.assess import assess
-from mavdem.cli.options import folder_named, json_option, params_option, read_source, vehicle_option
+from mavdem.cli.options import file_option, json_option, params_option, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import files_of, named_after, write_results
 from mavdem.documents.review import review_document
@@ -21,12 +21,7 @@ from mavdem.results import PAGE
 @click.argument("source", type=click.Path())
 @vehicle_option
 @params_option
-@click.option(
-    "--out",
-    type=click.Path(),
-    callback=folder_named,
-    help="Folder for the results. [default: named after the log]",
-)
+@file_option("--out", "Folder for the results. [default: named after the log]")
 @json_option
 @click.option("--verbose", is_flag=True, help="Also print what `mavdem learn` does.")
 def review_command(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.options import Number, folder_named, jobs_option, no_option
+from mavdem.cli.options import Number, jobs_option
 from mavdem.cli.output import printable, say_aside
 from mavdem.cli.track import MOST
 from mavdem.dem.parallel import spare_cores
@@ -23,8 +23,7 @@ SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 @click.argument(
     "folder",
     default="mavdem-data",
-    type=click.Path(file_okay=False),
-    callback=folder_named,
+    type=click.Path(file_okay=False, path_type=Path),
 )
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=8600, show_default=True, type=click.IntRange(0, 65535))
@@ -32,7 +31,6 @@ SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
     "--token",
     default="",
     envvar="MAVDEM_TOKEN",
-    callback=no_option,
     help="Secret that uploading and the list of flights need; better in the environment as MAVDEM_TOKEN.",
 )
 @click.option(
@@ -48,13 +46,11 @@ SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
-    callback=no_option,
     help="Read them on this Dask cluster instead, whose machines share FOLDER.",
 )
 @click.option(
     "--link",
     metavar="LINK",
-    callback=no_option,
     help="Attach to a vehicle, as `mavdem live` does: its page while it flies, and its log at the end.",
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser.")

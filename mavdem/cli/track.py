@@ -9,10 +9,8 @@ import click
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import (
     Number,
-    folder_named,
     jobs_option,
     json_option,
-    no_option,
     refuse_link,
 )
 from mavdem.cli.output import (
@@ -50,8 +48,7 @@ PAGE = "mavdem.report.flight_page:flight_page"
     "out",
     required=True,
     metavar="FLEET",
-    type=click.Path(file_okay=False),
-    callback=folder_named,
+    type=click.Path(file_okay=False, path_type=Path),
     help="Folder of the fleet; further logs are added to it.",
 )
 @click.option(
@@ -65,7 +62,6 @@ PAGE = "mavdem.report.flight_page:flight_page"
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
-    callback=no_option,
     help="Read them on this Dask cluster instead.",
 )
 @click.option(

@@ -12,7 +12,7 @@ from mavdem.analysis.figures import ALL
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import (
     assessed,
-    folder_named,
+    file_option,
     params_option,
     source_options,
     verbose_option,
@@ -50,12 +50,7 @@ REAL32 = 9  # MAV_PARAM_TYPE_REAL32
 @params_option
 @click.option("--filters", is_flag=True, help="Advise a notch filter too, and gains with it.")
 @start_option
-@click.option(
-    "--out",
-    type=click.Path(),
-    callback=folder_named,
-    help="Folder for tune.html and the parameter files.",
-)
+@file_option("--out", "Folder for tune.html and the parameter files.")
 @verbose_option
 def tune_command(
     source: str,

@@ -14,7 +14,6 @@ from mavdem.cli.options import (
     Number,
     assessed,
     json_option,
-    no_option,
     params_option,
     vehicle_option,
 )
@@ -50,7 +49,6 @@ FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)
     "--out",
     multiple=True,
     type=click.Path(path_type=Path),
-    callback=no_option,
     help="File to write, one or more, by its ending: .toml for `mavdem fly --vehicle`, .json a frame of ArduPilot's "
     "SITL, .params of PX4's SIH, .sdf motors of Gazebo.",
 )

@@ -166,15 +166,9 @@ class Chart(NamedTuple):
         """Returns what the page's script draws, with values as 16-bit integers, base64."""
         thinned = self.thinned(points)
         lines: list[dict[str, Any]] = [
-            {
-                "name": line.name,
-                "colour": line.colour,
-                "kind": line.kind,
-                "right": line.right,
-                "y": _packed(line.y, self.y.log),
-                "low": _packed(line.low, self.y.log),
-                "high": _packed(line.high, self.y.log),
-            }
+            line._asdict()
+            | {key: _packed(getattr(line, key), self.y.log) for key in ("y", "low", "high")}
+            | {"x": None}
             for line in thinned.lines
         ]
         grid = thinned.lines[0].x if lines else None
@@ -184,17 +178,13 @@ class Chart(NamedTuple):
             grid = np.array([heat.x[0], heat.x[-1]])
             pixels = b64encode(levels.astype(np.uint8).tobytes()).decode()
             lines = [{"heat": pixels, "rows": len(heat.x), "ends": (heat.y[0], heat.y[-1])}]
+        axes = {"x": self.x, "y": self.y, "beside": self.beside}
         return {
-            "title": self.title,
-            "x": self.x._asdict(),
-            "y": self.y._asdict(),
-            "beside": None if self.beside is None else self.beside._asdict(),
+            **self._asdict(),
+            **{name: axis and axis._asdict() for name, axis in axes.items()},
             "at": _packed(grid, self.x.log, even=not self.x.log),
             "lines": lines,
-            "levels": self.levels,
-            "marks": self.marks,
-            "spans": self.spans,
-            "group": self.group,
+            "heat": None,
         }
 
 

@@ -43,7 +43,6 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
         ),
         (["x.bin"], "Missing option '--out'"),
         (["x.bin", "--out", "x.bin"], "x.bin' is a file."),
-        (["x.bin", "--out", ""], "names no folder"),
         (["x.bin", "--out", "--json"], "--json is an option, and no value was given"),
         (["x.bin", "--out", "fleet", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "--jobs"),
         (["x.bin", "--out", "fleet", "--memory-limit", "3"], "--memory-limit"),
