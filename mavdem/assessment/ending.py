@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf, pi
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from mavdem.alignment.drive import Motors
 from mavdem.alignment.phases import (
     ASKED_SECONDS,
     AVERAGING_SECONDS,
+    Interval,
     airborne_collective,
     during,
     of_boot,
@@ -118,9 +118,10 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
         code = FailedFirst.MOTOR_OFF_FIRST
         return Fact(code, Level.BAD, time=off[0].time, subject=subject, names=names)
     error = attitude_error(signals, boot)
-    if signals.motors is None or error is None:
+    if error is None:
         return None
-    idle = airborne_collective(signals.telemetry.parameters)
+    at_stop: list[Fact] = []
+    fell = None
     if lost.code is MotionEvent.HIT:
         # What the ground turns over, motors fight: only what was so before says something.
         at_stop = [
@@ -129,13 +130,15 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
             if (event.time or 0.0) < onset - ASKED_SECONDS
         ]
         began = at_stop or _during(events, MotionEvent.FELL, boot, onset)
-        since = min((event.time or 0.0 for event in began), default=onset)
-        commands = _commands(signals.motors, boot, since, onset)
-        return commands and _of_commands(commands, idle, at_stop, None)
-    at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
-    commands = _commands(signals.motors, boot, onset, float(error.time[at]))
-    cause = commands and _of_commands(commands, idle, (), complex(error.lean[at]))
-    if cause and cause.code is FailedFirst.ALL_OFF_FIRST and _seemed_landed(signals, boot, onset):
+        span = (min((event.time or 0.0 for event in began), default=onset), onset)
+    else:
+        at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
+        span = (onset, float(error.time[at]))
+        fell = complex(error.lean[at])
+    cause = _by_commands(signals, boot, span, [event.subject for event in at_stop], fell)
+    if cause is None or fell is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
+        return cause
+    if _seemed_landed(signals, boot, onset):
         return Fact(FailedFirst.LANDING_ASSUMED_FIRST, Level.BAD, time=cause.time)
     return cause
 
@@ -161,39 +164,33 @@ def _during(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[
     ]
 
 
-class Commands(NamedTuple):
-    """Shares of the motors' range (N, k): the ``usual`` mean (k,), those of 2 s ``before``, and those at ``time``."""
-
-    motors: Motors
-    usual: Array
-    before: Array
-    time: Array
-    now: Array
-
-
-def _commands(motors: Motors, boot: int, since: float, until: float) -> Commands | None:
-    """The commands from ``since`` to ``until``, s, and before; None where there are none."""
-    commands = motors.shares(boot)
-    time = commands.time
-    shares = commands.values
-    usual = shares[(time > since - CAUGHT_SECONDS) & (time < since - LOST_SECONDS)]
-    before = shares[(time > since - AVERAGING_SECONDS) & (time < since)]
-    now = during(time, [(since, until)])
-    if not (len(usual) and len(before) and now.any()):
-        return None
-    return Commands(motors, usual.mean(axis=0), before, time[now], shares[now])
-
-
-def _of_commands(
-    commands: Commands, idle: float, at_stop: Sequence[Fact], fell: complex | None
+def _by_commands(
+    signals: Signals, boot: int, span: Interval, at_stop: Sequence[str], fell: complex | None
 ) -> Fact | None:
-    """What failed first, by the commands: all motors, or one; ``fell`` as of ``_weak_motor``."""
-    motors, usual, before, time, now = commands
-    change = now.mean(axis=0) - usual
-    if (change < -usual / 2).all():
+    """What failed first, by the commands in a ``span``: all motors, or one; None where they show nothing.
+
+    ``at_stop`` are the motors that were at their stop before; ``fell`` as of ``_weak_motor``.
+    """
+    motors = signals.motors
+    if motors is None:
+        return None
+    commands = motors.shares(boot)
+    since, _ = span
+    usual = commands.values[
+        (commands.time > since - CAUGHT_SECONDS) & (commands.time < since - LOST_SECONDS)
+    ]
+    before = commands.values[(commands.time > since - AVERAGING_SECONDS) & (commands.time < since)]
+    here = during(commands.time, [span])
+    if not (len(usual) and len(before) and here.any()):
+        return None
+    time = commands.time[here]
+    now = commands.values[here]
+    change = now.mean(axis=0) - usual.mean(axis=0)
+    if (change < -usual.mean(axis=0) / 2).all():
         return Fact(FailedFirst.ALL_OFF_FIRST, Level.BAD, time=time[0])
     if (now if fell is None else before).mean() > SPENT_SHARE * motors.scale.stop:
         return Fact(FailedFirst.THRUST_SPENT_FIRST, Level.BAD, time=time[0])
+    idle = airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fell)
     if weak is None:
         return _frozen(motors, now, idle)
@@ -201,8 +198,8 @@ def _of_commands(
     name = motors.layout.names[motor]
     stopped = np.flatnonzero(at_limits(now[:, motor], motors.scale)[0] | (now[:, opposite] < idle))
     swung = at_limits(before[:, opposite], motors.scale)[0] | (before[:, motor] < idle)
-    alone = fell is not None or [event.subject for event in at_stop] == [name]
-    if swung.any() or not len(stopped) or not alone:
+    is_alone = fell is not None or at_stop == [name]
+    if swung.any() or not len(stopped) or not is_alone:
         return None
     return Fact(FailedFirst.LIMIT_FIRST, Level.BAD, time=time[stopped[0]], subject=name)
 
