@@ -29,7 +29,7 @@ from mavdem.dem.learning import FEWEST_SAMPLES, checked
 from mavdem.errors import NotLearnable, fact_of
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.paired_test import SIGNIFICANCE, paired
-from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
+from mavdem.evaluate.truth import compare_with_truth, truth_of
 from mavdem.evaluate.window import Length, TooFewSamples, no_test_window, part_samples, too_short
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Caveat, NoModel
@@ -106,8 +106,6 @@ def analyse(
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
     found = _without_model(log, signals, verdict, other_axis)
-    if options.truth is not None:  # what is no truth file is refused before the work
-        read_truth(options.truth, signals.axis)
     slow = found.tier.name == "b" and signals.axis in TILT_AXES
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
