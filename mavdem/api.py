@@ -68,13 +68,6 @@ def summary(learned: Learned) -> str:
     return summary(learned)
 
 
-def score(learned: Learned, flight: Flight) -> float:
-    """Returns 1 − error ratio of a ``flight`` that the model has not seen."""
-    from mavdem.evaluate import score_of
-
-    return score_of(learned, flight)
-
-
 def to_control(learned: Learned, model: str) -> Any:
     """Returns a ``model`` as a ``control.StateSpace``."""
     require("control", "Learned.to_control()")

@@ -48,11 +48,6 @@ class LearnedDownstream:
         text: str = _upstairs.summary(self)
         return text
 
-    def score(self, flight: Any) -> float:
-        """Returns 1 − error ratio (NMSE) of a ``flight`` that it has not seen; :func:`mavdem.evaluate.score_of`."""
-        share: float = _upstairs.score(self, flight)
-        return share
-
     def to_control(self, model: str = "physical") -> Any:
         """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
 

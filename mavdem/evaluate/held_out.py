@@ -24,7 +24,7 @@ from mavdem.dem import Learned, Settings
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.learning import learn_forecasts
-from mavdem.dem.record import LABELS, folds
+from mavdem.dem.record import folds
 from mavdem.errors import fact_of
 from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.window import part_samples
@@ -195,38 +195,6 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
         ValueError: samples of other widths than the model's.
     """
     return _forecast(learned, [train], test, len(test), 0, train.outputs[-1:])
-
-
-def score_of(learned: Learned, flight: Flight) -> float:
-    """Returns 1 − error ratio (NMSE) of the forecasts by ``learned`` of a ``flight`` that it has not seen, at most 1.
-
-    They are of windows of 1.5 s, with the recorded motors; in the first 1.5 s, which are in none, the filter finds its
-    state. The baseline is the mean of these windows, which no forecast knows, and the unit of each output's error is
-    their variance: the score is scikit-learn's R², averaged over the outputs. Below 0 it is worse than that mean.
-    MATLAB's fit is 1 − √(1 − score).
-
-    Raises:
-        ValueError: another sampling step than the model's, other inputs or outputs by number, name or unit, an output
-            that is constant, or less than 3 s.
-    """
-    _, steps = part_samples(learned.dt)
-    for label in LABELS:
-        own = getattr(learned.record, label)
-        theirs = getattr(flight, label)
-        if own and theirs and tuple(own) != tuple(theirs):
-            raise ValueError(
-                f"flight must have the model's {label.replace('_', ' ')}, {own}, not {theirs}"
-            )
-    if not np.isclose(flight.dt, learned.dt, rtol=0.01):
-        raise ValueError(
-            f"flight must have the model's sampling step of {learned.dt:.6g} s, not {flight.dt:.6g} s"
-        )
-    part = flight[: len(flight) // steps * steps]
-    if len(part) < 2 * steps or not np.ptp(part.outputs[steps:], axis=0).all():
-        raise ValueError(f"flight must have {2 * steps} samples or more, and vary in every output")
-    return (
-        1 - _forecast(learned, [part[steps:]], part, steps, steps, part.outputs[:1]).error_ratio()
-    )
 
 
 def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> list[Flight]:

@@ -1,4 +1,3 @@
-from dataclasses import replace
 from itertools import chain, repeat
 from math import ceil
 from unittest.mock import DEFAULT, Mock
@@ -138,27 +137,6 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
     lost = int(np.isnan(some.band[:, 0, 0]).sum())
     inside = np.abs(held_out.measured - held_out.forecasts["forecast"]) <= held_out.band
     assert 0 < lost < len(some) and some.coverage == pytest.approx(inside[lost:].mean())
-
-
-def test_a_score_is_r2_of_the_windows_of_another_flight():
-    learned = mavdem.learn(FLIGHT[:700], QUICK)
-    steps = round(1.5 / FLIGHT.dt)
-    other = FLIGHT[700:]
-    windows = learned.forecast_every(steps, other.inputs[: 5 * steps], other.outputs[: 5 * steps])[
-        steps:
-    ]
-    measured = other.outputs[steps : 5 * steps]
-    errors = ((windows - measured) ** 2).mean(axis=0) / measured.var(axis=0)
-    assert learned.score(other) == pytest.approx(1 - errors.mean()) and learned.score(other) < 1
-    slower = mavdem.Flight(2 * other.time, other.inputs, other.outputs)
-    named = replace(other, output_names=("pitch", "pitch rate"))
-    for flight, message in (
-        (other[:290], "300 samples or more"),
-        (slower, "sampling step of 0.01 s, not 0.02 s"),
-        (named, "model's output names"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            learned.score(flight)
 
 
 def test_a_flight_without_room_for_a_window_is_refused():
