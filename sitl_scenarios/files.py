@@ -17,7 +17,6 @@ from sitl_scenarios.gains import check_parameters, cycle_of, parameters_of
 from sitl_scenarios.plan import times
 from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, shortened
 
-MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
     section: {
         kind: one
@@ -71,11 +70,9 @@ def load(name_or_path: str | Path) -> Scenario:
         label = Path(name_or_path).name
         source = _content(Path(name_or_path))
     else:
-        near = get_close_matches(given[:100], names(), n=1)
-        guess = f" (did you mean {near[0]!r}?)" if near else ""
         known = ", ".join(names())
         raise ValueError(
-            f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and .toml files"
+            f"there is no scenario {shortened(given)!r}; there are {known}, and .toml files"
         )
     try:
         # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
@@ -92,14 +89,13 @@ def _content(path: Path) -> bytes:
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
-    """The scenario in a table of plain values; raises ValueError: a sentence on all wrong keys, or the first ones."""
+    """The scenario in a table of plain values; raises ValueError: a sentence on all wrong keys."""
     try:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
         wrong = list(dict.fromkeys(shortened(_sentence(detail), 300) for detail in error.errors()))
-        more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
-        raise ValueError("; ".join([*wrong[:MAX_LISTED], *more])) from None
+        raise ValueError(shortened("; ".join(wrong), 1000)) from None
     times(scenario)
     check_parameters(scenario)
     return scenario

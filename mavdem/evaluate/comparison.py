@@ -8,7 +8,7 @@ flights it is the geometric mean of these medians, so that each flight counts on
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -36,8 +36,8 @@ from mavdem.evaluate.scores import (
     units_of,
 )
 from mavdem.evaluate.window import Window
-from mavdem.facts import Fact, Level
-from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 
@@ -138,8 +138,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
             model = method.learn(window.train)
             seconds = thread_time() - began
             scores, forecasts = _scored(method, window, model)
-            cautions = (*model.cautions, *_doubts(model, window))
-            return outcome(None, model.stable, cautions, seconds, scores, forecasts)
+            return outcome(None, model.stable, model.cautions, seconds, scores, forecasts)
         except (ValueError, ArithmeticError, RuntimeError) as error:
             failure = fact_of(error)
     return outcome(failure, None, (), thread_time() - began, _without_forecast(method, window), {})
@@ -190,13 +189,6 @@ def _scored(
             inside = np.array([held[:number].mean() for number in steps])
         scores[question] = Scores(steps, errors, inside, *units)
     return scores, forecasts
-
-
-def _doubts(model: Forecaster, window: Window) -> Iterator[Fact]:
-    if isinstance(model, ProbabilisticForecaster):
-        expected = model.forecast_variance(window.test.inputs) / window.train.outputs.var(axis=0)
-        if expected.mean() > 1:
-            yield Fact(Forecasts.WORSE_THAN_MEAN_EXPECTED, Level.WATCH)
 
 
 def compare(

@@ -19,7 +19,6 @@ class Forecasts(Code):
     EM_BROKE_DOWN = auto()
     MODEL_UNSTABLE = auto()
     STILL_IMPROVING = auto()
-    WORSE_THAN_MEAN_EXPECTED = auto()
     NO_TRUTH_FILE = auto()
     TRUTH_OF_ANOTHER_FLIGHT = auto()
 

@@ -172,8 +172,8 @@ class Parameter(NamedTuple):
         return self.value
 
 
-def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[str, Parameter]:
-    """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
+def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> list[Parameter]:
+    """An autopilot's parameters in alphabetical order; ``cycle`` of its loop in s."""
     system = scenario.stream.system
     as_x = (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
     own: dict[str, float] = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}
@@ -183,7 +183,6 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
     values: dict[str, float] = {}
     for known in (*autopilot.parameters.values(), own, parameters_of(scenario, cycle)):
         values |= known
-    return {
-        name: Parameter(name, kinds.get(name, REAL32), float(values[name]))
-        for name in sorted(values)
-    }
+    return [
+        Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)
+    ]

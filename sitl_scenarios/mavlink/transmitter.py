@@ -12,7 +12,7 @@ from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
 from mavdem.ingest.mavlink.framing import Bytes, Frames, gathered
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
-from sitl_scenarios.mavlink.messages import Parameter, Payloads, named, parameters, payload, written
+from sitl_scenarios.mavlink.messages import Payloads, named, parameters, payload, written
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
 from sitl_scenarios.scenario import Faults, Scenario
@@ -103,7 +103,7 @@ Placed = tuple[str, NDArray[np.intp], Payloads]
 class Transmitter:
     """An autopilot's sending side: what is due by its schedule, what changes, and what it was asked for.
 
-    What it sends by itself does not depend on how a flight is cut into blocks. ``parameters`` are by name; ``schedule``
+    What it sends by itself does not depend on how a flight is cut into blocks. ``schedule``
     and ``clock``, s at the end of the last block, are on the boot clock; ``system`` is the MAVLink system id.
     """
 
@@ -148,21 +148,17 @@ class Transmitter:
         """Sends a message once, with the next block; fields that are not given are zero."""
         self._asked.append((name, payload(name, **values)))
 
-    def tell(self, parameter: Parameter, index: int = 65535) -> None:
-        """Sends one parameter, with the next block; 65535: its ``index`` among all is not said."""
-        self.ask(
-            "PARAM_VALUE",
-            param_id=parameter.name.encode(),
-            param_value=parameter.encoded(self.autopilot.bitwise),
-            param_type=parameter.kind,
-            param_count=len(self.parameters),
-            param_index=index,
-        )
-
     def tell_parameters(self) -> None:
-        """Sends all parameters."""
-        for index, parameter in enumerate(self.parameters.values()):
-            self.tell(parameter, index)
+        """Sends all parameters, with the next block."""
+        for index, parameter in enumerate(self.parameters):
+            self.ask(
+                "PARAM_VALUE",
+                param_id=parameter.name.encode(),
+                param_value=parameter.encoded(self.autopilot.bitwise),
+                param_type=parameter.kind,
+                param_count=len(self.parameters),
+                param_index=index,
+            )
 
     def _planned(self) -> list[tuple[float, Callable[[float], None]]]:
         """Seconds after arming, and what happens then: it is called with that time of the motion."""

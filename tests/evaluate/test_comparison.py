@@ -1,7 +1,6 @@
 """Comparison: what goes wrong stays in its row, errors are those of the windows, and where the first loses is told."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -28,19 +27,6 @@ WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name
 MEAN = Method("constant mean", baselines.constant_mean, predicts=True)
 HOLD = Method("hold", baselines.hold, predicts=True)
 SUBSPACE = Method("subspace", baselines.subspace)
-
-
-class Doubtful:
-    """A joint model that expects errors so many ``times`` the training variance."""
-
-    def __init__(self, train: Flight, times: float) -> None:
-        self.model, self.variance = learn(train), times * train.outputs.var(axis=0)
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.model, name)
-
-    def forecast_variance(self, inputs: np.ndarray) -> np.ndarray:
-        return np.tile(self.variance, (len(inputs), 1))
 
 
 def refuses(train: Flight) -> None:
@@ -122,15 +108,6 @@ def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, 
     assert (found.stable, found.forecasts) == (None, {})
     assert all(np.isinf(scores.ratio).all() for scores in found.scores.values())
     assert found.scores[UNKNOWN].steps == HORIZONS
-
-
-def test_a_forecast_that_expects_more_than_the_constant_mean_s_error_is_cautioned_against():
-    found = {
-        times: evaluate_window(Method("doubtful", partial(Doubtful, times=times)), WINDOWS[0])
-        for times in (0.9, 1.1)
-    }
-    assert not found[0.9].cautions
-    assert [one.code for one in found[1.1].cautions] == [Forecasts.WORSE_THAN_MEAN_EXPECTED]
 
 
 def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_our_own_is_raised():

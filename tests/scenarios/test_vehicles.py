@@ -42,7 +42,8 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     yaws the vehicle clockwise, to the right, as 1 and 2 do in the closed forms below.
     """
     told = parameters(Scenario(vehicle=VehicleSpec(frame=kind)), PX4, 0.004)
-    ratios = [told[f"CA_ROTOR{n}_KM"].value for n in range(4)]
+    values = {one.name: one.value for one in told}
+    ratios = [values[f"CA_ROTOR{n}_KM"] for n in range(4)]
     assert ratios == [0.05, 0.05, -0.05, -0.05]
 
 
