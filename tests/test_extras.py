@@ -123,15 +123,3 @@ def test_no_module_but_its_own_needs_an_extra():
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 0 and "version" in done.stdout, done.stderr
-
-
-@pytest.mark.parametrize(
-    ("module", "rooms"), [("mavdem.cli.tune", ["live", "fleet"]), ("mavdem", ["dem", "ingest"])]
-)
-def test_a_command_imports_no_room_that_it_does_not_use(module, rooms):
-    names = tuple(f"mavdem.{room}" for room in rooms)
-    program = (
-        f"import sys, {module}; print([name for name in sys.modules if name.startswith({names})])"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.stdout == "[]\n", done.stderr

@@ -41,16 +41,6 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     assert flight.effect_directions is None
 
 
-def test_every_slice_of_a_flight_is_a_flight_of_the_same_step():
-    time = np.round(np.arange(2000) / 130, 5)
-    flight = Flight(time, np.zeros(2000), np.zeros(2000))
-    for start in range(1300):
-        part = flight[start : start + 700]
-        assert part.dt == flight.dt and len(part) == 700
-        assert_array_equal(part.time, time[start : start + 700])
-        assert len(part[3:9]) == 6
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

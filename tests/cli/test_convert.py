@@ -2,18 +2,12 @@
 
 import csv
 import json
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from command_line import FLIGHT, LOGS, refused, run
-from hover import Hover
 
 from mavdem import read_flight
-from mavdem.export import conversion
-from mavdem.ingest.telemetry import log_of_vehicles
 
 
 def convert(capsys, *words):
@@ -88,28 +82,3 @@ def test_a_log_that_no_model_can_be_learnt_from_is_a_table_with_a_caution(tmp_pa
     assert not told["learnable"] and "ATTITUDE comes at 4.0 Hz" in told["cautions"][-1]
     assert head == told["columns"] and len(head) == 7 and len(values) == told["samples"] > 100
     assert told["dt"] == pytest.approx(0.25, abs=0.01) and np.isfinite(values).all()
-
-
-@pytest.fixture
-def of_hover(monkeypatch):
-    """Lets any log be one of a made-up hover, at rates of attitude and motors, and gives the hover."""
-
-    def made(*rates, **options):
-        hover = Hover()
-        log = log_of_vehicles((hover.telemetry(*rates, **options),), 1, 0)
-        monkeypatch.setattr(conversion, "read_log", lambda source: log)
-        return hover
-
-    return made
-
-
-@pytest.mark.slow
-def test_a_termination_while_writing_leaves_nothing(tmp_path):
-    stopped = (
-        "import os, signal, sys, mavdem.export.conversion as c; from mavdem.__main__ import run;"
-        "c.STREAMS['.mcap'] = lambda file, stream: os.kill(os.getpid(), signal.SIGTERM); sys.exit(run())"
-    )
-    words = [sys.executable, "-c", stopped, "convert", FLIGHT, tmp_path / "flight.mcap"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 128 + signal.SIGTERM
-    assert list(tmp_path.iterdir()) == []

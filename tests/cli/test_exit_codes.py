@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -181,23 +180,6 @@ def test_commands_options_and_values_are_offered(monkeypatch, capsys):
         "plain,yaw",
     ]
     assert offered(monkeypatch, capsys, "info", "fli") == ["file,fli"]
-
-
-def test_completing_a_command_imports_nothing_that_takes_time():
-    program = (
-        "import sys; from mavdem.__main__ import run; code = run();"
-        "print(sorted({'numpy', 'scipy', 'pydantic', 'rerun'} & set(sys.modules)), file=sys.stderr); sys.exit(code)"
-    )
-    asked = {
-        **os.environ,
-        "COMP_WORDS": "mavdem le",
-        "COMP_CWORD": "1",
-        "_MAVDEM_COMPLETE": "zsh_complete",
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=asked, capture_output=True, text=True, timeout=60
-    )
-    assert (done.returncode, done.stderr) == (0, "[]\n") and "learn" in done.stdout
 
 
 @pytest.mark.parametrize(

