@@ -86,50 +86,37 @@ def urgency(flights: Flights) -> tuple[float, float]:
     return min(worst, 1.5) if doubt(flights) else worst, -newest.timestamp() if newest else 0.0
 
 
-def conclusion(flights: Flights) -> str:
-    """Returns what one vehicle's latest flight that was judged shows, in a sentence."""
+def vehicle_words(flights: Flights) -> tuple[str, str]:
+    """Returns what one vehicle's latest flight that was judged shows, in a sentence, and what was found in all."""
     health = vehicle_health(flights)
-    rows = next((flight for flight in reversed(flights) if worst_health(flight) == health), ())
-    (said,) = section(
-        "fleet_conclusion",
-        health=health,
-        in_trouble=health in TROUBLE,
-        had_trouble=had_trouble(flights),
-        doubt=doubt(flights),
-        headline=next((row.headline for row in flights[-1] if row.headline), None),
-        motor=next((row.suspect_motor for row in rows if row.suspect_motor is not None), None),
-        sure=next(
-            (row.fault_probability for row in rows if row.fault_probability is not None), None
-        ),
-    )
-    return said.text
-
-
-def vehicle_words(flights: Flights) -> str:
-    """Returns what was found of one vehicle, in a sentence or two."""
     counts = Counter(map(worst_health, flights))
     reasons = (row.health_reason for flight in reversed(flights) for row in flight)
     latest = [flight for flight in reversed(flights) if worst_health(flight) in TROUBLE]
-    row = min(latest[0], key=lambda row: HEALTHS.index(row.health)) if latest else None
-    (said,) = section(
+    conclusion, found = section(
         "fleet_vehicle",
+        health=health,
+        in_trouble=health in TROUBLE,
+        doubt=doubt(flights),
+        headline=next((row.headline for row in flights[-1] if row.headline), None),
         flights=len(flights),
         counts=counts,
         kinds=[kind for kind in TROUBLE if counts[kind]],
         reason=next(filter(None, reasons), ""),
-        row=row,
-        log="" if row is None else PurePath(row.file).name,
+        row=min(latest[0], key=lambda row: HEALTHS.index(row.health)) if latest else None,
         is_shared=is_shared(flights),
-        is_well=vehicle_health(flights) == OK,
     )
-    return said.text
+    return conclusion.text, found.text
 
 
 def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
     """The vehicles that need a look, the worst first, those that recovered, and how many show nothing."""
     healths = {name: vehicle_health(flights) for name, flights in named.items()}
     urgent = sorted((urgency(flights), name) for name, flights in named.items())
-    ill = [f"{name} ({go_on(conclusion(named[name]))})" for (level, _), name in urgent if level < 2]
+    ill = [
+        f"{name} ({go_on(vehicle_words(named[name])[0])})"
+        for (level, _), name in urgent
+        if level < 2
+    ]
     recovered = [name for name in named if healths[name] == OK and had_trouble(named[name])]
     return {
         "ill": len(ill),

@@ -59,7 +59,6 @@ def fleet_page(
             "flights": len(flights),
             "health": (health := vehicle_health(flights)),
             "level": words.LEVELS[MotorHealth(health)],
-            "conclusion": words.conclusion(flights),
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
             "group": vehicle_group(flights) if name in drawn else None,

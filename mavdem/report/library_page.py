@@ -81,7 +81,7 @@ def without_policy(page: str, **known: Any) -> str:
 
 def vehicle_page(flights: Sequence[Flight], changes: Iterable[Block], **known: Any) -> str:
     """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
-    said = vehicle_words(flights) if flights else ""
+    said = vehicle_words(flights)[1] if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
     groups = [] if group is None else [group]
     return served("vehicle", words=said, changes=[*changes], groups=groups, **known)

@@ -39,7 +39,7 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
         [flight_row("quad", 1)],
     ]
     assert vehicle_health(flights) == "ok"
-    words = vehicle_words(flights)
+    words = vehicle_words(flights)[1]
     # That a motor is weak, whichever it is: the row has no probability of this motor.
     assert (
         "motor 1 (probability of a fault 0.99)" in words
@@ -74,7 +74,7 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     assert summary(rows)["vehicles"] == 0
     judged = [replace(row, health="fault") for row in rows]
     assert "px4-1 (fault)" in text_of(fleet_blocks(judged))
-    assert "these may be several" in vehicle_words([[row] for row in judged])
+    assert "these may be several" in vehicle_words([[row] for row in judged])[1]
 
 
 def flown(number, vehicle="quad", **changed):
