@@ -42,7 +42,7 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import run
 from mavdem.live.session import LiveSession
 from mavdem.report.flight_page import live_page
-from mavdem.report.live import spent_on, watching
+from mavdem.report.live import watching
 from mavdem.report.words import advised, go_on, headline, section
 
 # between two status lines, and two of one in its place
@@ -230,7 +230,7 @@ def live_command(
             run(session, asked, duration, every, partial(_say_status, place))
         account = session.account()
         status = session.status
-        _say_account(account)
+        say_aside("Ending takes some seconds: model, message rates and files are completed.")
         # The model first, since what follows may fail or take its time; the vehicle's rates are restored meanwhile.
         with ThreadPoolExecutor(1) as fitter:
             fitting = fitter.submit(session.final_model)
@@ -283,14 +283,6 @@ def _at_end(
     check_file(model, "--model", (".json",))
     check_file(page, "the page", (".html",))
     return model, page
-
-
-def _say_account(account: Mapping[Spent, float]) -> None:
-    """Says what the seconds were."""
-    whole = {kind: round(seconds) for kind, seconds in account.items()}
-    spent = [f"{seconds} s {spent_on(kind)}" for kind, seconds in whole.items() if seconds]
-    say_aside(f"Of {sum(whole.values())} s: {', '.join(spent) or 'nothing'}.")
-    say_aside("Ending takes some seconds: model, message rates and files are completed.")
 
 
 def _document(

@@ -19,21 +19,32 @@ def _split(value: Any) -> Any:
 Words = Annotated[list[str], BeforeValidator(_split)]
 
 
-class Flight(Document):
-    """A log of the library."""
+class Stage(Document):
+    """How far a log is, and what is known of it."""
 
     id: str
     """of its link, /f/ID"""
+    stage: str
+    """waiting, reading, judging, learning, drawing, done or failed"""
+    problem: str
+    """why it cannot be read; empty where it can"""
+    headline: str
+    """the worst that was found, or how the flight was lost, one sentence"""
+    level: str
+    """level of the headline: good, watch, bad or unknown"""
+    lights: dict[str, str]
+    """level by light: motors, vibration, tracking, margins, power, estimator, wind and log"""
+
+
+class Flight(Stage):
+    """A log of the library."""
+
     name: str
     """of the log"""
     size: Annotated[int, unit("B")]
     """of the log"""
     received: UnixSeconds
     """when it was uploaded"""
-    stage: str
-    """waiting, reading, judging, learning, drawing, done or failed"""
-    problem: str
-    """why it cannot be read; empty where it can"""
     sharing: str
     """private, link or public"""
     log_shared: bool
@@ -48,14 +59,8 @@ class Flight(Document):
     """when the flight began, ISO 8601, UTC; empty where that is not known"""
     duration: Seconds
     """duration of settled flight"""
-    headline: str
-    """the worst that was found, or how the flight was lost, one sentence"""
-    level: str
-    """level of the headline: good, watch, bad or unknown"""
     next_step: str
     """what to do about it"""
-    lights: dict[str, str]
-    """level by light: motors, vibration, tracking, margins, power, estimator, wind and log"""
     modes: Words
     """flight modes, in order"""
     motor: int | None
@@ -102,23 +107,11 @@ class Added(Document):
     """files that are none"""
 
 
-class Progress(Document):
+class Progress(Stage):
     """How far a log is."""
 
-    id: str
-    """of its link"""
-    stage: str
-    """waiting, reading, judging, learning, drawing, done or failed"""
     words: str
-    """the same in words"""
-    headline: str
-    """once it is known"""
-    level: str
-    """of the headline"""
-    lights: dict[str, str]
-    """level by light, once they are known"""
-    problem: str
-    """why the log cannot be read"""
+    """the stage in words"""
 
 
 class Change(Document):

@@ -92,13 +92,8 @@ def _errors(comparison: Comparison, question: Question) -> list[Block]:
 
 def _shared_horizons(comparison: Comparison) -> list[str]:
     """What horizons that all flights have are called, as at 100 Hz; the last is the whole test part."""
-    steps = [
-        [at["steps"] for at in comparison.summaries(flight)[0]["horizons"]]
-        for flight in comparison.flights
-    ]
-    shared = min(map(len, steps))
-    whole = {own[-1] for own in steps}
-    return [*map(str, HORIZONS[: shared - 1]), str(*whole) if len(whole) == 1 else "all"]
+    counts = (len(comparison.summaries(flight)[0]["horizons"]) for flight in comparison.flights)
+    return [*map(str, HORIZONS[: min(counts) - 1]), "all"]
 
 
 def _flight(comparison: Comparison, flight: str) -> list[Block]:

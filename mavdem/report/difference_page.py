@@ -45,8 +45,8 @@ def comparison_page(
         Chapter("What differs", difference_blocks(found, parameters)),
         Chapter("Step response", (), [Group(steps)] if steps else []),
         _table("Margins", "rate loop (90 % interval)", _margins(both)),
-        Chapter("Spectra", (), _spectra(both)),
-        Chapter("Motors", (), _motors(both)),
+        Chapter("Spectra", (), _group(_spectra(both))),
+        Chapter("Motors", (), _group(_motors(both))),
         _table("Wind", "90 % interval", _wind(both)),
         _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
     ]
@@ -132,7 +132,11 @@ def _cell(known: Review, key: str, scale: float = 1.0) -> str:
     return f"{value} ({low} to {high})"
 
 
-def _spectra(both: Mapping[str, Review]) -> list[Group]:
+def _group(chart: Chart) -> list[Group]:
+    return [Group.of([chart])] if chart.lines else []
+
+
+def _spectra(both: Mapping[str, Review]) -> Chart:
     """The gyro's, before its filters where that was logged."""
     lines = list[Line]()
     for name, one in both.items():
@@ -142,11 +146,10 @@ def _spectra(both: Mapping[str, Review]) -> list[Group]:
             hertz = np.array(found["frequency"])[1:]
             lines.append(Line(name, COLOURS[name], hertz, np.maximum(density, 1e-12)))
     power = Axis("power ((rad/s)²/Hz)", log=True)
-    chart = Chart("Gyro, power ((rad/s)²/Hz)", Axis("frequency (Hz)"), power, tuple(lines))
-    return [Group.of([chart])] if lines else []
+    return Chart("Gyro, power ((rad/s)²/Hz)", Axis("frequency (Hz)"), power, tuple(lines))
 
 
-def _motors(both: Mapping[str, Review]) -> list[Group]:
+def _motors(both: Mapping[str, Review]) -> Chart:
     """Trim deviations with their intervals."""
     lines = list[Line]()
     names = [str(number) for number in range(1, 13)]
@@ -159,18 +162,17 @@ def _motors(both: Mapping[str, Review]) -> list[Group]:
             at = np.arange(float(len(shares)))
             lines.append(Line.around(name, COLOURS[name], at, deviation, half, Kind.DOTS))
     axis = Axis("motor", names=tuple(names))
-    chart = Chart("Trim deviation (%)", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
-    return [Group.of([chart])] if lines else []
+    return Chart("Trim deviation (%)", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
 
 
 def _wind(both: Mapping[str, Review]) -> list[list[str]]:
     """Its speed and direction, where they are identifiable."""
-    rows = [["wind (m/s)"], ["from (°)"]]
+    speeds, origins = ["wind (m/s)"], ["from (°)"]
     for one in both.values():
-        wind = one.get("wind") or {"status": {}}
-        known = {name for name, status in wind["status"].items() if status != NOT_IDENTIFIABLE}
-        rows[0].append(_cell(wind, "speed") if "speed" in known else "-")
-        is_directed = "direction" in known
-        half = f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}" if is_directed else "-"
-        rows[1].append(half)
-    return rows
+        wind = one.get("wind") or {}
+        refused = {name for name, one in wind.get("status", {}).items() if one == NOT_IDENTIFIABLE}
+        speeds.append(_cell({} if "speed" in refused else wind, "speed"))
+        is_directed = wind and "direction" not in refused
+        both_ends = "{direction:.0f} ± {direction_interval:.0f}"
+        origins.append(both_ends.format(**wind) if is_directed else "-")
+    return [speeds, origins]

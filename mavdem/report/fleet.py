@@ -68,11 +68,6 @@ def vehicle_health(flights: Flights) -> str:
     )
 
 
-def had_trouble(flights: Flights) -> bool:
-    """Returns whether any flight showed a fault or a drift."""
-    return any(worst_health(flight) in TROUBLE for flight in flights)
-
-
 def doubt(flights: Flights) -> str:
     """Returns the headline of a vehicle's latest flight where that is bad, else nothing."""
     bad = (row.headline or "" for row in flights[-1] if row.headline_level == Level.BAD)
@@ -117,7 +112,11 @@ def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
         for (level, _), name in urgent
         if level < 2
     ]
-    recovered = [name for name in named if healths[name] == OK and had_trouble(named[name])]
+    recovered = [
+        name
+        for name, flights in named.items()
+        if healths[name] == OK and {*TROUBLE} & {*map(worst_health, flights)}
+    ]
     return {
         "ill": len(ill),
         "named": few(ill),

@@ -50,8 +50,7 @@ def fleet_page(
         if words.is_one_vehicle(name, flights)
     }
     ranked = sorted(vehicles, key=lambda name: (urgency(vehicles[name]), name))
-    flown_often = [name for name in ranked if len(vehicles[name]) > 1]
-    drawn = flown_often[:MAX_DRAWN]
+    drawn = [name for name in ranked if len(vehicles[name]) > 1][:MAX_DRAWN]
     parts = [
         {
             "name": name,
@@ -83,7 +82,6 @@ def fleet_page(
             blocks=words.fleet_blocks(rows),
             vehicles=parts,
             rose=rose_of_flights(known) if len(known) else None,
-            not_drawn=len(flown_often) - len(drawn),
             first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
             table={
                 "kinds": [kind for kind, _ in COLUMNS.values()],

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from math import nan
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mavdem.alignment.drive import TILT_AXES
@@ -53,7 +54,7 @@ from mavdem.report.screen import (
 )
 from mavdem.report.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import section
+from mavdem.report.words import begin, section
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory, SessionStatus
@@ -74,31 +75,30 @@ FIGURES = {
 
 def review_page(assessment: Assessment) -> str:
     """Returns the HTML of the page of an ``assessment``."""
-    heading = title_of(assessment)
+    name = Path(assessment.log.source).name
     analysis = assessment.analysis
     if analysis is None or assessment.evidence is None:
-        return log_page(heading, assessment, inventory(assessment.log))
+        return log_page(name, assessment, inventory(assessment.log))
     telemetry = assessment.evidence.signals.telemetry
     place = telemetry.system, telemetry.component
     known = {place: (analysis.verdict, analysis.condition, analysis.identity)}
     held = inventory(assessment.log, analysis.verdict.axis, "{}:{}".format(*place), None, known)
     held["vehicles"][0] |= assessment.of_documents | {"model": analysis.model}
-    return log_page(heading, assessment, held)
+    return log_page(name, assessment, held)
 
 
 def flight_page(file: str, assessment: Assessment) -> str:
     """Returns the HTML of one flight of a fleet, the log ``file``, with a link to the fleet's page."""
-    heading = Sentence(title_of(assessment).text, file)
-    return log_page(heading, assessment, back=("Fleet", "../index.html"))
+    return log_page(file, assessment, back=("Fleet", "../index.html"))
 
 
 def log_page(
-    heading: Sentence,
+    name: str,
     assessment: Assessment,
     held: dict[str, Any] | None = None,
     back: tuple[str, str] | None = None,
 ) -> str:
-    """Returns the HTML of one log, with models or without.
+    """Returns the HTML of one log of this ``name``, with models or without.
 
     Without what the log ``held`` (``mavdem.condition.inventory``) the page is small, for many flights. ``back`` is name
     and address of the page that leads here.
@@ -114,9 +114,8 @@ def log_page(
             Chapter("What was read from the log, and repaired", log_blocks(held), folded=True)
         )
     above, *_, following = conclusion(assessment.judgement)
-    subtitle = heading.text[:1].upper() + heading.text[1:]
+    subtitle = begin(title_of(assessment).text)
     points = POINTS if whole else FEW_POINTS
-    name = heading.lead.rstrip(":")
     return document(name, subtitle, [above, following], chapters, back, head, points)
 
 

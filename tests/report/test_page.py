@@ -140,7 +140,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
 @pytest.fixture(scope="module")
 def flight(analysed):
     """The page of a log with all chapters."""
-    return log_page(Sentence("A flight.", f"{HOSTILE}:"), analysed, inventory(analysed.log))
+    return log_page(HOSTILE, analysed, inventory(analysed.log))
 
 
 ZOOM = """
