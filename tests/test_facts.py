@@ -12,7 +12,6 @@ from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.learnability import Reason, Remedy
 from mavdem.facts.loops import Loops
 from mavdem.facts.model import ParameterDoubt
-from mavdem.facts.wind import WindDoubt
 from mavdem.report.words import advised, sentence, words
 
 
@@ -68,8 +67,6 @@ def test_a_grounded_fact_says_nothing_that_is_to_be_flown():
     faster = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1)
     assert faster.grounded.remedy == faster.remedy
     assert faster.grounded.grounded == faster.grounded
-    lean = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=0.2)
-    assert "turn of yaw" in str(lean) and "turn of yaw" not in str(lean.grounded)
 
 
 def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():

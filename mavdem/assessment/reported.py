@@ -166,6 +166,8 @@ def _lasting(signals: Signals, part: Segment) -> Iterator[Fact]:
     """What a message says for a time while armed."""
     inside = both(armed(signals, part.boot), [(part.start, part.end)])
     for name, true, code, level, subject in _complaints(signals):
+        if not len(true):
+            continue
         columns = signals.telemetry.messages[name]
         here = columns["boot"] == part.boot
         for start, end in both(where(columns["time"][here], true[here]), inside):
@@ -174,40 +176,38 @@ def _lasting(signals: Signals, part: Segment) -> Iterator[Fact]:
 
 
 def _complaints(signals: Signals) -> Iterator[Complaint]:
-    """What may last, of the messages that there are."""
+    """What may last; empty for messages that there are not."""
 
-    def values(message: str, field: str) -> NDArray[Any] | None:
-        return signals.telemetry.messages.get(message, {}).get(field)
+    def values(message: str, field: str) -> NDArray[Any]:
+        return signals.telemetry.messages.get(message, {}).get(field, np.zeros(0, np.int64))
 
-    if (status := values("HEARTBEAT", "system_status")) is not None:
-        yield Complaint("HEARTBEAT", status >= CRITICAL, Reported.FAILSAFE)
-    if (fix := values("GPS_RAW_INT", "fix_type")) is not None:
-        lost = np.logical_or.accumulate(fix >= FIX_3D) & (fix < FIX_3D)
-        yield Complaint("GPS_RAW_INT", lost, Reported.GPS_LOST)
-    if (no_radio := values("input_rc", "rc_lost")) is not None:
-        yield Complaint("input_rc", no_radio > 0, Reported.RADIO_LOST)
-    if (supply := values("POWER_STATUS", "Vcc")) is not None:
-        low = (supply > 0) & (supply < 1000 * SUPPLY.bad)
-        yield Complaint("POWER_STATUS", low, Reported.BOARD_VOLTAGE_LOW)
+    failing = values("HEARTBEAT", "system_status") >= CRITICAL
+    yield Complaint("HEARTBEAT", failing, Reported.FAILSAFE)
+    fix = values("GPS_RAW_INT", "fix_type")
+    lost = np.logical_or.accumulate(fix >= FIX_3D) & (fix < FIX_3D)
+    yield Complaint("GPS_RAW_INT", lost, Reported.GPS_LOST)
+    yield Complaint("input_rc", values("input_rc", "rc_lost") > 0, Reported.RADIO_LOST)
+    supply = values("POWER_STATUS", "Vcc")
+    low = (supply > 0) & (supply < 1000 * SUPPLY.bad)
+    yield Complaint("POWER_STATUS", low, Reported.BOARD_VOLTAGE_LOW)
     for name in BATTERY_MESSAGES:
-        if (charge := values(name, "charge_state")) is not None:
-            yield Complaint(name, charge == LOW_CHARGE, Reported.BATTERY_WARNED)
-            yield Complaint(name, charge > LOW_CHARGE, Reported.BATTERY_ALARMED)
-    sensors = signals.telemetry.messages.get("SYS_STATUS", {})
-    if "onboard_control_sensors_health" in sensors:
-        health, *used = (sensors[f"onboard_control_sensors_{name}"] for name in SENSOR_BITS)
-        failed = np.bitwise_and.reduce([~health, *used]).astype(np.int64)
-        for bit, (code, subject) in HEALTH.items():
-            yield Complaint("SYS_STATUS", failed >> bit & 1 > 0, code, subject=subject)
+        charge = values(name, "charge_state")
+        yield Complaint(name, charge == LOW_CHARGE, Reported.BATTERY_WARNED)
+        yield Complaint(name, charge > LOW_CHARGE, Reported.BATTERY_ALARMED)
+    health, *used = (
+        values("SYS_STATUS", f"onboard_control_sensors_{name}").astype(np.int64)
+        for name in SENSOR_BITS
+    )
+    failed = np.bitwise_and.reduce([~health, *used])
+    for bit, (code, subject) in HEALTH.items():
+        yield Complaint("SYS_STATUS", failed >> bit & 1 > 0, code, subject=subject)
     name = "failure_detector_status"
     for field, meant in DETECTED.items():
-        if (detected := values(name, field)) is not None:
-            yield Complaint(name, detected > 0, *meant)
-    if (motors := values(name, "motor_failure_mask")) is not None:
-        for motor in np.flatnonzero(np.bitwise_or.reduce(motors) >> np.arange(16) & 1).tolist():
-            failing = motors.astype(np.int64) >> motor & 1 > 0
-            subject = f"motor {motor + 1}"
-            yield Complaint(name, failing, Reported.MOTOR_FAILED, Level.BAD, subject)
+        yield Complaint(name, values(name, field) > 0, *meant)
+    motors = values(name, "motor_failure_mask").astype(np.int64)
+    for motor in np.flatnonzero(np.bitwise_or.reduce(motors) >> np.arange(16) & 1).tolist():
+        subject = f"motor {motor + 1}"
+        yield Complaint(name, motors >> motor & 1 > 0, Reported.MOTOR_FAILED, Level.BAD, subject)
 
 
 STATES = (_arming, _in_the_air, _modes)
