@@ -21,7 +21,7 @@ from mavdem.dem.graybox.identifiability import (
     identifiability,
 )
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
-from mavdem.dem.graybox.parameters import Physical, WindComponent, updated, windows_of
+from mavdem.dem.graybox.parameters import Physical, WindComponent, slopes_of, updated, windows_of
 from mavdem.dem.record import FEWEST_MOTORS, Record, UniformRecord
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -83,12 +83,8 @@ def _estimated(
         if len(windows.rate) > CHOOSING_WINDOWS
         else refined
     )
-    covariance = inverse(whole.curvature)
-    jacobian = _log_jacobian(whole.parameters, whole.theta, windows.dt)
-    by_spectrum = [_logarithms(fit.parameters, fit.theta, windows.dt) for fit in fits]
-    own = MODEL_ERRORS.own * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
-    figures = _figures(whole, np.array([own, np.ptp(by_spectrum, axis=0)]), windows)
-    found = _physical(whole, covariance, windows, figures)
+    by_spectrum = [_logarithms(_values(fit.parameters, fit.theta, windows.dt)) for fit in fits]
+    found = _physical(whole, np.ptp(by_spectrum, axis=0), windows)
     return found if prior is None else updated(found, prior)
 
 
@@ -123,92 +119,77 @@ def _chosen(
     return fits, chosen
 
 
-def _logarithms(parameters: Parameters, theta: Array, dt: float) -> Array:
-    """(3,) of mean effect, damping and lag."""
-    effect = np.abs(parameters.effect(theta)).mean()
-    return np.asarray(
-        np.log(np.array([effect, parameters.damping(theta), parameters.lag(theta, dt)]))
-    )
-
-
-def _log_jacobian(parameters: Parameters, theta: Array, dt: float) -> Array:
-    """(3, k) slopes of :func:`_logarithms` by θ."""
-    r = parameters.motors
-    jacobian = np.zeros((3, len(theta)))
+def _values(parameters: Parameters, theta: Array, dt: float) -> Array:
+    """(r + 3,) effects, damping, lag and delay."""
     effect = parameters.effect(theta)
-    jacobian[0, 0], jacobian[0, 1 : r + 1] = (
-        1.0,
-        np.sign(effect) * np.exp(theta[0]) / np.abs(effect).sum(),
-    )
-    # Less than 1 where the damping is near the largest, and the lag near the shortest.
-    jacobian[1, r + 1] = float(parameters.damping(theta) / np.exp(theta[r + 1]))
-    jacobian[2, r + 2] = float(np.exp(theta[r + 2]) / parameters.lag(theta, dt)) ** 2
-    return jacobian
+    late = parameters.damping(theta), parameters.lag(theta, dt), theta[parameters.motors + 3]
+    return np.array([*effect, *late])
 
 
-def _figures(whole: GrayBoxFit, spreads: Array, windows: FlightWindows) -> IdentifiabilityFigures:
-    parameters = whole.parameters
-    theta = whole.theta
-    sd, spectrum_range = (dict(zip(PARAMETERS, row, strict=True)) for row in spreads.tolist())
-    return IdentifiabilityFigures(
-        wind_share=_wind_share(parameters, theta, windows, whole.levels),
-        alias_share=_alias_share(parameters, theta, windows),
-        sd=sd,
-        spectrum_range=spectrum_range,
-        lag=float(np.exp(theta[parameters.motors + 2])),
-        dt=windows.dt,
-    )
+def _logarithms(values: Array) -> Array:
+    """(3,) of mean effect, damping and lag."""
+    return np.log([np.abs(values[:-3]).mean(), *values[-3:-1]])
 
 
-def _physical(
-    whole: GrayBoxFit,
-    covariance: Array,
-    windows: FlightWindows,
-    figures: IdentifiabilityFigures,
-) -> Physical:
+def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) -> Physical:
     """In the units of the flight, with what the model leaves out."""
     parameters = whole.parameters
     theta = whole.theta
-    dt = windows.dt
     errors = MODEL_ERRORS
-    status, reasons = identifiability(figures)
+
+    def values_at(theta: Array) -> Array:
+        return _values(parameters, theta, windows.dt)
+
+    values = values_at(theta)
     r = parameters.motors
-    effect = parameters.effect(theta)
-    damping = float(parameters.damping(theta))
-    lag = float(parameters.lag(theta, dt))
-    # Effect, damping, lag and delay by θ.
-    slopes = np.zeros((r + 3, len(theta)))
-    slopes[:r, 0], slopes[:r, 1 : r + 1] = effect, np.exp(theta[0]) * np.eye(r)
-    slopes[r : r + 2] = _log_jacobian(parameters, theta, dt)[1:] * [[damping], [lag]]
-    slopes[r + 2, r + 3] = 1.0
-    covariance = slopes @ covariance @ slopes.T
+    effect = values[:r]
+    damping, lag, delay = values[r:].tolist()
+    slopes = slopes_of(values_at, theta, values).T
+    covariance = slopes @ inverse(whole.curvature) @ slopes.T
+    relative = np.zeros((3, r + 3))
+    relative[0, :r] = np.sign(effect) / np.abs(effect).sum()
+    relative[1, r] = 1 / damping
+    relative[2, r + 1] = 1 / lag
+    sd = errors.own * np.sqrt(np.diag(relative @ covariance @ relative.T))
+    figures = IdentifiabilityFigures(
+        wind_share=_wind_share(parameters, theta, windows, whole.levels),
+        alias_share=_alias_share(parameters, theta, windows),
+        sd=dict(zip(PARAMETERS, sd.tolist(), strict=True)),
+        spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
+        lag=float(np.exp(theta[r + 2])),
+        dt=windows.dt,
+    )
+    status, reasons = identifiability(figures)
     # The wind's spectrum is as wrong for all motors.
     alike = np.eye(r + 3)
-    alike[:r, :r] = np.outer(effect, np.sign(effect)) / np.abs(effect).sum()
+    alike[:r, :r] = np.outer(effect, relative[0, :r])
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
-    varied = np.square([figures.spectrum_range[name] / RANGE for name in PARAMETERS])
-    bias = (
-        (errors.lag_bias if figures.quick else errors.wind_bias)
-        if status["effect"] == Status.BIASED
-        else 0.0
-    )
+    varied = np.square(spectrum_range / RANGE)
+    bias = 0.0
+    if status["effect"] == Status.BIASED:
+        bias = errors.lag_bias if figures.quick else errors.wind_bias
     common = varied[0] + errors.effect**2 + bias**2
     if status["effect"] == Status.NOT_IDENTIFIABLE:
         common += errors.unknown_effect**2
-    covariance[:r, :r] += np.outer(effect, effect) * common + np.diag(effect**2) * errors.motor**2
-    covariance[r, r] += (
-        damping**2 * varied[1] + (errors.lag_damping if figures.quick else errors.damping) ** 2
-    )
-    covariance[r + 1, r + 1] += lag**2 * (varied[2] + errors.lag**2)
-    covariance[-1, -1] += errors.delay**2
+    covariance[:r, :r] += np.outer(effect, effect) * common
+    damped = errors.lag_damping if figures.quick else errors.damping
+    own = [
+        *(effect * errors.motor) ** 2,
+        damping**2 * varied[1] + damped**2,
+        lag**2 * (varied[2] + errors.lag**2),
+        errors.delay**2,
+    ]
+    covariance += np.diag(own)
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = float(np.sqrt(np.mean(whole.levels**2)))
     sizes = level * parameters.sizes(theta)
+    white = np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)
+    refined = zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
     return Physical(
         effect=effect / windows.unit,
         damping=damping,
         lag=lag,
-        delay=float(max(theta[r + 3], 0.0)),
+        delay=max(delay, 0.0),
         covariance=covariance * np.outer(scale, scale),
         status=status,
         reasons=reasons,
@@ -217,11 +198,8 @@ def _physical(
         components=tuple(
             map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())
         ),
-        noise=level
-        * float(np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)),
-        refinements=dict(
-            zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
-        ),
+        noise=level * float(white),
+        refinements=dict(refined),
         windows=len(windows.rate),
     )
 

@@ -19,7 +19,6 @@ from mavdem.dem.record import Record
 # of the estimate's variance, that its errors may have before it is not resolved
 MAX_ERROR_SHARE = 0.75
 LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
-LEVEL_STEP_SECONDS = 0.1  # between samples of that median
 THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
 END = 0.5  # of the threshold, within which a gust begins and ends
 # half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
@@ -76,40 +75,38 @@ def gusts(
     false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
     the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
     """
+    width = round(LEVEL_SECONDS / record.dt)
     parts = np.split(torque, record.starts[1:])
-    bands = np.split(band, record.starts[1:])
-    away = [part - _level(part, record.dt) for part in parts]
-    sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
+    levels = [median_filter(part, min(len(part), width) | 1, mode="nearest") for part in parts]
+    away = torque - np.concatenate(levels)
+    sd = float(np.median(np.abs(away))) / NORMAL_MEDIAN
     if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
         return Gusts((), THRESHOLD * sd, 0.0)
-    slopes = np.concatenate([np.diff(part) for part in away]) / record.dt
-    # Likewise by the median, so that gusts do not count.
-    crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
-    false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
+    # Likewise by the median, so that gusts and gaps do not count.
+    slope = float(np.median(np.abs(np.diff(away)))) / NORMAL_MEDIAN / record.dt
+    false = 2 * 60 * slope / sd / (2 * np.pi) * float(np.exp(-(THRESHOLD**2) / 2))
+    # A change of sign ends a gust, and so does a gap.
+    signs = np.sign(away) * (np.abs(away) > END * THRESHOLD * sd)
+    changes = 1 + np.flatnonzero(np.diff(signs))
+    edges = sorted({0, len(away), *changes.tolist(), *record.starts.tolist()})
     detected = []
-    beside = round(LEVEL_SECONDS / 2 / record.dt)
-    for first, whole, part, width in zip(record.starts.tolist(), parts, away, bands, strict=True):
-        # A change of sign ends a gust.
-        signs = np.sign(part) * (np.abs(part) > END * THRESHOLD * sd)
-        edges = [0, *(1 + np.flatnonzero(np.diff(signs))).tolist(), len(part)]
-        for start, stop in pairwise(edges):
-            peak = start + int(np.argmax(np.abs(part[start:stop])))
-            length = (stop - start) * record.dt
-            sides = [whole[max(start - beside, 0) : start], whole[stop : stop + beside]]
-            stays = (
-                all(map(len, sides)) and abs(np.ptp(list(map(np.median, sides)))) > THRESHOLD * sd
-            )
-            high = abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak])
-            if high and length >= shortest and not stays:
-                at = first + start
-                detected.append(DetectedGust(at, at * record.dt, length, float(part[peak])))
+    for start, stop in pairwise(edges):
+        peak = start + int(np.argmax(np.abs(away[start:stop])))
+        length = (stop - start) * record.dt
+        high = abs(away[peak]) > max(THRESHOLD * sd, CERTAIN * band[peak])
+        if high and length >= shortest and not _stays(torque, start, stop, width // 2, sd, record):
+            detected.append(DetectedGust(start, start * record.dt, length, float(away[peak])))
     return Gusts(tuple(detected), THRESHOLD * sd, false)
 
 
-def _level(part: Array, dt: float) -> Array:
-    """(T,) the running median of a segment."""
-    stride = max(1, round(LEVEL_STEP_SECONDS / dt))
-    coarse = part[::stride]
-    width = min(len(coarse), round(LEVEL_SECONDS / (stride * dt)))
-    median = median_filter(coarse, width | 1, mode="nearest")
-    return np.interp(np.arange(len(part)), np.arange(len(coarse)) * stride, median)
+def _stays(torque: Array, start: int, stop: int, beside: int, sd: float, record: Record) -> bool:
+    """Whether what begins and ends at these samples leaves the torque at another level, so many samples ``beside``."""
+    first, end = (
+        int(edge)
+        for edge in (
+            record.starts[record.starts <= start].max(),
+            record.starts[record.starts >= stop].min(initial=len(torque)),
+        )
+    )
+    sides = torque[max(start - beside, first) : start], torque[stop : min(stop + beside, end)]
+    return all(map(len, sides)) and abs(np.ptp(list(map(np.median, sides)))) > THRESHOLD * sd

@@ -106,18 +106,17 @@ def identifiability(
     statuses = dict[str, Status]()
     reasons = dict[str, Fact | None]()
     for name in PARAMETERS:
-        obstacles = dict[Status, list[Fact]]()
-        for status, doubt in _obstacles(name, figures):
-            obstacles.setdefault(status, []).append(doubt)
+        obstacles = [one for one in _obstacles(name, figures) if one[0] != Status.REPORTED]
         effect = statuses.get("effect", Status.REPORTED)
-        if effect != Status.REPORTED and effect not in obstacles:
+        if effect not in (Status.REPORTED, *(status for status, _ in obstacles)):
             # A wrong effect is made up for by a wrong lag.
-            obstacles[effect] = [Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect)]
-        obstacles.pop(Status.REPORTED, None)
-        worst = Status.NOT_IDENTIFIABLE if Status.NOT_IDENTIFIABLE in obstacles else Status.BIASED
-        doubts = obstacles.get(worst, [])
+            follows = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect)
+            obstacles.append((effect, follows))
+        is_unknown = any(status == Status.NOT_IDENTIFIABLE for status, _ in obstacles)
+        worst = Status.NOT_IDENTIFIABLE if is_unknown else Status.BIASED
+        level = Level.UNKNOWN if is_unknown else Level.WATCH
+        doubts = [doubt for status, doubt in obstacles if status == worst]
         statuses[name] = worst if doubts else Status.REPORTED
-        level = Level.WATCH if worst is Status.BIASED else Level.UNKNOWN
         reasons[name] = doubts[0].but(level) if doubts else None
         if len(doubts) > 1:
             reasons[name] = Fact(ParameterDoubt.SEVERAL_DOUBTS, level, because=doubts)
