@@ -6,7 +6,6 @@ from numpy.testing import assert_array_equal
 
 from mavdem import Flight
 from mavdem.dem import physical
-from mavdem.dem.record import Record
 from mavdem.unit_slips import Arrays, Slip, unit_slip
 
 TIME = 10 + 0.01 * np.arange(6)
@@ -130,4 +129,4 @@ def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, slip, recw
     fact = unit_slip(flight.outputs, flight.dt)
     assert (fact.code, fact.figures["slip"]) == (Arrays.UNIT_SLIP, slip)
     assert str(warnings[0].message) == str(fact)
-    assert fact == physical(flight).reason and fact in Record.of(flight).input_cautions
+    assert fact == physical(flight).reason

@@ -29,6 +29,7 @@ from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, ModelRefusal
+from mavdem.unit_slips import unit_slip
 
 Job = tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
 """What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
@@ -215,8 +216,9 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
 
 def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
     """Limits of a model."""
-    if fit.settings.prior == "regulated":
-        yield from record.input_cautions
+    slip = unit_slip(record.outputs, record.dt)
+    if slip and fit.settings.prior == "regulated":
+        yield slip
     abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
         yield Fact(ModelCaution.MODEL_GROWS, Level.WATCH, growth_time=1 / abscissa)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from reprlib import Repr
@@ -14,9 +14,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
-from mavdem.facts.model import ModelCaution, ModelRefusal
-from mavdem.unit_slips import real_numbers, unit_slip
+from mavdem.facts import Fact
+from mavdem.facts.model import ModelRefusal
+from mavdem.unit_slips import real_numbers
 
 # no text for a number, no ``True`` for 1, no infinity and no NaN
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -82,8 +82,6 @@ SAME_STEP = 1e-6
 ROUNDING = 1e-9  # relative to its size: a channel that varies by less is constant
 SMALLEST_RANGE = 1e-50  # likewise in any unit: squares and derivatives would underflow
 
-# of the median deviation of all inputs. The quietest motor of any recorded flight had 0.13
-HARDLY_MOVES = 0.03
 FEWEST_MOTORS = 3  # inputs, from which on they are taken for a multirotor's motors
 
 LABELS = ("input_names", "output_names", "input_units", "output_units")
@@ -249,24 +247,6 @@ class Record:
     def windows(self, window: int) -> int:
         """The number of windows of ``window`` samples inside segments."""
         return sum(max(0, length - window + 1) for length in self.lengths)
-
-    @property
-    def input_cautions(self) -> Iterator[Fact]:
-        """What is wrong with the inputs, or with units; nothing for most flights."""
-        if slip := unit_slip(self.outputs, self.dt):
-            yield slip
-        sizes = self.inputs.std(axis=0)
-        names = self.input_names or tuple(f"input {column + 1}" for column in range(len(sizes)))
-        still = np.flatnonzero(sizes < HARDLY_MOVES * np.median(sizes))
-        if len(still):
-            subject = names[still[0]]
-            yield Fact(ModelCaution.INPUT_HARDLY_MOVES, Level.WATCH, subject=subject)
-        inputs, _ = self.spread
-        both = (inputs.lowest < 0) & (inputs.highest > 0)
-        if len(sizes) >= FEWEST_MOTORS and both.any():
-            subject = names[int(np.argmax(both))]
-            code = ModelCaution.INPUT_HAS_BOTH_SIGNS
-            yield Fact(code, Level.WATCH, subject=subject, inputs=len(sizes))
 
 
 def required_step(dt: object) -> float:

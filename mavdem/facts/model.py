@@ -45,8 +45,6 @@ class ModelCaution(Code):
 
     MODEL_GROWS = auto()
     NO_SIMULATION_FIT = auto()
-    INPUT_HARDLY_MOVES = auto()
-    INPUT_HAS_BOTH_SIGNS = auto()
     RECORDED = auto()
 
 

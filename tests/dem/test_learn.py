@@ -276,23 +276,3 @@ def test_a_flight_is_cut_at_its_gaps():
 def test_segments_that_do_not_belong_together_are_named(segments, named):
     with pytest.raises(ValueError, match=named):
         learn(segments(simulated()), CLEAN)
-
-
-FLIGHT = simulated(wind=1.0)[:700]
-
-
-def cautions(inputs, names=()):
-    record = Record(inputs, FLIGHT.outputs, FLIGHT.dt, (len(inputs),), input_names=names)
-    return tuple(record.input_cautions)
-
-
-def test_a_motor_that_hardly_moves_is_named_and_demands_are_no_motors():
-    assert cautions(FLIGHT.inputs) == ()
-    inputs = FLIGHT.inputs.copy()
-    inputs[:, 2] = 1500 + 0.001 * (inputs[:, 2] - 1500)
-    (caution,) = cautions(inputs, ("M1", "M2", "M3", "M4"))
-    assert (caution.code, caution.subject) == (ModelCaution.INPUT_HARDLY_MOVES, "M3")
-    inputs = FLIGHT.inputs - FLIGHT.inputs.mean(axis=0)
-    (caution,) = cautions(inputs)
-    assert (caution.code, caution.subject) == (ModelCaution.INPUT_HAS_BOTH_SIGNS, "input 1")
-    assert caution in learn(Flight(FLIGHT.time, inputs, FLIGHT.outputs)).cautions

@@ -11,7 +11,7 @@ sizes of w, m and e side by side. Its likelihood weighs them; its smoother, aver
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -176,18 +176,6 @@ class Drag:
             raise ValueError("no vehicle has such a drag")
         require_positive_definite(self.covariance, "covariance", 6)
         return self
-
-    @classmethod
-    def of_axes(cls, values: Sequence[float], halves: Sequence[float]) -> Drag:
-        """Returns the drag of ``values``, linear (1/s) then quadratic (1/m) along x and y, ± their ``halves``."""
-        logs = np.log(values).reshape(2, 2)
-        sd = (np.arcsinh(np.divide(halves, values)) / quantile()).reshape(2, 2)
-        mean = [*logs.mean(axis=1), *np.diff(logs).ravel(), 0.0, 0.0]
-        return cls(
-            np.array(mean),
-            np.diag([*sd.mean(axis=1), *POPULATION_SD[2:], LEAN_SD, LEAN_SD]) ** 2,
-            DragSource.FLIGHT,
-        )
 
 
 # m/s along each axis, of the mean wind before the flight: 3 to 10 are usual

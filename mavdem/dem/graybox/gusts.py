@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.parameters import Physical, wind_density
+from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.record import Record
 
 # of the estimate's variance, that its errors may have before it is not resolved
@@ -51,15 +51,11 @@ class Gusts(NamedTuple):
 
 
 def shortest_gust(physical: Physical, dt: float) -> float:
-    """Returns how long a gust lasts at least, s: half a period of the fastest wind that the estimate resolves.
+    """Returns how long a gust lasts at least, s: longer than the motors take to answer, and two steps.
 
-    That is above the noise of the rate, and below half of the Nyquist frequency. And the time that the motors take to
-    answer, within which an error of lag or delay looks like a gust.
+    Within that an error of lag or delay looks like a gust.
     """
-    frequency = np.linspace(0.0, 0.25 / dt, 201)[1:]
-    noise = 2 * dt * physical.noise**2 * ((2 * np.pi * frequency) ** 2 + physical.damping**2)
-    resolved = frequency[wind_density(physical, frequency) > noise]
-    return 0.5 / float(resolved.max(initial=frequency[0])) + physical.lag + physical.delay
+    return 2 * dt + physical.lag + physical.delay
 
 
 def gusts(
