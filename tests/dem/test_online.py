@@ -29,7 +29,6 @@ from mavdem.dem.online.tracker import (
     Estimate,
     Surprise,
     Tracker,
-    Tracking,
 )
 from mavdem.facts.online import Online
 
@@ -88,7 +87,7 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     energy = learner._tracker.evaluate(learner._memory)
     last = learner.learned.free_energy_of_samples[-1]
     assert learner._tracker.until == pytest.approx(flight.time[799])
-    assert energy + learner._tracker.tracking.energy.priors == pytest.approx(last, abs=0.1)
+    assert energy + learner._tracker.energy.priors == pytest.approx(last, abs=0.1)
 
 
 @pytest.mark.slow
@@ -262,13 +261,13 @@ def test_a_new_model_brings_the_past_of_its_own_free_energy():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
     flight = simulated(samples=300, wind=0.5)
     memory = Memory(DT, 10, 30)
-    tracker = Tracker(learned := mavdem.learn(flight), Tracking.of(*learn_with_fit(flight)), 3.0)
+    tracker = Tracker.of(*learn_with_fit(flight), 3.0)
     energies = []
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):
         memory.add(*row)
         energies.append(tracker.evaluate(memory))
     np.testing.assert_allclose(
-        tracker.tracking.past, energies[learned.settings.window - 1 :], rtol=1e-9
+        tracker.past, energies[tracker.learned.settings.window - 1 :], rtol=1e-9
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,6 @@ from mavdem.dem.online.tracker import (
     Estimate,
     Surprise,
     Tracker,
-    Tracking,
 )
 from mavdem.dem.online.wind import OnlineWind
 from mavdem.dem.record import (
@@ -52,18 +51,10 @@ TOO_FEW = Fact(Online.TOO_FEW_SAMPLES_YET)
 FIRST_RUNS = Fact(Online.FIRST_LEARNING)
 
 
-class _Result(NamedTuple):
-    """A finished call of ``learn``, and the time of the last sample it was given, s."""
-
-    learned: Learned
-    tracking: Tracking
-    until: float
-
-
-def _learn(record: Record, settings: Settings, until: float) -> _Result:
+def _learn(record: Record, settings: Settings, until: float) -> Tracker:
     learned, fit = learn_with_fit(record, settings)
     learned.joint  # noqa: B018  here, not where samples come
-    return _Result(learned, Tracking.of(learned, fit), until)
+    return Tracker.of(learned, fit, until)
 
 
 class OnlineLearner:
@@ -129,7 +120,7 @@ class OnlineLearner:
         self._samples = 0
         self._first = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
         self._next = self._first
-        self._pending: Future[_Result] | None = None
+        self._pending: Future[Tracker] | None = None
         self._tracker: Tracker | None = None
         self._last: float | None = None
         self._gaps = 0
@@ -260,15 +251,16 @@ class OnlineLearner:
             return estimate
         energy = tracker.evaluate(self._memory)
         surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
-        delay = (tracker.window - 1 - tracker.window // 2) * self._dt
         learned = tracker.learned
+        window = learned.settings.window
+        delay = (window - 1 - window // 2) * self._dt
         return estimate._replace(
             seen=time - delay,
             free_energy=energy,
             surprise=surprise,
             free_energy_action=float(learned.free_energy[-1]),
             model=learned.model,
-            log_precisions=tracker.tracking.log_precisions,
+            log_precisions=tracker.log_precisions,
             until=tracker.until,
             unusual=self._marks.add(surprise),
         )
@@ -310,19 +302,19 @@ class OnlineLearner:
         if self.obstacle == TOO_FEW:
             self.obstacle = self._missing()
 
-    def _adopt(self, result: Callable[[], _Result]) -> None:
+    def _adopt(self, result: Callable[[], Tracker]) -> None:
         try:
-            learned, tracking, until = result()
+            tracker = result()
         except (ValueError, RuntimeError, CancelledError) as error:
             self._put_off(error)
             return
-        self.learned = learned
-        self.until = until
+        self.learned = tracker.learned
+        self.until = tracker.until
         self.obstacle = None
-        self._surprise = Surprise(self._dt, tracking.past)
-        self._tracker = Tracker(learned, tracking, until)
+        self._surprise = Surprise(self._dt, tracker.past)
+        self._tracker = tracker
         before = self._ahead.combinations
-        now = learned.joint.combinations
+        now = tracker.learned.joint.combinations
         if before is None or np.abs(np.sum(before * now, axis=0)).min() < ALIKE:
             self._ahead.begin_with(self._memory.blocks, now)
 

@@ -111,52 +111,41 @@ class Estimate(NamedTuple):
         return int(places[-1]) if len(places) else None
 
 
-class Tracking(NamedTuple):
-    """What following a stream with a learned model takes beside it; made where it is learned."""
+class Tracker(NamedTuple):
+    """How well samples agree with a learned model; made where that is learned."""
 
+    learned: Learned
+    until: float  # time of the last sample it was learned from, s
     log_precisions: Array
     energy: SampleEnergy
     past: Array  # F(t) less its priors, of the latest training data
+    weights: tuple[Array, Array]  # that make derivatives of the outputs and inputs of a window
 
     @classmethod
-    def of(cls, learned: Learned, fit: Fit) -> Tracking:
+    def of(cls, learned: Learned, fit: Fit, until: float) -> Tracker:
         """That of a result and the fit that it was made from."""
         belief = fit.ascent.belief
         energy = SampleEnergy.of(fit.model, belief)
         past = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]
-        return cls(belief.lambda_, energy, past - energy.priors)
-
-
-class Tracker:
-    """How well samples agree with a learned model."""
-
-    def __init__(self, learned: Learned, tracking: Tracking, until: float) -> None:
-        """Takes the model and the time of the last sample it was learned from, s."""
-        self.learned = learned
-        self.tracking = tracking
-        self.until = until
-        self.window = learned.settings.window
-        orders = learned.settings.p, learned.settings.d
-        self._weights = [
-            taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders
-        ]
+        settings = learned.settings
+        outputs, inputs = (
+            taylor_weights(order, learned.dt, settings.window, settings.window // 2)
+            for order in (settings.p, settings.d)
+        )
+        return cls(learned, until, belief.lambda_, energy, past - energy.priors, (outputs, inputs))
 
     def evaluate(self, memory: Memory) -> float:
         """Returns F(t) less its priors at the centre of the latest window; NaN without one."""
-        (inputs, outputs) = memory.latest(self.window)
-        energy = self.tracking.energy
-        if len(outputs) < self.window:
+        window = self.learned.settings.window
+        inputs, outputs = memory.latest(window)
+        if len(outputs) < window:
             return np.nan
         scaling = self.learned.scaling
         scaled = scaling.scale_outputs(outputs), scaling.scale_inputs(inputs)
-        data = np.concatenate(
-            [
-                (weights @ table).ravel()
-                for weights, table in zip(self._weights, scaled, strict=True)
-            ]
-        )
+        derivatives = (weights @ each for weights, each in zip(self.weights, scaled, strict=True))
+        data = np.concatenate([each.ravel() for each in derivatives])
         states = self.learned.state_map @ data
-        return float(energy.at(data[None], states[None])[0]) - energy.priors
+        return float(self.energy.at(data[None], states[None])[0]) - self.energy.priors
 
 
 class ErrorBands:
