@@ -96,7 +96,7 @@ class PredictionErrors(NamedTuple):
         """(f, T, m): of the errors, by differences."""
         steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
         beside = np.array([self.errors(at + step) for step in np.diag(steps)])
-        return np.asarray((beside - errors) / steps[:, None, None])
+        return (beside - errors) / steps[:, None, None]
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """Slope and Gauss-Newton curvature of the likelihood."""

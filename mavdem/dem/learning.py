@@ -187,7 +187,7 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
         covariance = fit.simulation_fit.theta_covariance(prior_covariance)
 
     def physical(covariance: Array) -> Array:
-        return np.asarray((covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)])
+        return (covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)]
 
     return Learned(
         settings=fit.settings,

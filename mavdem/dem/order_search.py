@@ -261,7 +261,7 @@ def _channels(box: BlackBox) -> tuple[list[Array], list[Array]]:
 
 def _moments(box: BlackBox, left: Array, right: Array) -> Array:
     """Mean products of two linear functions of the data."""
-    return np.asarray(left @ box.data.gram @ right.T / box.data.number)
+    return left @ box.data.gram @ right.T / box.data.number
 
 
 def _regression(
@@ -275,12 +275,12 @@ def _regression(
     unit = np.where(unit > 0, unit, 1.0)[:, None]
     scaled = regressors / unit
     square = _moments(box, scaled, scaled) + ridge * np.eye(len(scaled))
-    return np.asarray((np.linalg.solve(square, _moments(box, scaled, wanted)) / unit).T)
+    return (np.linalg.solve(square, _moments(box, scaled, wanted)) / unit).T
 
 
 def _directions(symmetric: Array) -> Array:
     """Its eigenvectors as rows, the largest eigenvalues first."""
-    return np.asarray(np.linalg.eigh(symmetric)[1].T[::-1])
+    return np.linalg.eigh(symmetric)[1].T[::-1]
 
 
 def _whitening(covariance: Array) -> Array:

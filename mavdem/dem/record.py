@@ -107,7 +107,7 @@ class Spread(NamedTuple):
     def moving(self) -> NDArray[np.bool_]:
         """(k,) which columns vary by more than rounding."""
         size = np.maximum(np.abs(self.lowest), np.abs(self.highest))
-        return np.asarray(self.highest - self.lowest > np.maximum(ROUNDING * size, SMALLEST_RANGE))
+        return self.highest - self.lowest > np.maximum(ROUNDING * size, SMALLEST_RANGE)
 
 
 class UniformRecord(Protocol):

@@ -207,7 +207,7 @@ class Axis:
 
 def _drift(turn: Array, size: float, time: float) -> Array:
     """The density of noise of first order, with this standard deviation and time, at rad/s."""
-    return np.asarray(2 * size**2 * time / (1 + (turn * time) ** 2))
+    return 2 * size**2 * time / (1 + (turn * time) ** 2)
 
 
 def _gusts(turn: Array, size: float, time: float) -> Array:

@@ -105,4 +105,4 @@ def _transform(stream: Messages, start: float) -> Complex:
     whole = place.astype(np.intp)
     fine = np.bincount(whole, weights * values * (1 - share), length)
     fine += np.bincount((whole + 1) % length, weights * values * share, length)
-    return np.asarray(np.fft.rfft(fine))
+    return np.fft.rfft(fine)

@@ -223,12 +223,12 @@ class GenerativeModel:
     def parameter_precision(self, weights: Array, joint: Array) -> Array:
         """(k, k) curvature by θ of ½ Σ ε̃ᵀ Π̃ ε̃, for noise precisions e^λ and second moments of [ỹ; η̃; X]."""
         each = self._pairs(self.precision(weights), joint)
-        return np.asarray(self._of_parameters.T @ each @ self._of_parameters)
+        return self._of_parameters.T @ each @ self._of_parameters
 
     def parameter_slope(self, weights: Array, products: Array) -> Array:
         """(k,) slope by θ of −½ Σ ε̃ᵀ Π̃ ε̃, for noise precisions e^λ and second moments of ε̃ with [ỹ; η̃; X]."""
         _, (rows, columns, _) = self._operator_parts
-        return np.asarray((self.precision(weights) @ products)[rows, columns] @ self._of_parameters)
+        return (self.precision(weights) @ products)[rows, columns] @ self._of_parameters
 
     def state_uncertainty(self, weights: Array, theta_covariance: Array) -> Array:
         """(dim X, dim X) M with −½ XᵀM X the share of W^θ that a sample's X makes."""

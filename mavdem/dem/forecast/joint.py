@@ -23,9 +23,6 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast import var
 from mavdem.dem.forecast.var import turning_patterns
 from mavdem.dem.record import FEWEST_MOTORS, Record
-from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
-from mavdem.facts.model import ModelRefusal
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 # likewise, precisions of the prior at lag 1, of channels of deviation 1
@@ -80,7 +77,7 @@ def turning_combinations(record: Record) -> Array:
         return var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE)
 
     found = turning_patterns(r)
-    units, statistics = _statistics(record, np.eye(r), lags)
+    units, statistics = var.LagStatistics.of_record(record, lags)
     effects = (
         of_outputs(statistics).mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0)
         / units.scale[m:]
@@ -92,27 +89,18 @@ def turning_combinations(record: Record) -> Array:
         found.append(effects / size)
         costs.append(0.5 * (r - 1) * np.log(statistics.rows))
     energies = [
-        of_outputs(_statistics(record, one[:, None], lags)[1]).free_energy - cost
+        of_outputs(
+            var.LagStatistics.of_record(_combined(record, one[:, None]), lags)[1]
+        ).free_energy
+        - cost
         for one, cost in zip(found, costs, strict=True)
     ]
-    return np.asarray(found[int(np.argmax(energies))][:, None])
+    return found[int(np.argmax(energies))][:, None]
 
 
 def _combined(record: Record, combinations: Array) -> Record:
     """The record with these (r, c) combinations of its inputs as the inputs."""
     return replace(record, inputs=record.inputs @ combinations, effect_directions=None)
-
-
-def _statistics(
-    record: Record, combinations: Array, lags: int
-) -> tuple[var.ChannelUnits, var.LagStatistics]:
-    combined = _combined(record, combinations)
-    units = var.ChannelUnits.of(combined)
-    statistics = var.LagStatistics.of(units.segments(combined), lags)
-    if statistics.rows <= 0:
-        code = ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS
-        raise NotLearnable(Fact(code, samples=lags, longest=record.longest))
-    return units, statistics
 
 
 def choose(
@@ -162,10 +150,11 @@ class JointModel:
                 (one for one in LAGS if one <= record.longest // 4),
                 default=max(1, min(LAGS[0], record.longest - 1)),
             )
-            units, statistics = _statistics(record, combinations, lags)
+            combined = _combined(record, combinations)
+            units, statistics = var.LagStatistics.of_record(combined, lags)
             choice, found = choose(statistics, lags)
             process = var.Var.of(found, units)
-            past = process.past(_combined(record, combinations))
+            past = process.past(combined)
             return cls(combinations, choice, process, found.terms, past, len(record))
 
     @property

@@ -59,12 +59,12 @@ class ChannelUnits(NamedTuple):
     def scaled(self, channels: Array) -> Array:
         """Returns channels (…, k) in these units; or the first columns of them, as those of the outputs alone."""
         width = channels.shape[-1]
-        return np.asarray((channels - self.center[:width]) / self.scale[:width])
+        return (channels - self.center[:width]) / self.scale[:width]
 
     def scaled_inputs(self, inputs: Array) -> Array:
         """Returns inputs (…, r), the last channels, in these units."""
         start = len(self.center) - inputs.shape[-1]
-        return np.asarray((inputs - self.center[start:]) / self.scale[start:])
+        return (inputs - self.center[start:]) / self.scale[start:]
 
     def segments(self, record: Record) -> list[Array]:
         """Returns the channels (T, k) of each segment of ``record``, in these units."""
@@ -107,6 +107,16 @@ class LagStatistics(NamedTuple):
         if not tables:
             raise ValueError("segments must hold at least one segment")
         return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
+
+    @classmethod
+    def of_record(cls, record: Record, lags: int) -> tuple[ChannelUnits, LagStatistics]:
+        """Returns the units of a record's channels, and the statistics in these; ``NotLearnable`` without a row."""
+        units = ChannelUnits.of(record)
+        statistics = cls.of(units.segments(record), lags)
+        if statistics.rows <= 0:
+            code = ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS
+            raise NotLearnable(Fact(code, samples=lags, longest=record.longest))
+        return units, statistics
 
     def __add__(self, other: LagStatistics) -> LagStatistics:  # type: ignore[override]
         return LagStatistics(self.rows + other.rows, self.gram + other.gram)
@@ -225,12 +235,7 @@ class Var(NamedTuple):
     @classmethod
     def learn(cls, record: Record, lags: int, ridge: float = RIDGE) -> Var:
         """Learns from training data; ``ValueError`` where no segment has more than ``lags`` samples."""
-        units = ChannelUnits.of(record)
-        statistics = LagStatistics.of(units.segments(record), lags)
-        if statistics.rows <= 0:
-            raise NotLearnable(
-                Fact(ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS, samples=lags, longest=record.longest)
-            )
+        units, statistics = LagStatistics.of_record(record, lags)
         return cls.of(regress(statistics.gram, statistics.rows, lag_prior(lags, ridge)), units)
 
     @property

@@ -43,7 +43,7 @@ def step_covariance(A: Array, drive: Array, dt: float) -> Array:
     """
     n = A.shape[-1]
     flow = expm(np.block([[-A, drive], [np.zeros_like(A), np.swapaxes(A, -1, -2)]]) * dt)
-    return np.asarray(np.swapaxes(flow[..., n:, n:], -1, -2) @ flow[..., :n, n:])
+    return np.swapaxes(flow[..., n:, n:], -1, -2) @ flow[..., :n, n:]
 
 
 def _autoregressive(coefficients: Array) -> Coloured:
@@ -162,7 +162,7 @@ class Parameters(NamedTuple):
 
     def damping(self, thetas: Array) -> Array:
         """(…) damping, 1/s: less than that of any multirotor's rotors in air, ``MAX_DAMPING``."""
-        return np.asarray(1 / (np.exp(-thetas[..., self.motors + 1]) + 1 / MAX_DAMPING))
+        return 1 / (np.exp(-thetas[..., self.motors + 1]) + 1 / MAX_DAMPING)
 
     def lag(self, thetas: Array, dt: float) -> Array:
         """(…) lag, s: no shorter than half a step, which a stream cannot tell from a delay."""
@@ -191,7 +191,7 @@ class Parameters(NamedTuple):
         for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
             jumps = name is Refinement.JUMPS
             inputs = jumping(inputs, value) if jumps else inputs + value * inputs**2 / 2
-        return np.asarray(inputs @ self.effect(theta))
+        return inputs @ self.effect(theta)
 
     def _driven(self, thetas: Array, windows: FlightWindows) -> Array:
         """(b, 3, W, N − 1) what drives the filter: torque at both ends of each step, and the rate."""
