@@ -118,24 +118,18 @@ KINEMATIC_SECONDS = 0.2
 def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     """Pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
     span = max(1, round(KINEMATIC_SECONDS / record.dt))
-    changes = [np.empty((0, record.outputs.shape[1]))]
-    integrals = [np.empty((0, record.outputs.shape[1]))]
+    moved = []
     for _, outputs in record.segments:
-        integrated = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
-        changes.append(outputs[span:] - outputs[:-span])
-        integrals.append(integrated[span:] - integrated[:-span])
-    if sum(map(len, changes)) == 0:
+        integral = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
+        both = np.stack([outputs, integral])
+        moved.append(both[:, span:] - both[:, :-span])
+    change, integral = np.concatenate(moved, axis=1)
+    if not len(change):
         return ()
-    change = np.concatenate(changes)
-    integral = np.concatenate(integrals)
-    pairs = []
-    for i, moved in enumerate(change.T):
-        left = (moved[:, None] - integral).var(axis=0)
-        left[i] = np.inf
-        j = int(np.argmin(left))
-        if left[j] < (1 - KINEMATIC_SHARE) * moved.var():
-            pairs.append((i, j))
-    return tuple(pairs)
+    left = (change[:, :, None] - integral[:, None]).var(axis=0)
+    np.fill_diagonal(left, np.inf)
+    likely = left < (1 - KINEMATIC_SHARE) * change.var(axis=0)[:, None]
+    return tuple((i, j) for i, j in enumerate(left.argmin(axis=1).tolist()) if likely[i, j])
 
 
 def explicit_prior(

@@ -24,7 +24,6 @@ from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import (
     DELAY_SECONDS,
     FILTER_SECONDS,
-    FIRST_FIT_SECONDS,
     OnlineWind,
     wind_filter,
 )
@@ -293,20 +292,6 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
         exact = torques(effect + step, np.zeros(4))[:, 0] - sure[:, 0]
         close = 0.1 * np.abs(exact).max()
         np.testing.assert_allclose(by_slope / quantile(), np.abs(exact), atol=close)
-
-
-@pytest.mark.slow
-def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
-    online, memory = online_wind()
-    found = followed(online, memory, CALM)
-    first = round(FIRST_FIT_SECONDS / WINDY.dt)
-    assert np.isnan(found[:first]).all()
-    assert np.isfinite(found[first:]).all()
-    memory.end_segment()
-    online.end_segment()
-    after = followed(online, memory, CALM[:300])
-    assert np.isnan(after[:BEGINS]).all()
-    assert np.isfinite(after[BEGINS + 1 :]).all()
 
 
 @pytest.mark.slow
