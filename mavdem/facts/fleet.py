@@ -22,7 +22,6 @@ class Reading(Code):
     NO_CLUSTER_WORKERS = auto()
     CLUSTER_WORKERS_DIED = auto()
     CLUSTER_CANNOT_READ = auto()
-    CLUSTER_WITHOUT_MAVDEM = auto()
     CLUSTER_OF_OTHER_VERSION = auto()
 
 

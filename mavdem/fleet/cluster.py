@@ -6,6 +6,7 @@ import platform
 import re
 import socket
 from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from functools import partial
 from importlib import metadata
 from multiprocessing import current_process
@@ -101,27 +102,26 @@ class Cluster:
             except (OSError, ValueError) as error:
                 because = str(error).splitlines()[0]
                 raise self._refusal(Reading.NO_SCHEDULER, because=because) from None
-            self._check(client)
+            with ExitStack() as ends:
+                ends.callback(client.close)
+                self._check(client)
+                ends.pop_all()
             self._client = client
             return client
 
     def _check(self, client: Any) -> None:
         """Raises ``Unreadable`` if there are no workers, or one has other programs."""
-        if not client.nthreads():
-            raise self._refusal(Reading.NO_CLUSTER_WORKERS)
-        here = versions()
         try:
             workers = client.run(versions)
         except Exception as error:  # raised there: without mavdem the function cannot be found
-            version = metadata.version("mavdem")
-            raise self._refusal(
-                Reading.CLUSTER_WITHOUT_MAVDEM, because=str(error), version=version
-            ) from None
-        for worker, there in workers.items():
+            raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
+        if not workers:
+            raise self._refusal(Reading.NO_CLUSTER_WORKERS)
+        here = versions()
+        for name, there in workers.items():
             if there != here:
-                raise self._refusal(
-                    Reading.CLUSTER_OF_OTHER_VERSION, name=worker, there=there, here=here
-                )
+                code = Reading.CLUSTER_OF_OTHER_VERSION
+                raise self._refusal(code, name=name, there=there, here=here)
 
 
 def read_on_worker(job: Job, limits: Limits, read: str) -> Outcome:

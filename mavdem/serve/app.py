@@ -130,7 +130,7 @@ class Server:
             "POST /upload": self._upload,
             "POST /{key}/upload": self._upload,
             "POST /api/logs": self._add,
-            "POST /api/sample": self._add_sample,
+            "GET /static/sample": self._sample_log,
             "GET /api/flights": self._flights,
             "GET /api/flights/{id}": self._flight,
             "PATCH /api/flights/{id}": self._change,
@@ -348,6 +348,11 @@ class Server:
     def _script(self, request: HttpRequest) -> Response:
         return Response(script(), media_type="text/javascript")
 
+    def _sample_log(self, request: HttpRequest) -> Response:
+        if self._sample is None:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+        return FileResponse(self._sample)
+
     # For programs
 
     async def _upload(self, request: HttpRequest) -> Response:
@@ -409,16 +414,6 @@ class Server:
             for name, fact in refused
         ]
         return Added.model_validate({"flights": flights, "refused": errors})
-
-    def _add_sample(self, request: HttpRequest) -> Response:
-        self.rights.need(request, Use.WRITE)
-        if self._sample is None:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
-        entry = self.library.copied(self._sample)
-        self.work.notify()
-        return JSONResponse(
-            Added(flights=[Flight.model_validate(entry)], refused=[]).as_dict(), 201
-        )
 
     def _flights(self, request: HttpRequest) -> Response:
         limit = _whole_number(request, "limit", PAGE_LENGTH)

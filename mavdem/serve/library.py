@@ -243,12 +243,6 @@ class Library:
             _sync(self.folder / LOGS)
         return entry
 
-    def copied(self, path: Path) -> Entry:
-        """Takes a copy of a log of this machine, and returns its entry."""
-        part = self.new_part()
-        shutil.copyfile(path, part)
-        return self.entered(part, path.name)
-
     def entered(self, part: Path, name: str, **columns: Any) -> Entry:
         """Takes a whole log that this server has written, ``part``, and returns its entry, with these ``columns``."""
         with full_disk_refused(), part.open("rb") as file:

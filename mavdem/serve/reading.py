@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager
+from collections.abc import Callable
+from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,14 +80,8 @@ def _judged(
     log: Log, telemetry: Telemetry, tell: Callable[..., None]
 ) -> tuple[Assessment, list[FlightRow]]:
     """The assessment of a vehicle, as `mavdem LOG` has it, and its rows, for which pitch is modelled too."""
-
-    @contextmanager
-    def step(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-        tell(Stage.LEARNING)
-        yield lambda share: None
-
     tell(Stage.JUDGING)
-    assessment = assess_signals(log, Signals(telemetry), progress=step)
+    assessment = assess_signals(log, Signals(telemetry))
     tell(Stage.LEARNING, **_judgement(assessment))
     return assessment, rows_of_assessment(assessment.with_axis("pitch"), log.source)
 

@@ -193,8 +193,8 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 @pytest.mark.parametrize(
     ("client", "code"),
     [
-        ({"nthreads.return_value": {}}, Reading.NO_CLUSTER_WORKERS),
-        ({"run.side_effect": ImportError("mavdem")}, Reading.CLUSTER_WITHOUT_MAVDEM),
+        ({"run.side_effect": [{}]}, Reading.NO_CLUSTER_WORKERS),
+        ({"run.side_effect": ImportError("mavdem")}, Reading.CLUSTER_CANNOT_READ),
         ({"run.side_effect": [{"0": "other"}]}, Reading.CLUSTER_OF_OTHER_VERSION),
         ({"submit.side_effect": OSError("gone")}, Reading.CLUSTER_CANNOT_READ),
         (None, Reading.NO_SCHEDULER),

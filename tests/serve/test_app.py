@@ -184,7 +184,6 @@ def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
         ("POST", "/api/logs"),
         ("POST", "/upload"),
         ("POST", f"/{TOKEN[::-1]}/upload"),
-        ("POST", "/api/sample"),
         ("GET", "/api/progress"),
     ):
         refused = guarded.ask(method, path, {})
@@ -352,9 +351,9 @@ def test_the_first_visit_explains_itself_and_offers_a_sample(tmp_path):
     sample.write_bytes(log("Sample."))
     with serving(tmp_path / "served", sample=sample) as server:
         assert 'id="sample"' in server.ask("GET", "/").text
-        id = server.ask("POST", "/api/sample", {}).json["flights"][0]["id"]
-        assert "Sample." in server.ask("GET", f"/f/{id}").text
-        assert 'id="sample"' not in server.ask("GET", "/").text and sample.is_file()
+        assert server.ask("GET", "/static/sample").text == log("Sample.").decode()
+        server.add()
+        assert 'id="sample"' not in server.ask("GET", "/").text
 
 
 def test_a_recording_opens_in_a_viewer(tmp_path):

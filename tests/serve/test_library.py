@@ -1,5 +1,6 @@
 """The library: what is acknowledged stays, whatever ends a server, and several may share a folder."""
 
+import shutil
 import time
 from pathlib import Path
 from unittest.mock import Mock
@@ -186,7 +187,8 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     """A real one, in this process."""
     monkeypatch.setattr("os.setpriority", lambda *_: None)
     library = Library(tmp_path)
-    entry = library.copied(LOG)
+    part = Path(shutil.copy(LOG, library.new_part()))
+    entry = library.entered(part, LOG.name)
     outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
     library.finish(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)

@@ -150,7 +150,8 @@
     });
   }
   $("sample")?.addEventListener("click", async () => {
-    try { location = `/f/${(await ask("POST", "/api/sample")).flights[0].id}`; } catch (error) { alert(error.message); }
+    const log = await (await fetch("/static/sample")).blob();
+    take([new File([log], "sample_flight.tlog")]);
   });
 
   // What is being read.
