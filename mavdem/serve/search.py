@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -30,17 +29,12 @@ class Condition(NamedTuple):
 
 def condition_of(text: str) -> Condition:
     """Returns the condition that all words of a search hold; a word that is no term is found in what is said."""
-    parts = [Condition("1"), *_parts(text)]
-    return Condition(
-        " and ".join(part.where for part in parts),
-        tuple(value for part in parts for value in part.values),
-    )
-
-
-def _parts(text: str) -> Iterator[Condition]:
+    parts = [Condition("1")]
     for word in text.split()[:20]:
         term = TERM.fullmatch(word)
-        yield (term and _term(*term.groups())) or _contains(SAID, word)
+        parts.append((term and _term(*term.groups())) or _contains(SAID, word))
+    values = tuple(value for part in parts for value in part.values)
+    return Condition(" and ".join(part.where for part in parts), values)
 
 
 def _term(name: str, sign: str, value: str) -> Condition | None:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from contextlib import suppress
-from itertools import chain
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.store import STORE
-from mavdem.fleet.workers import Job, Limits, LogReader, Outcome, outcome_of
+from mavdem.fleet.workers import Job, Limits, LogReader, outcome_of
 from mavdem.serve.library import Entry, Library
 from mavdem.serve.reading import PUBLISH, READ, publish
 
@@ -59,46 +56,45 @@ class Work:
         for thread in self._threads:
             thread.join()
 
-    def _claimed(self) -> Iterator[Entry | None]:
-        """Logs as they come, until the end; None where there is none, and the fleet's table is to be made anew."""
-        while not self._is_ending.is_set():
-            entry = None
-            with suppress(Refusal):  # the disk is full: it may be better in a while
-                entry = self._library.claim()
-            if entry is not None:
-                yield entry
-                continue
-            if self._library.is_unpublished.is_set():
-                self._library.is_unpublished.clear()
-                yield None
-            if self._library.dead_servers():
-                self._library.recover()
-            with self._has_come:
-                self._has_come.wait(PAUSE_SECONDS)
-
     def _run(self) -> None:
         reader = self._cluster or LogReader(self._is_ending.is_set)
-        # At first what a process needs is imported: a log should not wait for that.
-        for entry in chain([] if self._cluster else [None], self._claimed()):
+        # What a process needs is imported as it makes the table: a log should not wait for that.
+        is_cold = self._cluster is None
+        while not self._is_ending.is_set():
             try:
-                outcome = self._outcome(reader, entry)
-            except Unreadable:  # nothing can read it now, as where a cluster has gone
-                with suppress(Refusal):
-                    if entry is not None:
-                        self._library.change(entry.id, stage=Stage.WAITING, claimed="")
+                if (entry := self._library.claim()) is not None:
+                    self._read_log(reader, entry)
+                elif is_cold or self._library.is_unpublished.is_set():
+                    is_cold = False
+                    self._library.is_unpublished.clear()
+                    self._publish(reader)
+                else:
+                    self._wait()
+            except Refusal:  # the disk is full, or a cluster has gone: it may be better in a while
                 self._is_ending.wait(PAUSE_SECONDS)
-                continue
-            with suppress(Refusal):
-                if outcome is not None and entry is not None:
-                    self._library.finish(entry, outcome, self._limits)
         reader.stop()
 
-    def _outcome(self, reader: LogReader | Cluster, entry: Entry | None) -> Outcome | None:
-        """What becomes of a log, or of the fleet's table, which this machine makes."""
-        if entry is not None:
+    def _wait(self) -> None:
+        """Waits for a log, and takes over what a dead server was doing."""
+        if self._library.dead_servers():
+            self._library.recover()
+        with self._has_come:
+            self._has_come.wait(PAUSE_SECONDS)
+
+    def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
+        try:
             job = Job(str(self._library.path_of(entry)))
-            return reader.read(job, self._limits, self._read)
+            outcome = reader.read(job, self._limits, self._read)
+        except Unreadable:  # nothing can read it now
+            self._library.change(entry.id, stage=Stage.WAITING, claimed="")
+            raise
+        if outcome is not None:
+            self._library.finish(entry, outcome, self._limits)
+
+    def _publish(self, reader: LogReader | Cluster) -> None:
+        """Makes the fleet's table anew, on this machine."""
         job = Job(str(self._library.folder / STORE))
-        if self._cluster is not None:
-            return outcome_of(job, publish)
-        return reader.read(job, self._limits, PUBLISH)
+        if self._cluster is None:
+            reader.read(job, self._limits, PUBLISH)
+        else:
+            outcome_of(job, publish)
