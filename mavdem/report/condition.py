@@ -35,15 +35,12 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     verdict = vehicle["verdict"]
     names = vehicle["names"]
     # names of the periodic messages by their rounded rate, the fastest first
-    streams: dict[str, list[str]] = {}
-    for name, one in sorted(
-        vehicle["messages"].items(), key=lambda stream: -(stream[1]["rate"] or 0.0)
-    ):
-        shown = f"{name} ({names[name]})" if name in names else name
-        if one["rate"] and shown != "PARAM_VALUE":
-            streams.setdefault(
-                f"{one['rate']:.1f} Hz" if one["rate"] >= SLOW_HZ else "below 1 Hz", []
-            ).append(shown)
+    streams = dict[str, list[str]]()
+    for name, one in sorted(vehicle["messages"].items(), key=lambda one: -(one[1]["rate"] or 0.0)):
+        if (rate := one["rate"]) and name != "PARAM_VALUE":
+            key = f"{rate:.1f} Hz" if rate >= SLOW_HZ else "below 1 Hz"
+            shown = f"{name} ({names[name]})" if name in names else name
+            streams.setdefault(key, []).append(shown)
     rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
     return [
         *section("vehicle", **vehicle, is_tilt=verdict.axis in TILT_AXES),

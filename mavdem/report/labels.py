@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.analysis.residuals import directions, weights
 from mavdem.dem import Learned
-from mavdem.report.numbers import Readable, named, readable
+from mavdem.dem.engine.linalg import Array
 
 
 class Labels(NamedTuple):
@@ -39,14 +38,6 @@ class Labels(NamedTuple):
         )
 
 
-def outputs_of(labels: Labels) -> tuple[list[str], list[Readable]]:
-    """Returns the names of the outputs with the units that they are shown in, and these units."""
-    units = [readable(unit) for unit in labels.output_units]
-    return [
-        named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)
-    ], units
-
-
 def states_are_outputs(learned: Learned) -> bool:
     """Returns whether the first states of ``learned`` are the outputs: C is fixed to [I 0], not free."""
     return bool(learned.known[-learned.model.C.size :].all())
@@ -69,8 +60,8 @@ class AxisCommand(NamedTuple):
 
     name: str
     unit: str
-    weights: NDArray[np.float64]
-    motors: NDArray[np.float64]
+    weights: Array
+    motors: Array
 
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
@@ -82,7 +73,7 @@ class AxisCommand(NamedTuple):
             f"{labels.output_names[0]} command", labels.input_units[0], weights(turning), motors
         )
 
-    def series(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def series(self, inputs: Array) -> Array:
         """Returns the command (T,) over ``inputs`` (T, r), about its mean."""
         command = inputs @ self.weights
         return np.asarray(command - command.mean())

@@ -65,11 +65,10 @@ def live_report(
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     header = ["RMSE of predictions"]
     rows = [[f"{one.seconds:.2g} s ahead"] for one in errors]
-    for i, (name, unit) in enumerate(
-        [(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]
-    ):
+    for i, (name, radians) in enumerate(((axis, "rad"), (f"{axis} rate", "rad/s"))):
+        unit = readable(radians)
         header += [named(name, unit.name), "baseline", "in its 90 % band"]
         for row, one in zip(rows, errors, strict=True):
-            errors_of = (f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held))
-            row += [*errors_of, f"{100 * one.inside[i]:.0f} %"]
+            row += [f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held)]
+            row.append(f"{100 * one.inside[i]:.0f} %")
     return Table(header, rows)

@@ -60,7 +60,7 @@ def bode(learned: Learned, output: int = -1) -> Charts:
         drawn = "physical parameters", PHYSICAL, frequency
     phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
     magnitude = Axis(per(unit, command.unit), log=True)
-    title = f"{labels.output_names[output]} by {command.name} ({magnitude.label})"
+    title = f"{labels.output_names[output]} by {command.name} ({magnitude.label}), by {drawn[0]}"
     gain = banded(*drawn, unit.scale * np.abs(response))
     return (
         Chart(title, FREQUENCY, magnitude, (gain,)),

@@ -32,12 +32,14 @@ from mavdem.report.blocks import (
     warning,
 )
 from mavdem.report.condition import air_blocks
-from mavdem.report.labels import Labels, outputs_of
+from mavdem.report.labels import Labels
 from mavdem.report.numbers import (
     TORQUE,
     listed,
+    named,
     per,
     plus_minus,
+    readable,
     rounded,
 )
 from mavdem.report.truth import truth_blocks
@@ -196,7 +198,9 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     """Returns the RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
-    (names, units) = outputs_of(labels)
+    units = [readable(unit) for unit in labels.output_units]
+    pairs = zip(labels.output_names, units, strict=True)
+    names = [named(name, unit.name) for name, unit in pairs]
     rows = list[list[str]]()
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):

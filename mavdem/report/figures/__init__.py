@@ -13,7 +13,6 @@ from mavdem.flight import Flight
 from mavdem.report import model_charts
 from mavdem.report.figures.style import figure_of
 from mavdem.report.labels import Labels
-from mavdem.report.systems import plant_of
 
 __all__ = ["Plots"]
 
@@ -64,7 +63,7 @@ class Plots:
         Of the physical plant or, where that is not identifiable, of DEM's model. The output is the last one, a rate,
         unless given.
         """
-        return figure_of(model_charts.bode(self.learned, output), note=self._remark)
+        return figure_of(model_charts.bode(self.learned, output))
 
     def disturbance(self) -> Figure:
         """Draws the wind torque over time with band and gusts, and its spectral density.
@@ -73,14 +72,3 @@ class Plots:
             ValueError: the wind torque is not identifiable.
         """
         return figure_of(model_charts.disturbance(self.learned))
-
-    @property
-    def _remark(self) -> str:
-        """What the bands of responses leave out."""
-        physical = plant_of(self.learned)
-        if physical is None:
-            return (
-                "Control effectiveness is not identifiable in this flight: these are DEM's bands."
-            )
-        doubts = (f"{name} {status}" for name, status in physical.status.items())
-        return f"Bands: 90 %, of the posterior. Of the plant: {', '.join(doubts)}."

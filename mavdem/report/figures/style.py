@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO, StringIO
 from pathlib import Path
-from textwrap import fill
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -106,17 +105,12 @@ def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
 
 
-def figure_of(charts: Sequence[Chart], columns: int = 1, note: str = "") -> BareFigure:
-    """Returns ``charts`` in so many ``columns``, from above, with a remark below."""
-    rows = -(-len(charts) // columns)
-    with picture(0.4 + 1.7 * rows) as figure:
-        grid = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axes, chart in zip(grid, charts, strict=False):
+def figure_of(charts: Sequence[Chart]) -> BareFigure:
+    """Returns ``charts`` below each other."""
+    with picture(0.4 + 1.7 * len(charts)) as figure:
+        grid = figure.subplots(len(charts), squeeze=False).ravel()
+        for axes, chart in zip(grid, charts, strict=True):
             _draw(axes, chart)
-        for axes in grid[len(charts) :]:
-            axes.set_visible(False)
-        if note:
-            figure.supxlabel(fill(note, 92), x=0.01, ha="left", fontsize=7.5)
     return figure
 
 
