@@ -102,8 +102,8 @@ def _health(flight: Flight) -> str:
 
 def _lights(flight: Flight) -> str:
     """The lights that are not in order."""
-    levels = {str(light): getattr(flight[0], f"light_{light}") for light in Light}
-    lit = (f"{name} {level}" for name, level in levels.items() if level in (Level.BAD, Level.WATCH))
+    levels = ((light, getattr(flight[0], f"light_{light}")) for light in Light)
+    lit = (f"{name} {level}" for name, level in levels if level in (Level.BAD, Level.WATCH))
     return ", ".join(lit)
 
 
@@ -112,11 +112,8 @@ def _notes(flight: Flight) -> str:
     if flight[0].status != OK:
         return cut(flight[0].status, MAX_NOTE)
     reasons = (row.health_reason for row in flight if row.health != OK)
-    said = (
-        *(row.headline for row in flight),
-        *reasons,
-        *(one for row in flight for one in row.warnings),
-    )
+    warnings = (one for row in flight for one in row.warnings)
+    said = (*(row.headline for row in flight), *reasons, *warnings)
     return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 
 

@@ -224,8 +224,8 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
 def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> list[Block]:
     """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
     unit = next((one.flights[0].input_units[0] for one in axes.values() if one.flights), "")
-    words = ("rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)")
-    header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})", *words]
+    header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})"]
+    header += ["rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)"]
     known = {name: row for name, one in axes.items() if {*(row := _axis_row(one))} != {"-"}}
     blocks = list[Block]()
     if known:
@@ -252,8 +252,10 @@ def _axis_row(axis: AxisFigures) -> list[str]:
         "damping": (physical.damping, damping),
         "lag": (1e3 * physical.lag, 1e3 * lag),
     }
-    marks = {name: " (biased)" * (physical.status[name] == "biased") for name in estimates}
-    shown = [f"{plus_minus(*pair)}{marks[name]}" for name, pair in estimates.items()]
+    shown = [
+        plus_minus(*pair) + " (biased)" * (physical.status[name] == "biased")
+        for name, pair in estimates.items()
+    ]
     return [*shown, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
 
 
