@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,10 @@ def prediction(runner: Runner) -> Result:
     }
     return Result(
         checks=prediction_checks(window, learned, errors_of(draws, DATA)),
-        numbers={WITH: _numbers(window, learned)},
+        numbers={
+            "free_energy": learned.free_energy.total.tolist(),
+            "theta": learned.learning.theta.tolist(),
+        },
         pictures=(
             Picture(
                 "Outputs, measured and predicted",
@@ -125,19 +127,6 @@ def converged_at(theta: Array) -> int:
     away = np.abs(theta - theta[-1]).max(axis=1)
     far = np.flatnonzero(away > CONVERGED_SHARE * away.max())
     return int(far[-1]) + 1 if len(far) else 0
-
-
-def _numbers(window: Window, learned: Learned) -> dict[str, Any]:
-    test = window.test
-    ahead, from_zero = (learned.forecast(test.inputs, from_zero=start) for start in (False, True))
-    return {
-        "mspe": mspe(test.outputs, ahead).total,
-        "mspe_from_zero": mspe(test.outputs, from_zero).total,
-        "over_constant_mean": relative_mspe(window.train, test, ahead),
-        "over_constant_mean_from_zero": relative_mspe(window.train, test, from_zero),
-        "free_energy": learned.free_energy.total.tolist(),
-        "theta": learned.learning.theta.tolist(),
-    }
 
 
 MSPE_WITH_COORDINATES = (0.0521, 0.0133, 0.0583, 0.0458, 0.1172)

@@ -236,10 +236,7 @@ def crazyflie(axis: str) -> list[Values]:
     inputs = np.stack(motors, 1)
     effects = np.array(directions)
     flight = Flight(time, inputs, turning[:, None], dt=1 / RATE, effect_directions=effects)
-    return [
-        {"axis": axis, "of": "whole" if window is None else f"7 s, no. {window + 1}"} | row_of(part)
-        for window, part in parts_of(flight).items()
-    ]
+    return [{"axis": axis} | row_of(flight)]
 
 
 # By published thrust curves and inertia.

@@ -11,6 +11,7 @@ Usage: tools/validation/propellers.py [--flights 40]
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show
 from scipy.spatial.transform import Rotation
 
@@ -62,23 +63,19 @@ def judged(case: tuple[str, int]) -> list[Values]:
 def main(flights: int, jobs: int) -> None:
     flown = rows_of(judged, [(kind, number) for kind in KINDS for number in range(flights)], jobs)
     healthy = flown[flown["flight"] == "healthy"]["figures"]
-    table = []
-    for kind, some in flown.groupby("flight", sort=False):
-        found = []
-        for flight in some.itertuples():
-            for draw in range(DRAWS):
-                order = np.random.default_rng([flight.number, draw]).permutation(flights)
-                baseline = healthy.iloc[order[order != flight.number][:3]].tolist()
-                (verdict,) = assess([flight.figures], baseline)
-                found.append((verdict.health, verdict.suspect_motor == flight.motor))
-        health = [name for name, _ in found]
-        row = {"flight": kind}
-        row |= {
-            name: share([one == name for one in health])
-            for name in ("ok", "drift", "fault", "unknown")
-        }
-        table.append(row | {"right": share([right for name, right in found if name == "fault"])})
-    show(f"{flights} flights of each kind", table)
+    found = []
+    for flight in flown.itertuples():
+        for draw in range(DRAWS):
+            order = np.random.default_rng([flight.number, draw]).permutation(flights)
+            baseline = healthy.iloc[order[order != flight.number][:3]].tolist()
+            (verdict,) = assess([flight.figures], baseline)
+            right = verdict.suspect_motor == flight.motor
+            found.append({"flight": flight.flight, "health": verdict.health, "right": right})
+    rows = pd.DataFrame(found)
+    table = pd.crosstab(rows["flight"], rows["health"], normalize="index").map("{:.0%}".format)
+    faults = rows[rows["health"] == "fault"].groupby("flight")["right"]
+    table["right"] = faults.agg(share)
+    show(f"{flights} flights of each kind", table.reindex(list(KINDS)).reset_index())
 
 
 if __name__ == "__main__":
