@@ -11,13 +11,13 @@ from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.responses import LoopResponse
-from mavdem.condition.loop.controllers import Controller, controller_of
+from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.notches import notch_advice
 from mavdem.condition.peaks import Peak, PeakKind, peaks_of
+from mavdem.condition.resonance import known_controller_of
 from mavdem.condition.spectra import Spectrum, spectra_of_flight
 from mavdem.condition.step_response import StepResponse
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.noise import Noise as Codes
 
@@ -81,9 +81,8 @@ def noise_of(evidence: Evidence, responses: Responses) -> Noise:
     spans = [Segment(boot, *span) for boot in boots for span in evidence.flights(boot)]
     spectra = spectra_of_flight(signals, spans)
     noise = Noise(spectra, {name: peaks_of(one) for name, one in spectra.items()})
-    try:
-        controller = controller_of(signals.telemetry.parameters, "roll", (1.0,))
-    except NotLearnable:
+    controller = known_controller_of(signals.about("roll"))
+    if controller is None:
         return noise
     before, behind = spectra.get(BEFORE), spectra.get(GYRO)
     crossover = _crossover(evidence, responses, controller)

@@ -354,19 +354,18 @@ def vibration_of(signals: Signals) -> MeasuredVibration | None:
     """Returns the vibration, if measured; PX4's (``streams/VIBRATION.hpp``) has acceleration in z only."""
     names = LEVELS[-1:] if signals.telemetry.autopilot == "PX4" else LEVELS
     columns = signals.telemetry.messages.get("VIBRATION")
-    if columns is None or not all(name in columns for name in (*names, *CLIPS)):
+    if columns is None or not {*names, *CLIPS} <= columns.keys():
         return None
     first = np.column_stack([floats(columns, name) for name in names])
-    levels = columns.get("levels", first)
-    clips = [floats(columns, name) for name in CLIPS]
-    measured = series(columns, np.column_stack([levels, *clips]))
-    counts = measured.values[:, -len(CLIPS) :]
+    counted = np.column_stack([floats(columns, name) for name in CLIPS])
+    measured = series(columns, np.column_stack([columns.get("levels", first), counted]))
+    levels, counts = np.split(measured.values, [-len(CLIPS)], axis=1)
     # The counts are of the boot so far.
     rises = np.clip(np.diff(counts, axis=0, prepend=counts[:1]), 0, None)
-    of_all = replace(measured, values=measured.values[:, : -len(CLIPS)])
     axes = ("",) if len(names) == 1 else tuple("xyz")
     # A firmware may send zeros.
-    return MeasuredVibration(axes, of_all, rises) if of_all.values.any() else None
+    known = MeasuredVibration(axes, replace(measured, values=levels), rises)
+    return known if levels.any() else None
 
 
 def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigures | None:
@@ -390,17 +389,11 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
     volts = voltage.values[here]
     first = volts[(boot == boot[0]) & (time <= time[0] + END_SECONDS)]
     last = volts[(boot == boot[-1]) & (time >= time[-1] - END_SECONDS)]
-    figures = (
-        float(np.median(first)),
-        float(np.median(last)),
-        float(volts.mean()),
-        float(volts.min()),
-    )
-    amperes = np.zeros(0)
+    figures = [np.median(first), np.median(last), volts.mean(), volts.min()]
     load = recorded(signals.telemetry, "SYS_STATUS", "current_battery")
     if load is not None:
         amperes = load.values[within(load, *parts, slack=0)] / 1e2
-    # A negative current stands for none, and a sensor that is not there, or not calibrated, reads 0 at times.
-    if not len(amperes) or amperes.min() <= 0:
-        return BatteryFigures(*figures)
-    return BatteryFigures(*figures, float(amperes.mean()), float(amperes.max()))
+        # A negative current stands for none; a sensor that is not there, or not calibrated, reads 0 at times.
+        if amperes.min(initial=np.inf) > 0 and len(amperes):
+            figures += [amperes.mean(), amperes.max()]
+    return BatteryFigures(*map(float, figures))

@@ -16,10 +16,8 @@ import numpy as np
 
 from mavdem.alignment.align import Segment
 from mavdem.alignment.signals import Signals
-from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.margins import OpenLoop, transfer
-from mavdem.condition.resonance import LOWEST, spectra
-from mavdem.errors import NotLearnable
+from mavdem.condition.resonance import LOWEST, known_controller_of, spectra
 
 SEEN = 0.6  # coherence of the rate with what was injected, from which on a frequency counts
 
@@ -30,11 +28,8 @@ def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None
     None without a signal, the gains, or a crossover among the frequencies.
     """
     demand = signals.demand
-    if demand is None or signals.rates is None or not signals.injected:
-        return None
-    try:
-        controller = controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
-    except NotLearnable:
+    controller = known_controller_of(signals)
+    if demand is None or signals.rates is None or not signals.injected or controller is None:
         return None
     injected = max((one.signal for one in signals.injected), key=lambda one: len(one.time))
     acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])

@@ -95,14 +95,10 @@ def _name(telemetry: Telemetry) -> tuple[str, Basis]:
 def _sent_number(telemetry: Telemetry) -> str:
     """The number in AUTOPILOT_VERSION: the last that is one."""
     columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
-    if "uid2" not in columns:
-        return ""
-    rows = np.atleast_2d(np.asarray(columns["uid2"], dtype=np.uint8))
+    rows = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
     words = telemetry.autopilot == "ARDUPILOTMEGA"
-    return next(
-        (number for row in rows[::-1] if (number := board_number_in_bytes(row.tobytes(), words))),
-        "",
-    )
+    numbers = [board_number_in_bytes(row.tobytes(), words) for row in rows]
+    return next(filter(None, reversed(numbers)), "")
 
 
 def _texts(telemetry: Telemetry) -> list[str]:
@@ -129,14 +125,8 @@ def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
 
 
 def _firmware(telemetry: Telemetry) -> str:
-    said = next(
-        (
-            text.strip()
-            for text in _texts(telemetry)
-            if text.startswith(("ArduCopter V", "APM:Copter V"))
-        ),
-        "",
-    )
+    prefixes = "ArduCopter V", "APM:Copter V"
+    said = next((text for text in _texts(telemetry) if text.startswith(prefixes)), "")
     columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
     if said or "flight_sw_version" not in columns:
         return said
@@ -288,11 +278,7 @@ def _vehicle(
             for name in ("system", "component", "vehicle", "autopilot")
         },
         "translated_from": telemetry.translated_from,
-        "names": {
-            name: telemetry.names[name]
-            for name in sorted(telemetry.messages)
-            if name in telemetry.names
-        },
+        "names": {name: telemetry.names[name] for name, _ in messages if name in telemetry.names},
         "parameters": len(telemetry.parameters),
         "messages": {
             name: {"count": len(sent["time"]), "rate": _rate(sent)} for name, sent in messages
@@ -316,14 +302,12 @@ def _vehicle(
 
 def _rate(columns: Columns) -> float | None:
     """Messages a second between the first and the last of each boot, of the port or group that has most."""
-    for field in ("port", "group_mlx"):
-        if field in columns:
-            instances, of = np.unique(columns[field], return_inverse=True)
-            columns = (
-                selected(columns, of == np.bincount(of).argmax()) if len(instances) > 1 else columns
-            )
+    for field in columns.keys() & {"port", "group_mlx"}:
+        instances, of = np.unique(columns[field], return_inverse=True)
+        if len(instances) > 1:
+            columns = selected(columns, of == np.bincount(of).argmax())
     boots = [columns["time"][columns["boot"] == boot] for boot in np.unique(columns["boot"])]
-    seconds = sum(float(time[-1] - time[0]) for time in boots)
+    seconds = sum(float(np.ptp(time)) for time in boots)
     return sum(len(time) - 1 for time in boots) / seconds if seconds > 0 else None
 
 

@@ -22,7 +22,7 @@ from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.phases import both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
-from mavdem.condition.loop.controllers import controller_of
+from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.confidence import quantile
 from mavdem.errors import NotLearnable
@@ -97,6 +97,14 @@ class Spectra(NamedTuple):
         return np.asarray(np.abs(self.power[0, 1]) ** 2 / np.maximum(powers, TINY))
 
 
+def known_controller_of(signals: Signals) -> Controller | None:
+    """Returns the controller of the axis of ``signals``, of the demand itself; None where it is not known."""
+    try:
+        return controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
+    except NotLearnable:
+        return None
+
+
 def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     """Returns the largest response of the rate to its setpoint in ``parts`` of a flight.
 
@@ -112,13 +120,11 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     response = found.response
     gain = USUAL_ANGLE_GAIN
     without_filters = response
-    try:
-        controller = controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
+    controller = known_controller_of(signals)
+    if controller is not None:
         gain = controller.angle
         forward, back = transfer(controller, hertz)
         without_filters = response * back / forward
-    except NotLearnable:
-        pass
     coherence = found.coherence
     back_by_angle = gain / (2j * np.pi * hertz)
     own = np.abs(1 + back_by_angle * response) ** 2

@@ -27,7 +27,7 @@ from scipy.linalg import solve_toeplitz
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.condition.loop.controllers import Controller, controller_of
+from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
@@ -36,11 +36,11 @@ from mavdem.condition.resonance import (
     USUAL_ANGLE_GAIN,
     Spectra,
     evenly_sampled,
+    known_controller_of,
     spectra_of_pieces,
 )
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 
@@ -67,6 +67,9 @@ DRAWS = 300
 STEP_HERTZ = 0.05  # of the sum over a predicted response
 DISAGREES = 0.3
 """Of the frequencies, at which prediction and band lie apart, where a tenth does by chance alone."""
+
+
+FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
 
 
 class Estimate(NamedTuple):
@@ -121,8 +124,7 @@ class StepResponse:
     @property
     def fact(self) -> Fact:
         """What it shows, with its highest frequency."""
-        names = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
-        figures = {name: getattr(self, name).value for name in names}
+        figures = {name: getattr(self, name).value for name in FIGURES}
         return Fact(
             StepResponses.STEP_MEASURED,
             subject=f"{self.axis} {self.loop}",
@@ -199,7 +201,9 @@ def _response(
     pieces = [piece for piece in pieces if np.ptp(piece[0])]
     if sum(piece.shape[1] for piece in pieces) < 2 * FEWEST_WINDOWS * seconds * sampled:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
-    gain = _angle_gain(signals) if loop == "rate" else 0.0
+    controller = known_controller_of(signals)
+    gain = USUAL_ANGLE_GAIN if controller is None else controller.angle
+    gain *= loop == "rate"
     if loop == "rate" and len(used) < 3:
         pieces = [np.vstack([piece, np.cumsum(piece[1]) / sampled]) for piece in pieces]
     if len(used) > 3 and not _is_corrected(sampled, pieces, gain):
@@ -214,14 +218,6 @@ def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
     asked, _, angle, wanted = np.concatenate(pieces, axis=1)
     terms = np.column_stack([sampled * np.gradient(wanted), gain * (wanted - angle)])
     return bool(np.linalg.lstsq(terms, asked)[0][1] > 0.5)
-
-
-def _angle_gain(signals: Signals) -> float:
-    """Rate that is asked for per error of the angle, 1/s."""
-    try:
-        return controller_of(signals.telemetry.parameters, signals.axis, (1.0,)).angle
-    except NotLearnable:
-        return USUAL_ANGLE_GAIN
 
 
 class _Fit(NamedTuple):
@@ -382,35 +378,36 @@ def _described(
     unknown = min(unknown, np.searchsorted(hertz, asked))
     if spectra is None or unknown < 2:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
-    shown = gains[:, :unknown]
-    largest = shown.argmax(axis=1)
-    at = float(hertz[largest[0]])
-    beyond = (steps[:, None] > np.array([0.1, 0.5, 0.9])[:, None]).argmax(axis=2)
-    tenth, half, most = (
-        np.where(steps.max(axis=1) > level, time[index], time[-1])
-        for index, level in zip(beyond.T, (0.1, 0.5, 0.9), strict=True)
-    )
-    off = np.abs(steps - 1) > SETTLED
-    last = np.where(off.any(axis=1), taps - 1 - off[:, ::-1].argmax(axis=1), 0)
+    hertz = hertz[:unknown]
+    pairs = zip(steps, gains[:, :unknown], strict=True)
+    table = np.array([_figures(time, step, hertz, gain) for step, gain in pairs])
+    figures = dict(zip(FIGURES, map(_estimate, table.T), strict=True))
     return StepResponse(
         axis=axis,
         loop=loop,
         time=time,
         step=steps[0],
         step_half=quantile() * steps[1:].std(axis=0),
-        frequency=hertz[:unknown],
+        frequency=hertz,
         response=responses[0, :unknown],
-        gain_half=quantile() * shown[1:].std(axis=0),
-        highest=float(hertz[unknown - 1]),
+        gain_half=quantile() * gains[1:, :unknown].std(axis=0),
+        highest=float(hertz[-1]),
         windows=fit.windows,
-        overshoot=_estimate(np.maximum(steps.max(axis=1) - 1, 0.0)),
-        rise_time=_estimate(most - tenth),
-        settling=_estimate(time[last]),
-        delay=_estimate(half),
-        peak=_estimate(shown.max(axis=1)),
-        peak_frequency=_estimate(hertz[largest]),
-        coherence=float(np.interp(at, spectra.frequency, coherence)),
+        coherence=float(np.interp(figures["peak_frequency"].value, spectra.frequency, coherence)),
+        **figures,
     )
+
+
+def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> tuple[float, ...]:
+    """Those of ``FIGURES`` of one step (K,) and |T| (F,)."""
+    tenth, half, most = (
+        time[np.argmax(step > level)] if step.max() > level else time[-1]
+        for level in (0.1, 0.5, 0.9)
+    )
+    off = np.flatnonzero(np.abs(step - 1) > SETTLED)
+    settled = time[off.max(initial=0)]
+    top = np.argmax(gain)
+    return max(step.max() - 1, 0.0), most - tenth, settled, half, gain[top], hertz[top]
 
 
 def step_of(frequency: Array, closed: Complex, time: Array) -> Array:

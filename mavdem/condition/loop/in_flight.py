@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
+from mavdem.alignment.drive import Motors, Signal
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
@@ -101,15 +101,14 @@ def _streams(
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
 
-    def here(signal: Signal) -> Messages:
-        rows = signal.boot == boot
-        return Messages(signal.time[rows], signal.values[rows])
+    def here(stream: Attitude | Motors | Signal, values: Array) -> Messages:
+        rows = stream.boot == boot
+        return Messages(stream.time[rows], values[rows])
 
-    outputs = here(Signal(drive.time, drive.boot, drive.outputs))
     share = directions / (directions @ directions)
-    demand = (outputs.values - record.inputs.mean(axis=0)) @ share
-    angle = here(attitude.angles)
-    asked = {one.unit: here(one.signal) for one in signals.setpoints}
+    demand = here(drive, (drive.outputs - record.inputs.mean(axis=0)) @ share)
+    angle = here(attitude, attitude.angle)
+    asked = {one.unit: here(one.signal, one.signal.values) for one in signals.setpoints}
     asked = {unit: one for unit, one in asked.items() if np.diff(one.values).any()}
     if "rad/s" not in asked:
         raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
@@ -120,12 +119,12 @@ def _streams(
         # ArduPilot's ATTITUDE_TARGET lacks the correction of the angle's error, its RATE has it
         wanted = controller.angle * np.interp(setpoint.time, *asked["rad"])
         candidates.append(setpoint.values + wanted - turned)
-    streams = [here(attitude.rates), Messages(outputs.time, demand)]
+    streams = [here(attitude, attitude.rate), demand]
     for values in candidates:
         streams += [Messages(setpoint.time, one) for one in (values, values + turned)]
-    limited = controller.limited(drive.scale.fraction(outputs.values), drive.scale.stop)
+    limited = controller.limited(drive.scale.fraction(drive.outputs), drive.scale.stop)
     rounding = drive.scale.step / float(np.linalg.norm(directions))
-    return streams, Messages(outputs.time, limited.astype(np.float64)), rounding
+    return streams, here(drive, limited.astype(np.float64)), rounding
 
 
 def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
@@ -158,15 +157,15 @@ def _known(controller: Controller) -> KnownController:
 def _used(found: Spectra, known: KnownController) -> Spectra:
     """Of rate, output and that setpoint which explains the output better by the controller."""
     slow = found.frequency < SLOW
-    back = known.back(found.frequency)
-    forward = known.forward(found.frequency)
-    left = {}
-    for setpoint in range(2, len(found.late), 2):
-        unlike = np.zeros((len(back), len(found.late)), complex)
-        unlike[:, RATE], unlike[:, OUTPUT], unlike[:, setpoint] = back, 1.0, -forward
-        power = np.einsum("ja,jab,jb->j", unlike, found.mean, unlike.conj()).real
-        left[setpoint] = float((found.counts * power)[slow].sum())
-    best = min(left, key=lambda one: left[one])
+    at = found.frequency[slow]
+    unlike = np.stack([known.back(at), np.ones(len(at)), -known.forward(at)])
+
+    def left(setpoint: int) -> float:
+        power = found.of((RATE, OUTPUT, setpoint)).mean[slow]
+        counts = found.counts[slow]
+        return float(np.einsum("j,aj,jab,bj->", counts, unlike, power, unlike.conj()).real)
+
+    best = min(range(2, len(found.late), 2), key=left)
     return found.of((RATE, OUTPUT, best, best + 1))
 
 

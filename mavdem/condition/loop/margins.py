@@ -102,40 +102,37 @@ class OpenLoop(Margins):
         """(N,) of each figure by its name: of the estimated plant, and then of draws."""
         at = np.log(self.frequency)
         gain = np.log(np.abs(self.response))
-        where, crossing = _crossings(gain)
         phase = np.unwrap(np.angle(-self.response), axis=1)
-        margin = (_between(phase, where, crossing) + np.pi) % (2 * np.pi) - np.pi
-        hertz = np.exp(at[:-1] + crossing * np.diff(at))
-        turned, turning = _crossings(self.response.imag)
-        turned &= self.response.real[:, :-1] < 0
-        left = np.where(turned, -_between(gain, turned, turning), np.inf)
-        falls, falling = _crossings(np.abs(self.closed) - 2**-0.5)  # half of the power
-        rows = np.arange(len(self.response))
-        first = np.argmax(falls, axis=1)
-        bandwidth = np.exp(at[first] + falling[rows, first] * np.diff(at)[first])
-        smallest = np.where(where, margin, np.inf)
-        highest = np.where(where, hertz, 0.0).max(axis=1)
+        hertz, margin = _where_zero(gain, at, phase)
+        hertz = np.exp(hertz)
+        margin = (margin + np.pi) % (2 * np.pi) - np.pi
+        real, bears = _where_zero(self.response.imag, self.response.real, -gain)
+        bears = np.where(real < 0, bears, np.nan)
+        (falls,) = _where_zero(np.abs(self.closed) - 2**-0.5, at)  # half of the power
+        late = np.fmin.reduce(margin / (2 * np.pi * hertz), axis=1)
+        nearest = np.fmin.reduce(np.abs(bears), axis=1)
+        nearest = np.where(np.any(bears == -nearest[:, None], axis=1), -nearest, nearest)
         return {
-            "crossover": np.where(where.any(axis=1), highest, np.nan),
-            "phase_margin": np.degrees(smallest.min(axis=1)),
-            "gain_margin": 20 / np.log(10) * left[rows, np.argmin(np.abs(left), axis=1)],
-            "delay_margin": (smallest / (2 * np.pi * hertz)).min(axis=1),
+            "crossover": np.fmax.reduce(hertz, axis=1),
+            "phase_margin": np.degrees(_or_infinite(np.fmin.reduce(margin, axis=1))),
+            "gain_margin": 20 / np.log(10) * _or_infinite(nearest),
+            "delay_margin": _or_infinite(late),
             "ms": np.abs(1 / (1 + self.response)).max(axis=1),
-            "bandwidth": np.where(falls.any(axis=1), bandwidth, np.nan),
+            "bandwidth": np.exp(np.fmin.reduce(falls, axis=1)),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
 
 
-def _crossings(values: Array) -> tuple[NDArray[np.bool_], Array]:
-    """(N, F − 1) between which frequencies ``values`` (N, F) change sign, and at which share of the way."""
-    before = values[:, :-1]
-    after = values[:, 1:]
+def _where_zero(values: Array, *others: Array) -> list[Array]:
+    """(N, F - 1) of each of ``others`` where ``values`` (N, F) change sign between two frequencies; else NaN."""
+    before, after = values[:, :-1], values[:, 1:]
     changes = np.signbit(before) != np.signbit(after)
-    return changes, np.where(changes, before / np.where(changes, before - after, 1.0), 0.0)
+    share = np.where(changes, before / np.where(changes, before - after, 1.0), np.nan)
+    return [one[..., :-1] + share * np.diff(one) for one in others]
 
 
-def _between(values: Array, where: NDArray[np.bool_], share: Array) -> Array:
-    return np.where(where, values[:, :-1] + share * np.diff(values, axis=1), 0.0)
+def _or_infinite(values: Array) -> Array:
+    return np.where(np.isnan(values), np.inf, values)
 
 
 def loops_of(
