@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import Signal
@@ -132,7 +131,10 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     own += np.abs(back_by_angle) ** 2 * by_wind
     known = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
     known &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
-    rows = _longest(known, hertz)
+    rows = np.flatnonzero(known)
+    # the run of frequencies that reaches over most octaves
+    runs = filter(len, np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1))
+    rows = max(runs, key=lambda run: hertz[run[-1]] / hertz[run[0]], default=rows)
     size = np.abs(response[rows])
     # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
     if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL:
@@ -261,13 +263,3 @@ def spectra_of(values: Array, size: int) -> Complex:
     windows = windows_of(values, size)
     centred = windows - windows.mean(axis=-1, keepdims=True)
     return np.asarray(np.fft.rfft(centred * np.hanning(size)))
-
-
-def _longest(known: NDArray[np.bool_], hertz: Array) -> NDArray[np.intp]:
-    """The rows of the run of ``known`` frequencies (F,) that reaches over most octaves."""
-    runs = np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1)
-    return max(
-        (run for run in runs if known[run[0]]),
-        key=lambda run: hertz[run[-1]] / hertz[run[0]],
-        default=np.zeros(0, np.intp),
-    )

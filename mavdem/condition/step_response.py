@@ -2,8 +2,8 @@
 
 The response T of what is seen, p, to what is asked, r, is an impulse response of ``TAPS`` values, fitted by generalised
 least squares: residuals are whitened by an autoregression, and windows with more of the wind count less, which is what
-weights by coherence do. A smooth, decaying Gaussian process is its prior, whose size and decay maximise the evidence;
-that tells resonances from noise without smoothing them.
+weights by coherence do. A smooth, decaying Gaussian process is its prior, whose size maximises the evidence; that tells
+resonances from noise without smoothing them.
 
 Wind moves r as well, by the controller of the attitude: r = x − K φ. So r is replaced among the regressors by what of
 it the pilot or the autopilot's navigation asks, x / (1 + K T / s), x = r + K φ: an instrument, with the last T.
@@ -50,12 +50,11 @@ TAPS = 100  # of it at most: of rates up to 200 Hz, for resonances of up to half
 MOST_WINDOWS = 300
 PASSES = 4
 ORDER = 12  # of the autoregression of the residuals
-SMOOTH = 0.04
+SMOOTH = 0.04, 0.25
 SLOW = 0.2, 2.0
 SLOW_SHARE = 0.003
-"""Of the prior, in shares of the step: lengths over which it is alike, and of the slow tail that an integrator leaves
-that length, its decay, and its share of the variance."""
-DECAYS = np.geomspace(0.06, 2.0, 6)
+"""Of the prior, in shares of the step: lengths over which it is alike, and its decay; of the slow tail that an
+integrator leaves likewise, and its share of the variance."""
 SIZES = np.geomspace(0.1, 1e5, 13)
 STEADY = 0.03
 LEAST_POWER = (
@@ -327,23 +326,19 @@ def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: 
 
 
 def _prior(precision: Array, moment: Array) -> Array:
-    """(K, K) the covariance of the weights before the flight, of the size and decay with the largest evidence."""
+    """(K, K) the covariance of the weights before the flight, of the size with the largest evidence."""
     taps = len(moment)
     after = np.linspace(0.0, 1.0, taps + 1)
-    best = -np.inf, np.zeros((taps, taps))
-    for decay in DECAYS:
-        shape = _matern(after, SMOOTH, decay) + SLOW_SHARE * _matern(after, *SLOW)
-        # The response begins at 0.
-        shape = (shape - np.outer(shape[0], shape[0]) / shape[0, 0])[1:, 1:] / taps**2
-        root = np.linalg.cholesky(shape + 1e-8 * np.trace(shape) / taps * np.eye(taps))
-        values, vectors = np.linalg.eigh(root.T @ precision @ root)
-        gained = SIZES[:, None] * np.maximum(values, 0.0)
-        along = vectors.T @ (root.T @ moment)
-        fits = (SIZES[:, None] * along**2 / (1 + gained)).sum(axis=1)
-        evidence = fits - np.log1p(gained).sum(axis=1)
-        if (highest := float(evidence.max())) > best[0]:
-            best = highest, float(SIZES[np.argmax(evidence)]) * shape
-    return best[1]
+    shape = _matern(after, *SMOOTH) + SLOW_SHARE * _matern(after, *SLOW)
+    # The response begins at 0.
+    shape = (shape - np.outer(shape[0], shape[0]) / shape[0, 0])[1:, 1:] / taps**2
+    root = np.linalg.cholesky(shape + 1e-8 * np.trace(shape) / taps * np.eye(taps))
+    values, vectors = np.linalg.eigh(root.T @ precision @ root)
+    gained = SIZES[:, None] * np.maximum(values, 0.0)
+    along = vectors.T @ (root.T @ moment)
+    fits = SIZES[:, None] * along**2 / (1 + gained)
+    evidence = (fits - np.log1p(gained)).sum(axis=1)
+    return np.asarray(SIZES[np.argmax(evidence)] * shape)
 
 
 def _matern(after: Array, length: float, decay: float) -> Array:

@@ -29,7 +29,7 @@ from mavdem.analysis import Options
 from mavdem.assessment.assess import NoLoop, assess
 from mavdem.condition.loop.controllers import LOOP_RATES, Controller, controller_of
 from mavdem.condition.loop.loop import Loop
-from mavdem.condition.loop.margins import OpenLoop, loops_of
+from mavdem.condition.loop.margins import OpenLoop, attitude_loop, rate_loop
 from mavdem.confidence import LEVEL
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
@@ -125,7 +125,8 @@ def figures_of(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]
 def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]:
     """Likewise, of a known plant."""
     known = np.array(plant[:1]), np.array([plant[1:]])
-    found = figures_of(*known, *loops_of(controller, *known))
+    rate = rate_loop(controller, *known)
+    found = figures_of(*known, rate, attitude_loop(controller, rate))
     return {name: float(one[0]) for name, one in found.items()}
 
 

@@ -179,7 +179,7 @@ def _best(loop: Loop, target: Target) -> dict[str, float]:
         return float(np.quantile(scores.clip(-1.0), SHORT))
 
     def cost(steps: Array, aim: float) -> float:
-        now = few.changed(stepped(steps), COARSE)
+        now = few.changed(stepped(steps))
         noise = _demand(now.controller, frequency, density) / loudest
         faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
         crossed = [1 - margins(now) / aim, noise - 1, *(1 - np.nan_to_num(faster, nan=1.0))]
@@ -198,9 +198,9 @@ def _best(loop: Loop, target: Target) -> dict[str, float]:
             options={"maxfev": tries, "initial_simplex": simplex},
         ).x
         new = stepped(steps)
-        if margins(few.changed(new, COARSE)) < 0.99 * aim:
+        if margins(few.changed(new)) < 0.99 * aim:
             break
-        aim *= 1.005 / min(margins(many.changed(new, COARSE)), 1.005)
+        aim *= 1.005 / min(margins(many.changed(new)), 1.005)
     return new
 
 

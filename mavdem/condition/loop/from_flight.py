@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mavdem.condition.loop.controllers import MOTORS, Controller, controller_of
 from mavdem.condition.loop.filters import equivalent_cutoff
 from mavdem.condition.loop.loop import Loop, changed_in
-from mavdem.condition.loop.margins import OpenLoop, loops_of
 from mavdem.condition.loop.response import measured_response
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -45,7 +46,6 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
     if plant.caution is not None:
         raise NotLearnable(Fact(Loops.NO_MARGINS, because=plant.caution))
-    axis = axis_of(record)
     controller = controller or known_controller(record)
     if not controller.p > 0:
         name = controller.names["p"]
@@ -59,40 +59,24 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:
         raise NotLearnable(Fact(Loops.MIXER_REVERSED))
-    dynamics = np.maximum(drawn[:, -3:], LEAST)
-    rate, attitude = loops_of(controller, gains, dynamics)
+    draws = np.maximum(drawn[:, -3:], LEAST)
+    loop = Loop(axis_of(record), plant, record, controller, gains, draws)
+    rate = loop.rate
     cautions = list[Fact]()
     if plant.bias:
         because = plant.reasons["effect"]
         cautions.append(Fact(Loops.EFFECT_BIASED, Level.WATCH, because=because))
-    if not plant.filtered:
-        cautions += _extrapolated(rate, record.dt)
+    nearest = np.argmin(np.abs(rate.response[0] + 10 ** (-rate.gain_margin / 20)))
+    seen = 0.5 / record.dt
+    if not plant.filtered and np.isfinite(rate.gain_margin) and rate.frequency[nearest] >= seen:
+        cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, Level.WATCH, rate=seen))
     measured = None
     if earlier := changed_in(record, controller):
         changes = [(name, old, record.parameters[name]) for name, old in earlier.items()]
         cautions.append(Fact(Loops.PARAMETERS_CHANGED, Level.WATCH, changes=changes))
     else:
         measured = measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
-    return Loop(
-        axis,
-        plant,
-        record,
-        controller,
-        gains,
-        dynamics,
-        rate,
-        attitude,
-        (*cautions, *controller.cautions),
-        measured,
-    )
-
-
-def _extrapolated(rate: OpenLoop, dt: float) -> list[Fact]:
-    """That the gain margin is of a frequency beyond half of the messages' rate, if it is."""
-    nearest = np.argmin(np.abs(rate.response[0] + 10 ** (-rate.gain_margin / 20)))
-    if rate.frequency[nearest] < 0.5 / dt or not np.isfinite(rate.gain_margin):
-        return []
-    return [Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, Level.WATCH, rate=0.5 / dt)]
+    return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
 
 def axis_of(record: Record) -> str:

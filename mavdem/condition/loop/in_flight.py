@@ -11,7 +11,7 @@ from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
-from mavdem.condition.loop.margins import loops_of, transfer
+from mavdem.condition.loop.margins import rate_loop, transfer
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
     LATE,
@@ -175,7 +175,7 @@ def _check(plant: Physical, directions: Array, controller: Controller) -> None:
     if not steered >= LEAST_STEERED:
         raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
     drawn = plant.draws(100)
-    rate, _ = loops_of(controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], LEAST))
+    rate = rate_loop(controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], LEAST))
     low, high = rate.phase_margin_interval
     # what flew settled was not unstable
     if not (high - low <= 2 * WIDEST and rate.stable[0]):

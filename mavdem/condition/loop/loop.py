@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.condition.loop.controllers import Controller
-from mavdem.condition.loop.margins import GRID, Margins, OpenLoop, loops_of
+from mavdem.condition.loop.margins import GRID, Margins, OpenLoop, attitude_loop, rate_loop
 from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
@@ -60,12 +61,22 @@ class Loop(Margins, LoopDownstream):
     """(N,) angular acceleration per demand, rad/s², of the estimate, and then of draws."""
     draws: Array
     """(N, 3) likewise of damping, 1/s, lag and delay, s, without the gyro's filter."""
-    rate: OpenLoop
-    attitude: OpenLoop
-    cautions: tuple[Fact, ...]
+    cautions: tuple[Fact, ...] = ()
     """What the figures do not allow for."""
     measured: MeasuredResponse | None = None
     """The response of the rate in flight, where the log has setpoints."""
+    grid: tuple[float, float, int] = GRID
+    """Of the frequencies, as ``GRID``."""
+
+    @cached_property
+    def rate(self) -> OpenLoop:
+        """The loop of the rate."""
+        return rate_loop(self.controller, self.gains, self.draws, self.grid)
+
+    @cached_property
+    def attitude(self) -> OpenLoop:
+        """The loop of the attitude, with that of the rate closed."""
+        return attitude_loop(self.controller, self.rate)
 
     @property
     def figures(self) -> Mapping[str, Array]:
@@ -76,13 +87,9 @@ class Loop(Margins, LoopDownstream):
         margins = f"phase_margin={self.phase_margin:.0f}, gain_margin={self.gain_margin:.1f}"
         return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
 
-    def changed(
-        self, parameters: Mapping[str, float], grid: tuple[float, float, int] = GRID
-    ) -> Loop:
+    def changed(self, parameters: Mapping[str, float]) -> Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
-        controller = self.controller.changed(parameters)
-        rate, attitude = loops_of(controller, self.gains, self.draws, grid)
-        return replace(self, controller=controller, rate=rate, attitude=attitude, measured=None)
+        return replace(self, controller=self.controller.changed(parameters), measured=None)
 
     def drawn(
         self,
@@ -94,8 +101,7 @@ class Loop(Margins, LoopDownstream):
         kept = np.append(0, np.arange(len(self.gains))[rows])
         gains = np.outer(effects, self.gains[kept]).ravel()
         draws = np.tile(self.draws[kept], (len(effects), 1))
-        rate, attitude = loops_of(self.controller, gains, draws, grid)
-        return replace(self, gains=gains, draws=draws, rate=rate, attitude=attitude)
+        return replace(self, gains=gains, draws=draws, grid=grid)
 
     @property
     def agrees(self) -> bool | None:

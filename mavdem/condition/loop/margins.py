@@ -135,29 +135,34 @@ def _or_infinite(values: Array) -> Array:
     return np.where(np.isnan(values), np.inf, values)
 
 
-def loops_of(
+def rate_loop(
     controller: Controller,
     gains: Array,
     dynamics: Array,
     grid: tuple[float, float, int] = GRID,
-) -> tuple[OpenLoop, OpenLoop]:
-    """Returns rate and attitude loop; ``gains`` (N,) and ``dynamics`` (N, 3) are those of a :class:`Loop`."""
+) -> OpenLoop:
+    """Returns the loop of the rate; ``gains`` (N,) and ``dynamics`` (N, 3) are those of a :class:`Loop`."""
     lowest, highest, count = grid
     frequency = np.geomspace(lowest, min(highest, 0.45 / controller.cycle), count)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)
-    # Rates are logged, and controlled, behind the gyro's filters, the angle is not.
-    filtered = gyro_response(controller, frequency)
-    acted = filtered * np.exp(-s * delay) / (lag * s + 1)
+    acted = gyro_response(controller, frequency) * np.exp(-s * delay) / (lag * s + 1)
     turned = 1 / (s + damping)
     to_rate = gains[:, None] * acted * turned
     forward, back = transfer(controller, frequency)
     response = back * to_rate
-    closed = forward * to_rate / (1 + response)
-    rejected = turned / (1 + response)
-    outer = controller.angle / s * closed / filtered
-    attitude = OpenLoop(frequency, outer, outer / (1 + outer), rejected / s / (1 + outer))
-    return OpenLoop(frequency, response, closed, rejected), attitude
+    return OpenLoop(
+        frequency, response, forward * to_rate / (1 + response), turned / (1 + response)
+    )
+
+
+def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
+    """Returns the loop of the attitude around that of the ``rate``."""
+    s = 2j * np.pi * rate.frequency
+    # Rates are logged, and controlled, behind the gyro's filters, the angle is not.
+    filtered = gyro_response(controller, rate.frequency)
+    outer = controller.angle / s * rate.closed / filtered
+    return OpenLoop(rate.frequency, outer, outer / (1 + outer), rate.disturbance / s / (1 + outer))
 
 
 def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
