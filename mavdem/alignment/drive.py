@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -83,19 +83,13 @@ def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, in
 
 def preferred_message(counts: Mapping[str, int]) -> str | None:
     """Returns the first of ``counts``, the preferred first, that came about as often as the most frequent."""
-    return next(by_preference(counts), None)
+    return next(iter(by_preference(counts)), None)
 
 
-def by_preference(counts: Mapping[str, int]) -> Iterator[str]:
-    """Yields the :func:`preferred_message` of ``counts``, then that of the others, and so on."""
-    left = {name: count for name, count in counts.items() if count}
-    while left:
-        yield (
-            name := next(
-                name for name in left if left[name] >= FREQUENT_ENOUGH * max(left.values())
-            )
-        )
-        del left[name]
+def by_preference(counts: Mapping[str, int]) -> list[str]:
+    """Returns the names of ``counts``, the preferred first; behind them those that came clearly less often."""
+    enough = FREQUENT_ENOUGH * max(counts.values(), default=0)
+    return sorted(filter(counts.get, counts), key=lambda name: counts[name] < enough)
 
 
 TILT_AXES = ("roll", "pitch")  # The axes of a model with angle and rate; yaw has its rate only
@@ -277,9 +271,8 @@ def _moves(values: Array) -> bool:
 
 def _interpolated(main: Signal, bank: Signal, values: Array) -> Array:
     moved = np.full(len(main.time), np.nan)
-    for boot in np.unique(main.boot):
+    for boot in np.intersect1d(main.boot, bank.boot):
         there = bank.boot == boot
         here = main.boot == boot
-        if there.any():
-            moved[here] = np.interp(main.time[here], bank.time[there], values[there])
+        moved[here] = np.interp(main.time[here], bank.time[there], values[there])
     return moved

@@ -144,14 +144,14 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
 
 
 def attitude_target(q: Array | None = None, rates: Array | None = None) -> Fields:
-    """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4) or body rates (N, 3), rad/s, the other masked."""
-    count, mask = (
-        (len(q), 1 | 2 | 4) if q is not None else (0 if rates is None else len(rates), 128)
-    )
-    rates = np.full((count, 3), np.nan) if rates is None else rates
-    named = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
+    """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4), or body rates (N, 3), rad/s; the other is masked."""
+    asked = rates if q is None else q
+    unknown = np.full((0 if asked is None else len(asked), 4), np.nan)
+    roll, pitch, yaw = (unknown[:, :3] if rates is None else rates).T
     return {
-        "type_mask": np.full(count, mask, np.uint8),
-        "q": np.full((count, 4), np.nan) if q is None else q,
-        **named,
+        "type_mask": np.full(len(unknown), 128 if q is None else 1 | 2 | 4, np.uint8),
+        "q": unknown if q is None else q,
+        "body_roll_rate": roll,
+        "body_pitch_rate": pitch,
+        "body_yaw_rate": yaw,
     }

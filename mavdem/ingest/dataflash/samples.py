@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, count, having, instance
-from mavdem.ingest.telemetry import Array, Columns, Parameters, Tables, rows_by
+from mavdem.ingest.telemetry import Array, Columns, Parameters, Tables, joined, rows_by
 
 FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
 RAW = {"GYRO": "GYR", "ACCEL": "ACC"}
@@ -78,22 +78,17 @@ def _batches(tables: Tables, sensor: str, number: int) -> Columns | None:
         return None
     if any(data[axis].ndim != 2 for axis in "xyz"):
         return None
-    times = []
-    boots = []
-    parts = []
+    batches: list[Columns] = []
     rows_of = rows_by(data["N"].astype(np.int64))
     start = _on_clock(header, header["SampleUS"])
     own = (header["type"] == BATCH_TYPES[sensor]) & (header["instance"] == number)
     for row in np.flatnonzero(own & (header["mul"] > 0) & (header["smp_rate"] > 0)):
         rows = rows_of.get(int(header["N"][row]), np.zeros(0, np.intp))
         rows = rows[np.argsort(data["seqno"][rows], kind="stable")]
-        samples = np.stack([data[axis][rows].ravel() for axis in "xyz"])
-        if samples.shape[1] == header["smp_cnt"][row]:
-            steps = np.arange(samples.shape[1])
-            times.append(start[row] + steps / float(header["smp_rate"][row]))
-            boots.append(np.full(len(steps), header["boot"][row]))
-            parts.append(samples / float(header["mul"][row]))
-    if not parts:
-        return None
-    measured = dict(zip("xyz", np.concatenate(parts, axis=1), strict=True))
-    return {"time": np.concatenate(times), "boot": np.concatenate(boots), **measured}
+        samples = {axis: data[axis][rows].ravel() / float(header["mul"][row]) for axis in "xyz"}
+        steps = np.arange(len(samples["x"]))
+        if len(steps) == header["smp_cnt"][row]:
+            time = start[row] + steps / float(header["smp_rate"][row])
+            boot = np.full(len(steps), header["boot"][row])
+            batches.append({"time": time, "boot": boot, **samples})
+    return joined(batches) if batches else None

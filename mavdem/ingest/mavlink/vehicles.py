@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.mavlink.clocks import Places, Sent, Times, boot_clock, far_off
+from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock, far_off
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
     columns,
@@ -82,8 +82,6 @@ def assemble(stream: FrameStream) -> Log:
         for ids, rows in rows_by(ids_of).items()
         for sequence in (frames.sequence[rows].astype(np.int16),)
     }
-    received = _received(stream.stamps)
-
     unread = _unread(frames, ids_of, sent)
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
@@ -116,7 +114,8 @@ def assemble(stream: FrameStream) -> Log:
             who = (one.system, one.component, one.kind, one.autopilot)
             found = repairs + of_clock
             vehicles.append(Telemetry(*who, messages, parameters, stream.source, found))
-    known = received[~np.isnan(received)]
+    known = stream.stamps[stream.stamps > 0] / 1e6
+    known = known[~far_off(known, STAMP_WINDOW, MAX_STAMP_JUMP)]
     span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
     components = tuple(one for one, *_ in heard)
     return Log(
@@ -156,15 +155,6 @@ def _unread(
         cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
         found.append(Unread(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause))
     return tuple(found)
-
-
-def _received(stamps: NDArray[np.uint64]) -> Times:
-    """Seconds; NaN without a stamp, or where it is far from its neighbours'."""
-    received = np.where(stamps > 0, stamps / 1e6, np.nan)
-    rows = np.flatnonzero(stamps)
-    if (np.abs(np.diff(received[rows])) > MAX_STAMP_JUMP).any():
-        received[rows[far_off(received[rows], STAMP_WINDOW, MAX_STAMP_JUMP)]] = np.nan
-    return received
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
