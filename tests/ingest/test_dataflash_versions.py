@@ -205,12 +205,3 @@ def test_a_ulog_has_what_pyulog_reads_of_it():
     assert vehicle.board == log.msg_info_dict["sys_uuid"]
     version = log.get_version_info_str().replace(" (RC)", "-rc")
     assert vehicle.firmware == f"PX4 {version} ({log.msg_info_dict['ver_sw'][:8]})"
-
-
-def test_a_ulog_s_utc_is_that_of_the_receiver():
-    path = shared("real/logs/px4_motor_failure.ulg")
-    clock = read_log(path).vehicles[0].messages["SYSTEM_TIME"]
-    gps = ULog(str(path), ["vehicle_gps_position"]).get_dataset("vehicle_gps_position").data
-    known = gps["time_utc_usec"] > 0
-    np.testing.assert_array_equal(clock["time_unix_usec"], gps["time_utc_usec"][known])
-    np.testing.assert_allclose(clock["time"], gps["timestamp"][known] / 1e6)
