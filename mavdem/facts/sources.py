@@ -65,7 +65,6 @@ class Flaw(StrEnum):
 
     DAMAGE = auto()
     ANOTHER_DIALECT = auto()
-    UNDEFINED = auto()
     UNDECODABLE = auto()
     FAR_STAMP = auto()
     IMPOSSIBLE_STAMP = auto()

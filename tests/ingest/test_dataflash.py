@@ -186,7 +186,7 @@ def test_a_made_up_log(tmp_path):
 def test_a_log_that_begins_in_the_air_says_so(tmp_path):
     landed = made.message("EV", 21_990_000, 18) + made.message("EV", 21_991_000, 11)
     vehicle = vehicle_of(made.log(*made.flight(TIMES), landed), tmp_path)
-    assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == [128, 128, 128, 0, 0]
+    assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == 8 * [128] + [0, 0]
     assert vehicle.messages["EXTENDED_SYS_STATE"]["landed_state"].tolist() == [2, 2, 1]
     silent = vehicle_of(made.log(*made.flight(TIMES)), tmp_path)
     assert "HEARTBEAT" not in silent.messages and "EXTENDED_SYS_STATE" not in silent.messages

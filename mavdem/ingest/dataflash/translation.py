@@ -522,13 +522,18 @@ def _across_boots(columns: Columns) -> Array:
 
 
 def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:
-    """Boot, time, state before and state after each event (N, 4)."""
+    """Boot, time, state before and state after (N, 4) each event, and the beginning of each boot that has some."""
     logged = tables.get(name, {})
     if field not in logged:
         return np.zeros((0, 4))
     rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
     found = sorted((boot, time, *states[value]) for boot, time, value in rows if value in states)
-    return np.array(found).reshape(-1, 4)
+    first = {boot: before for boot, _, before, _ in reversed(found)}
+    for boot, before in first.items():
+        stamps = (columns["time"][columns["boot"] == boot] for columns in tables.values())
+        begun = min(float(time.min()) for time in stamps if len(time))
+        found.append((boot, begun, before, before))
+    return np.array(sorted(found)).reshape(-1, 4)
 
 
 def _armed(changes: Array, kind: int) -> Columns:

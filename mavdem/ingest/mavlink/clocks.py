@@ -54,8 +54,6 @@ REFERENCES = (
 # Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
 WRAP_GAP = 60.0
 STEP_BACK = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
-# Seconds by which no clock runs ahead of the reference's stamps around it
-AHEAD = 600.0
 # Median offset, s, of a type's stamps from the reference above which they are of another clock
 OTHER_EPOCH = 10.0
 
@@ -204,8 +202,8 @@ def _placed_against(
 ) -> tuple[_Kept, Facts]:
     """Another type, compared with the reference's stamps before and after each of its messages."""
     time, off, boot = _read_against(reference, places, seconds, kind.period)
-    inside = slice(*np.searchsorted(places, reference.places[[0, -1]], side="right").tolist())
-    typical = float(np.median(off[inside] if inside.start < inside.stop else off))
+    first, last = np.searchsorted(places, reference.places[[0, -1]], side="right").tolist()
+    typical = float(np.median(off[first:last] if first < last else off))
     repairs: Facts = ()
     if abs(typical) > OTHER_EPOCH:
         for number in np.unique(boot):
@@ -215,8 +213,6 @@ def _placed_against(
             off[of_boot] -= shift
         repairs += repair(Repair.CLOCK_MOVED, name=kind.message, offset=typical)
     outlier = outliers(off)
-    near = slice(max(inside.start - MIN_RESET_STAMPS, 0), inside.stop + MIN_RESET_STAMPS)
-    outlier[near] |= (np.abs(off[near]) > AHEAD) | (time[near] < 0)
     if abs(typical) <= OTHER_EPOCH and (np.abs(time - seconds)[~outlier] > kind.period / 2).any():
         repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
     ignored = np.count_nonzero(outlier)

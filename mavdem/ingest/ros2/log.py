@@ -190,14 +190,10 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     read: dict[int, dict[int, Any]] = {number: {} for number in topics}
     undecodable: Counter[str] = Counter()
     log_times = []
-    undefined = 0
     anew = McapRecording(recording.content)
     for place, message in enumerate(anew.messages()):
         number = message.channel_id
-        channel = anew.channels[number]
         if number not in topics:
-            is_cdr = channel.message_encoding == CDR
-            undefined += is_cdr and channel.schema_id not in recording.schemas
             continue
         decode = decoders[schemas[number]]
         try:
@@ -205,7 +201,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             read[number][place] = decode(message.data)
             log_times.append(message.log_time / 1e9)
         except Exception:  # cut short, or of another type: the library may raise anything
-            undecodable[channel.topic] += 1
+            undecodable[anew.channels[number].topic] += 1
     tables = []
     for number, messages in read.items():
         table = _table(topics[number], messages)
@@ -224,7 +220,6 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     failed = {"count": undecodable.total(), "names": sorted(+undecodable)}
     repairs = (
         *anew.repairs(),
-        *repair(code, count=undefined, flaw=Flaw.UNDEFINED),
         *repair(code, flaw=Flaw.UNDECODABLE, **failed),
     )
     vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
