@@ -14,9 +14,10 @@ import click
 from rich.live import Live as Place
 from rich.text import Text
 
+from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
-from mavdem.cli.options import Number, file_option, model_options, motion_options
+from mavdem.cli.options import Number, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import (
     STDERR,
     asked_to_end,
@@ -124,7 +125,15 @@ class Dashboard:
 
 @click.command("live")
 @click.argument("link")
-@motion_options()
+@click.option(
+    "--axis",
+    type=click.Choice(TILT_AXES),
+    default="roll",
+    show_default=True,
+    help="Axis to model.",
+)
+@vehicle_option
+@json_option
 @model_options
 @file_option("--rrd", "Rerun recording to write; then no window opens.")
 @click.option(
@@ -158,7 +167,6 @@ def live_command(
     link: str,
     axis: str,
     vehicle: str | None,
-    inputs: str | None,
     as_json: bool,
     settings: Settings,
     rrd: Path | None,
@@ -196,7 +204,7 @@ def live_command(
     """
     model, html = _at_end(rrd, record, model)
     earlier = None if prior is None else earlier_flight(prior, axis)
-    stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
+    stream = LiveStream(axis, vehicle, asked=request_rate is not None)
     with suppress(Unreadable):  # a model without its report knows no drag
         stream.air.drag = None if prior is None else earlier_drag(prior)
     with ExitStack() as signals, ExitStack() as ends:

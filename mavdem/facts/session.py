@@ -66,7 +66,6 @@ class Rows(Code):
     MOTOR_ORDER_ASSUMED = auto()
     MOTOR_ORDER_KNOWN = auto()
     INPUTS_CHANGED = auto()
-    ONLY_DEMAND = auto()
     MESSAGES_RESUMED = auto()
     NOTHING_RECEIVED = auto()
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment, mean_rate
-from mavdem.alignment.drive import AXES, DEMAND_FORM, DEMAND_MESSAGE, Motors, Signal, recorded
+from mavdem.alignment.drive import AXES, Motors, Signal, recorded
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import (
     AVERAGING_SECONDS,
@@ -32,7 +32,7 @@ from mavdem.alignment.phases import (
     both,
 )
 from mavdem.alignment.quality import QualityFigures
-from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, motors_or_demand
+from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals
 from mavdem.analysis import AxisFigures
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.assess import loop_by
@@ -85,15 +85,11 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The inputs of the model, from one ``message``: for each its port and its place in the message's channels."""
+    """The inputs of the model: ``motors`` of the last seconds, and for each its port and its place in the channels."""
 
-    message: str
-    layout: MotorGeometry
-    scale: OutputScale
+    motors: Motors
     picks: tuple[tuple[int, int], ...]
-    # of the last seconds: motor outputs, and how hard the motors worked together
-    motors: Motors | None
-    collective: Signal | None
+    collective: Signal | None  # of the last seconds: how hard the motors worked together
 
     @cached_property
     def ports(self) -> tuple[int, ...]:
@@ -104,7 +100,7 @@ class Inputs:
     @property
     def key(self) -> tuple[object, ...]:
         """What must not change within a segment."""
-        return self.message, self.layout.channels, self.picks
+        return self.motors.message, self.motors.layout.channels, self.picks
 
 
 class InputChoice:
@@ -121,55 +117,33 @@ class InputChoice:
         self,
         streams: Mapping[tuple[str, int], Samples],
         vehicle: Telemetry,
-        axis: str,
-        inputs: str | None,
         staying: str | None,
-        rates: Mapping[str, float],
         now: float,
     ) -> Inputs | None:
-        """Returns the inputs by the rule of ``Signals.drive``; None without any.
+        """Returns the motors as of ``now``, s, by the rule of ``Signals.motors``; None without any.
 
-        ``streams`` are by message and port, ``rates``, Hz, by message as of ``now``, s; ``staying`` is the only message
-        to consider.
+        ``streams`` are by message and port; ``staying`` is the only message to consider.
         """
         messages: dict[str, dict[str, NDArray[Any]]] = {}
         for (name, port), stream in sorted(streams.items()):
-            if (
-                name in (*MOTOR_MESSAGES, DEMAND_MESSAGE)
-                and staying in (None, name)
-                and stream.time
-            ):
+            if name in MOTOR_MESSAGES and staying in (None, name) and stream.time:
                 columns = self._columns(name, port, stream)
                 messages[name] = joined([messages[name], columns]) if name in messages else columns
-        inputs = "demand" if staying == DEMAND_MESSAGE else inputs
-        signals = Signals(replace(vehicle, messages=messages), axis, inputs)
+        signals = Signals(replace(vehicle, messages=messages))
         motors = signals.motors
-        chosen = signals.drive
-        if inputs is None:
-            # Motors that do not move count too: before take-off they have not moved yet.
-            motor_rate = max(rates.get(name, 0.0) for name in MOTOR_MESSAGES)
-            chosen = motors_or_demand(
-                motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0)
-            )
-        if chosen is None:
-            return None
-        picks = [(0, drive.AXES.index(axis))]
-        if chosen.message != DEMAND_MESSAGE:
-            _, width = drive.outputs_by_port(chosen.message, messages[chosen.message])
-            picks = [divmod(n - 1, width) for n in chosen.layout.channels]
-        # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
-        known = output_scale(chosen.outputs, vehicle.parameters, chosen.layout.drivers)
-        scale = replace(chosen.scale, stop=known.stop)
         collective = signals.collective
-        if motors is not None:
-            recent = motors.time >= now - KEPT_SECONDS
-            parts = {name: getattr(motors, name)[recent] for name in ("time", "boot", "outputs")}
-            motors = replace(motors, scale=scale, **parts)
-        if collective is not None:
-            recent = collective.time >= now - KEPT_SECONDS
-            shown = collective.time[recent], collective.boot[recent], collective.values[recent]
-            collective = Signal(*shown) if recent.any() else None
-        return Inputs(chosen.message, chosen.layout, scale, tuple(picks), motors, collective)
+        if motors is None or collective is None:
+            return None
+        _, width = drive.outputs_by_port(motors.message, messages[motors.message])
+        picks = tuple(divmod(n - 1, width) for n in motors.layout.channels)
+        # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
+        known = output_scale(motors.outputs, vehicle.parameters, motors.layout.drivers)
+        recent = motors.time >= now - KEPT_SECONDS
+        parts = {name: getattr(motors, name)[recent] for name in ("time", "boot", "outputs")}
+        motors = replace(motors, scale=replace(motors.scale, stop=known.stop), **parts)
+        recent = collective.time >= now - KEPT_SECONDS
+        shown = collective.time[recent], collective.boot[recent], collective.values[recent]
+        return Inputs(motors, picks, Signal(*shown) if recent.any() else None)
 
     def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
         """The outputs of one port as columns."""
@@ -181,7 +155,7 @@ class InputChoice:
         lowest = np.where(sent, table, inf).argmin(axis=0)
         highest = np.where(sent, table, -inf).argmax(axis=0)
         self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
-        form = MOTOR_MESSAGES.get(name, DEMAND_FORM)
+        form = MOTOR_MESSAGES[name]
         if not form.is_ported:
             return columns_of(
                 [form.field], [(time, (values,)) for time, values in rows], self._boot
@@ -338,20 +312,17 @@ def judged(
     )
     axis = names[1][0]
     duration = flight.duration
-    condition = Condition(duration=duration, settled=duration)
     telemetry = Telemetry(1, 1, UNNAMED, "", {}, learned.record.parameters)
-    signals = LiveSignals(telemetry, axis)
-    if setup.motors != DEMAND_MESSAGE:
-        count = len(time)
-        plan = setup.layout, setup.scale
-        boots = np.zeros(count, np.int64)
-        motors = Motors(setup.motors, time, boots, flight.inputs, *plan, count, 0)
-        signals = LiveSignals(telemetry, axis, motors=motors)
-        tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
-        swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
-        lean = {axis: float(np.degrees(flight.outputs[:, 0].mean()))}
-        hover = hover_figures(setup.layout.names, setup.scale, duration, flight.inputs, lean)
-        condition = replace(condition, hover=hover, oscillation=swing)
+    count = len(time)
+    plan = setup.layout, setup.scale
+    boots = np.zeros(count, np.int64)
+    motors = Motors(setup.motors, time, boots, flight.inputs, *plan, count, 0)
+    signals = LiveSignals(telemetry, axis, motors=motors)
+    tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
+    swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
+    lean = {axis: float(np.degrees(flight.outputs[:, 0].mean()))}
+    hover = hover_figures(setup.layout.names, setup.scale, duration, flight.inputs, lean)
+    condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=swing)
     learned = disown_torque(learned, condition.oscillation is not None)
     physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = dict.fromkeys(AXES, Fact(Unjudged.NOT_JUDGED, because=None))

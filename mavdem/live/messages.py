@@ -193,11 +193,9 @@ def attitude_asked(message: Message) -> Values:
 
 
 def outputs(message: Message) -> tuple[int, Values]:
-    """The port of a message of motor outputs, or the group of a demand, and its channels, unused ones as 0."""
-    if message.name not in MOTOR_MESSAGES or not MOTOR_MESSAGES[message.name].is_ported:
-        return int(message.values[0]) if len(message.values) > 1 else 0, tuple(
-            message.values[-1].tolist()
-        )
+    """The port of a message of motor outputs, and its channels, unused ones as 0."""
+    if not MOTOR_MESSAGES[message.name].is_ported:
+        return 0, tuple(message.values[-1].tolist())
     port, *sent = message.values
     return port, tuple(0.0 if value == UINT16_UNKNOWN else float(value) for value in sent)
 

@@ -6,12 +6,11 @@ from collections import deque
 from collections.abc import Iterator
 from math import nan
 
-from mavdem.alignment.drive import DEMAND_MESSAGE
+from mavdem.alignment.drive import Motors
 from mavdem.facts import Code, Fact
-from mavdem.facts.session import Rows, Session
+from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
 from mavdem.health.in_flight import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
-from mavdem.live.decisions import Inputs
 
 MAX_ALARMS = 256  # that are kept
 
@@ -45,31 +44,30 @@ class MotorAlarms:
         return None
 
     def take(
-        self, time: float, boot: int, inputs: Inputs, commands: list[float], heading: float
+        self, time: float, boot: int, motors: Motors, commands: list[float], heading: float
     ) -> Iterator[Fact]:
-        """What to report of a sample in settled flight; ``commands`` as shares, ``heading`` as of ``MotorWatch``."""
+        """What to report of a sample of ``motors`` in settled flight.
+
+        ``commands`` are shares of their range, ``heading`` is as of ``MotorWatch``.
+        """
         if self.landed:
             self.standing = ()
             self.landed = False
-        obstacle: Fact | None = Fact(Rows.ONLY_DEMAND)
-        layout = inputs.layout
-        self.weak_since = nan
-        if inputs.message != DEMAND_MESSAGE:
-            # balances on two ranges differ
-            watched = boot, layout, inputs.scale.low, inputs.scale.high
-            if self._watch is None or watched != self._watched:
-                self._watch = MotorWatch(layout, boot)
-                self._watched = watched
-            changes = self._watch.take(time, commands, heading)
-            obstacle = self._watch.obstacle
-            self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
-            for change in changes:
-                self.latest.append(change)
-                if change.motor is not None:
-                    weak = [*self._watch.weak.values()] or [change]
-                    self.standing = tuple(alarm.announced for alarm in weak)
-                yield change.announced
-        self._obstacle = obstacle
+        layout = motors.layout
+        # balances on two ranges differ
+        watched = boot, layout, motors.scale.low, motors.scale.high
+        if self._watch is None or watched != self._watched:
+            self._watch = MotorWatch(layout, boot)
+            self._watched = watched
+        changes = self._watch.take(time, commands, heading)
+        self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
+        for change in changes:
+            self.latest.append(change)
+            if change.motor is not None:
+                weak = [*self._watch.weak.values()] or [change]
+                self.standing = tuple(alarm.announced for alarm in weak)
+            yield change.announced
+        self._obstacle = obstacle = self._watch.obstacle
         if obstacle is not None and obstacle.code not in self._reported:
             self._reported.add(obstacle.code)
             yield obstacle

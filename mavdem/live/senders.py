@@ -15,7 +15,7 @@ from mavdem.ingest.mavlink.definitions import definitions, enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import missing_between
 from mavdem.ingest.motors import MULTIROTORS
-from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED
+from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.messages import Frame, Message
 
 MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
@@ -99,11 +99,8 @@ class Sender:
         self._interval = self._interval + (min(gap, 1.0) - self._interval) / 64
 
     def _count_arrived(self, message_id: int) -> None:
-        """Counts an undamaged message, which may show what the sender is."""
+        """Counts an undamaged message."""
         self.arrived[message_id] = self.arrived.get(message_id, 0) + 1
-        if self.kind in (UNNAMED, RADIO) and not self._beats:
-            names = {definitions()[number].name for number in self.arrived}
-            self.kind = RADIO if RADIO_MESSAGES.issuperset(names) else UNNAMED
         self.attitudes += definitions()[message_id].name in ATTITUDE_MESSAGES
 
     def take_message(self, message: Message) -> None:

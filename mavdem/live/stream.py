@@ -12,8 +12,6 @@ import numpy as np
 
 from mavdem.alignment.align import STEP_TOLERANCE
 from mavdem.alignment.drive import (
-    DEMAND_MESSAGE,
-    INPUTS,
     TILT_AXES,
     preferred_message,
 )
@@ -88,25 +86,21 @@ class LiveStream:
     for :func:`mavdem.read_flight`; without a ``vehicle`` it is the only multirotor that sends attitude. If the vehicle
     is ``asked`` for rates already, no fact advises it.
 
-    Raises ValueError: unknown axis or inputs.
+    Raises ValueError: unknown axis.
     """
 
     def __init__(
         self,
         axis: str = "roll",
         vehicle: str | None = None,
-        inputs: str | None = None,
         asked: bool = False,
     ) -> None:
         if axis not in TILT_AXES:
             raise ValueError(f"axis must be one of {', '.join(TILT_AXES)}, not {axis!r}")
-        if inputs not in (None, *INPUTS):
-            raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {inputs!r}")
         self.setup: Setup | None = None  # what the rows of the latest segment are
         # of the vehicle: samples of attitude and motor outputs, and its boot's number
         self.samples = self.boot = 0
         self.axis = axis
-        self._wanted = inputs
         self._can_ask = not asked
         self.frames = FrameReader()  # in the bytes of the link
         self._senders = Senders(vehicle, self._report)
@@ -268,10 +262,9 @@ class LiveStream:
             yield from self._add(name, 0, time, motion and motion[:4])
         elif name == TARGET_MESSAGE and placed.stamped:
             self._asked = time, attitude_asked(message)
-        elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
+        elif name in MOTOR_MESSAGES and placed.stamped:
             port, values = outputs(message)
-            # group 0 of the demand is flight control
-            if port < (1 if name == DEMAND_MESSAGE else MAX_PORTS):
+            if port < MAX_PORTS:
                 yield from self._add(name, port, time, values)
         elif name in FLAGS:
             self.air.flags = message.values[0]
@@ -320,7 +313,8 @@ class LiveStream:
         """The streams that rows are made of, attitude first; none before they are chosen."""
         if self._inputs is None or self._attitude is None:
             return ()
-        keys = [(self._attitude, 0), *((self._inputs.message, port) for port in self._inputs.ports)]
+        message = self._inputs.motors.message
+        keys = [(self._attitude, 0), *((message, port) for port in self._inputs.ports)]
         return tuple(self._streams.setdefault(key, Samples()) for key in keys)
 
     def _row(self, time: float, point: list[Values], inputs: Inputs) -> AlignedRow:
@@ -337,11 +331,11 @@ class LiveStream:
         """Reports the segment that begins, if its rows are others than before."""
         grid = self._grid
         before = self.setup
-        plan = inputs.layout
+        plan = inputs.motors.layout
         assert grid.dt is not None and self._attitude is not None
-        names = self._attitude, inputs.message
+        names = self._attitude, inputs.motors.message
         self.setup = now = Setup(
-            self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start
+            self.boot, grid.dt, *names, plan, inputs.motors.scale, grid.rates, grid.start
         )
         if before is not None and (before.dt, before.motors, before.layout) == (
             now.dt,
@@ -391,20 +385,19 @@ class LiveStream:
         running = self._grid.running
         self._settings = parameters = self.parameters
         self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
-        staying = before.message if running and before else None
+        staying = before.motors.message if running and before else None
         vehicle = self._telemetry(sender)
-        now = self._clock.now
-        wanted = self.axis, self._wanted, staying
-        inputs = self._choice.choose(self._streams, vehicle, *wanted, self._rates(now), now)
+        inputs = self._choice.choose(self._streams, vehicle, staying, self._clock.now)
         if inputs is None:
             return  # after a silence there is no evidence of a change
         self._inputs = inputs
+        layout = inputs.motors.layout
         if before is not None and running and inputs.key != before.key:
-            self._report(Fact(Rows.INPUTS_CHANGED, names=inputs.layout.names))
+            self._report(Fact(Rows.INPUTS_CHANGED, names=layout.names))
             self._grid.end(forget_step=True)
-        elif running and self.setup is not None and inputs.layout != self.setup.layout:
-            self.setup = replace(self.setup, layout=inputs.layout)
-            self._report(Fact(Rows.MOTOR_ORDER_KNOWN, Level.GOOD, basis=inputs.layout.basis))
+        elif running and self.setup is not None and layout != self.setup.layout:
+            self.setup = replace(self.setup, layout=layout)
+            self._report(Fact(Rows.MOTOR_ORDER_KNOWN, Level.GOOD, basis=layout.basis))
 
     def _telemetry(self, sender: Sender) -> Telemetry:
         """What is known of the vehicle beside its messages."""
@@ -414,13 +407,12 @@ class LiveStream:
     def _motion(self) -> Motion | None:
         """The last seconds of attitude and motors; None without."""
         attitude, *_ = self._row_streams() or [Samples()]
-        motors = None if self._inputs is None else self._inputs.motors
-        if motors is None or not attitude.time:
+        if self._inputs is None or not attitude.time:
             return None
         roll, pitch, p, q = np.array(attitude.values).T
         known = self._attitude or "", np.array(attitude.time), self.boot
         tilts = tilt_of(*known, roll, p), tilt_of(*known, pitch, q)
-        return Motion(motors, dict(zip(TILT_AXES, tilts, strict=True)))
+        return Motion(self._inputs.motors, dict(zip(TILT_AXES, tilts, strict=True)))
 
     def latest(self) -> tuple[Setup, AlignedRow] | None:
         """The latest sample of attitude and motors as a row of its own setup, while there are no rows; else None."""
@@ -442,7 +434,7 @@ class LiveStream:
         heard = self._rates(now)
         outputs = {name: rate for name, rate in heard.items() if name not in ATTITUDE_MESSAGES}
         drives = (
-            self._inputs.message
+            self._inputs.motors.message
             if self._inputs
             else max(outputs, key=outputs.__getitem__, default=None)
         )
@@ -480,14 +472,15 @@ class LiveStream:
 
     def _watch_motors(self, time: float, inputs: Inputs) -> None:
         """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
-        ports = {port: self._streams[inputs.message, port].values[-1:] for port in inputs.ports}
+        name = inputs.motors.message
+        ports = {port: self._streams[name, port].values[-1:] for port in inputs.ports}
         if not self._phase.settled(time):
             self.alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
-            for fact in self.alarms.take(
-                time, self.boot, inputs, inputs.scale.fraction(sent).tolist(), self._heading
-            ):
+            motors = inputs.motors
+            shares = motors.scale.fraction(sent).tolist()
+            for fact in self.alarms.take(time, self.boot, motors, shares, self._heading):
                 self._report(fact)
 
     def _reboot(self, boot: int) -> None:

@@ -96,7 +96,7 @@ class Attached:
 
         session = LiveSession(
             self._link,
-            LiveStream(AXIS, None, None, asked=False),
+            LiveStream(AXIS),
             Settings(),
             ignored,
             ignored,

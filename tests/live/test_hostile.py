@@ -105,7 +105,6 @@ def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples(
     assert samples.count(samples.time[-1]) <= MAX_SAMPLES + 64
 
 
-@pytest.mark.parametrize("arguments", [{"axis": "yaw"}, {"inputs": "sticks"}])
-def test_other_axes_and_inputs_are_refused(arguments):
+def test_another_axis_is_refused():
     with pytest.raises(ValueError, match="must be one of"):
-        LiveStream(**arguments)
+        LiveStream(axis="yaw")

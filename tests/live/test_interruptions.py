@@ -8,7 +8,6 @@ from hover import Hover
 from live_hover import Flight, Replay, Timed, differences, offline, replay
 from mavlink_streams import message
 
-from mavdem.alignment import drive
 from mavdem.facts.session import Rows, VehicleFact
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
@@ -168,37 +167,6 @@ def test_motors_on_two_ports_are_reported_together():
     assert outputs == 0.0
     # Offline the second port is read off the line at the first one's stamps, live at the grid: 0.2 ms of their motion.
     assert inputs < 1.0
-
-
-def with_demand(motors: float) -> Timed:
-    frames: Timed = []
-    for time, data in Flight(motors=motors).frames(end=15.0):
-        frames.append((time, data))
-        if data[7] == 30:
-            roll = float(Flight().hover.roll_command(np.array(time))) / 100
-            fields = {
-                "time_usec": round(time * 1e6),
-                "controls": [roll, 0.1 * roll, 0, 0.6, 0, 0, 0, 0],
-            }
-            frames.append((time, message("ACTUATOR_CONTROL_TARGET", sequence=data[4], **fields)))
-            fields = {"time_usec": round(time * 1e6) + 1, "controls": [0.9] * 8, "group_mlx": 1}
-            frames.append((time, message("ACTUATOR_CONTROL_TARGET", sequence=data[4], **fields)))
-    return frames
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("motors", "wanted"), [(5.0, None), (100.0, "demand")])
-def test_the_demand_is_the_input_where_motors_come_too_slowly_or_it_is_asked_for(motors, wanted):
-    frames = with_demand(motors)
-    made = replay(frames, inputs=wanted)
-    assert made.setups[0].motors == drive.DEMAND_MESSAGE
-    assert made.setups[0].layout.names == ("roll demand",)
-    assert Rows.ONLY_DEMAND in made.codes
-    settled = [row for row in made.rows if row.settled]
-    expected = Flight().hover.roll_command(np.array([row.time for row in settled])) / 100
-    np.testing.assert_allclose([row.inputs[0] for row in settled], expected, atol=1e-6)
-    other = replay(frames, inputs="motors" if motors < 50 else None)
-    assert [setup.motors for setup in other.setups.values()] == ["SERVO_OUTPUT_RAW"] * (motors > 50)
 
 
 def test_pitch_is_read_from_pitch():
