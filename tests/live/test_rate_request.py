@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
-from mavdem.ingest.mavlink.definitions import FrameSender
+from mavdem.ingest.mavlink.definitions import FrameSender, messages_in
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.messages import Message
@@ -23,7 +23,6 @@ from mavdem.live.rate_request import (
     RateRequest,
     greeting,
 )
-from sitl_scenarios.mavlink.commands import addressed_messages
 
 VEHICLE = FrameSender(7, 1)
 US = (255, 190)
@@ -236,7 +235,8 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
     for number in range(150):
         frames = request.due(0.2 * number, None, known)
         assert len(frames) <= 1
-        for one in addressed_messages(b"".join(frames), VEHICLE.system, VEHICLE.component):
+        for one in messages_in(b"".join(frames)):
+            assert (one.target_system, one.target_component) == VEHICLE
             name = one.param_id.encode()
             tries[name] += 1
             if tries[name] == 3:  # the requests before, or their replies, are lost
