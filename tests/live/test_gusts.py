@@ -28,7 +28,7 @@ def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
     [gust] = found
     assert gust.code is Session.GUST_FELT and gust.figures["clock"] == pytest.approx(82.0, abs=0.05)
     # beside the torque so far
-    assert gust.figures["torque"] == pytest.approx(20.0, rel=0.02)
+    assert gust.figures["torque"] == pytest.approx(20.0, rel=0.05)
     assert gust.figures["duration"] == pytest.approx(0.5, abs=0.05)
 
 
