@@ -17,13 +17,9 @@ from sitl_scenarios.gains import check_parameters, cycle_of, parameters_of
 from sitl_scenarios.plan import times
 from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, shortened
 
-KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
-    section: {
-        kind: one
-        for one in get_args(get_args(union)[0])
-        for kind in get_args(one.model_fields["kind"].annotation)
-    }
-    for section, union in (("wind", Wind), ("excitation", Excitation))
+KINDS: dict[str, tuple[type[BaseModel], ...]] = {
+    "wind": get_args(get_args(Wind)[0]),
+    "excitation": get_args(get_args(Excitation)[0]),
 }
 """Of the sections that have a ``kind``."""
 WRONG_KEYS = {"extra_forbidden": "is no key of a scenario", "missing": "is missing"}
@@ -146,10 +142,10 @@ def in_toml(scenario: Scenario) -> str:
     for key, value in sections.items():
         if key in KINDS:
             lines += ["", f"# {'[[wind]]' if key == 'wind' else f'[{key}]'}: its kind is one of"]
-            for kind, model in KINDS[key].items():
-                lines.append(
-                    f"#   {kind}: {', '.join(name for name in model.model_fields if name != 'kind')}"
-                )
+            for model in KINDS[key]:
+                kind, *others = model.model_fields.items()
+                kinds = " or ".join(get_args(kind[1].annotation))
+                lines.append(f"#   {kinds}: {', '.join(name for name, _ in others)}")
         elif not value:
             lines += ["", f"# [[{key}]]: {', '.join(Moment.model_fields)}"]
         header = f"[[{key}]]" if isinstance(value, tuple) else f"[{key}]"

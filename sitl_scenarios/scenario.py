@@ -31,9 +31,11 @@ def shortened(text: str, longest: int = 60) -> str:
 
 MAX_SECONDS = 7200.0  # Seconds of a flight: an hour is much, and two are enough
 
-Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]
+Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]  # also of what is no time
 NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Size = Annotated[float, Field(ge=0, le=1000)]  # of what disturbs, in any unit
+Motor = Annotated[int, Field(ge=0, le=4)]
 
 
 class Section(BaseModel):
@@ -51,7 +53,7 @@ Millimetres = Annotated[float, Field(ge=-100, le=100)]
 class Propeller(Section):
     """A propeller that chips in flight: it gives less thrust, and takes less torque."""
 
-    motor: int = Field(0, ge=0, le=4)
+    motor: Motor = 0
     """Motor that turns it, counted from 1 as the autopilot does; 0: none"""
     start: NotNegative = 0.0
     """Seconds into the flight at which it chips"""
@@ -112,13 +114,13 @@ class BodySpec(Section):
     of the three rates by themselves, 1/s.
     """
 
-    mass: float = Field(gt=0, le=1000)
+    mass: Positive
     """kg"""
     inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], _OrInf]
     arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
     hover: float = Field(gt=0.1, lt=1)
     """Share of the motors' range in hover"""
-    torque: float = Field(gt=0, le=1)
+    torque: Left
     """Of a rotor, by its thrust, m"""
     spin: Annotated[tuple[Share, Share], _OrInf] = (0.0, 1.0)
     """Shares of the motors' range at which thrust begins and ends."""
@@ -152,19 +154,19 @@ class VehicleSpec(Section):
     """Time constant of a rotor that slows down, s; inf: as published"""
     mixer: Literal["", "x", "plus"] = ""
     """Frame that the autopilot is set to, where it is another: it turns roll into pitch, and may oscillate."""
-    rate_gain: float = Field(1.0, gt=0, le=50)
+    rate_gain: Positive = 1.0
     """Multiple of the rate loop's gain that suits the vehicle"""
-    inertia_scale: float = Field(1.0, ge=0.1, le=10)
+    inertia_scale: Positive = 1.0
     """Multiple of the published moments of inertia; the autopilot is tuned for it."""
     body: Annotated[BodySpec | None, _OrInf] = None
     """Mass, inertia, arm, hover, torque and damping of a vehicle of one's own, in place of the model's"""
     parameters: dict[str, FiniteFloat] = {}
     """The autopilot's parameters of rate and attitude control, in place of those that suit the vehicle"""
-    weak_motor: int = Field(0, ge=0, le=4)
+    weak_motor: Motor = 0
     """Motor, counted from 1 as the autopilot does, that loses thrust; 0: none."""
     weak_from: NotNegative = 0.0
     """Seconds into the flight from which it is weak"""
-    weak_thrust: float = Field(0.65, gt=0, le=1)
+    weak_thrust: Left = 0.65
     """Share of its thrust that is left"""
 
 
@@ -181,7 +183,7 @@ class GaussianWind(Section):
     """The paper's noise: white noise through a Gaussian kernel; the autocorrelation is exp(−τ²/4s²)."""
 
     kind: Literal["gaussian"]
-    sd: float = Field(ge=0, le=20)
+    sd: Speed
     """Standard deviation along each axis, m/s"""
     s: Kernel
     """Standard deviation of the kernel, s"""
@@ -210,7 +212,7 @@ class Gust(Section):
     speed: Speed
     """Its greatest, m/s"""
     direction: Direction = 90.0
-    rise: float = Field(1.0, ge=1e-3, le=MAX_SECONDS)
+    rise: Positive = 1.0
     """Seconds from its beginning to its greatest, where it stays."""
     hold: Annotated[NotNegative | None, _OrInf] = 0.0
     """Seconds it stays there before it falls as it rose; inf: for good."""
@@ -223,15 +225,15 @@ class Jet(Section):
     speed: Speed
     """On the axis where it leaves the blower, m/s"""
     direction: Direction = 90.0
-    distance: float = Field(2.0, ge=0.01, le=100)
+    distance: Positive = 2.0
     """From the blower to where the vehicle hovers, m"""
-    diameter: float = Field(0.5, ge=0.01, le=10)
+    diameter: Positive = 0.5
     """Of the blower's mouth, m"""
     turbulence: Share = 0.2
     """Standard deviation of the speed, as a share of the local mean"""
     s: Kernel = 0.05
     """Of the kernel of that turbulence, s, as of a gaussian wind"""
-    offset: float = Field(0.0, ge=-100, le=100)
+    offset: Metres = 0.0
     """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
 
@@ -273,7 +275,7 @@ class Moment(Section):
 
     axis: Axis = "roll"
     """It turns the vehicle about"""
-    sd: float = Field(ge=0, le=10)
+    sd: Size
     """Standard deviation, N m"""
     s: Kernel
     """Standard deviation of the kernel, s, as of a gaussian wind"""
@@ -329,7 +331,7 @@ class Steps(Section):
     """Sideways steps, there and back, again and again."""
 
     kind: Literal["steps"]
-    distance: float = Field(2.0, gt=0, le=100)
+    distance: Positive = 2.0
     """To the right, m"""
     period: Positive = 6.0
     """Seconds from one to the next"""
@@ -356,11 +358,11 @@ class Move(Section):
     """Of the leg, m"""
     up: Metres = 0.0
     """Of the climb, m"""
-    speed: float = Field(4.0, gt=0, le=15)
+    speed: Positive = 4.0
     """Along the leg, m/s; it begins and brakes with 2.5 m/s²"""
     turn: float = Field(0.0, ge=-3600, le=3600)
     """Of the heading, degrees clockwise"""
-    rate: float = Field(30.0, gt=0, le=180)
+    rate: Positive = 30.0
     """Of the turn, degrees/s"""
     hover: NotNegative = 3.0
     """Seconds of hover after it"""
@@ -382,13 +384,13 @@ Excitation = Annotated[
 class Sensors(Section):
     """White noise and delay of the autopilot's estimates."""
 
-    rate_sd: float = Field(0.005, ge=0, le=10)
+    rate_sd: Size = 0.005
     """Standard deviation of each body rate, rad/s"""
     attitude_sd: Share = 0.001
     """Standard deviation of roll, pitch and yaw, rad"""
-    position_sd: float = Field(0.02, ge=0, le=100)
+    position_sd: Size = 0.02
     """Standard deviation of each coordinate, m"""
-    velocity_sd: float = Field(0.02, ge=0, le=100)
+    velocity_sd: Size = 0.02
     """Standard deviation of each velocity, m/s"""
     delay: float = Field(0.004, ge=0, le=0.05)
     """Seconds from the motion to the motors' command"""
@@ -399,11 +401,11 @@ class Sensors(Section):
 class Shaking(Section):
     """What whole rotors and the frame shake the gyro with, before its filters."""
 
-    gyro: float = Field(0.0, ge=0, le=10)
+    gyro: Size = 0.0
     """Amplitude about each axis by each rotor in hover, rad/s: half once a turn, half by each of two blades"""
-    frame: float = Field(0.0, ge=0, le=500)
+    frame: Size = 0.0
     """Frequency at which the frame resonates, Hz; 0: it does not"""
-    frame_gyro: float = Field(0.0, ge=0, le=10)
+    frame_gyro: Size = 0.0
     """Standard deviation of the gyro by that, rad/s"""
 
 
@@ -427,9 +429,9 @@ class Faults(Section):
 
     loss: Share = 0.0
     """Share of the messages that are lost"""
-    delay: float = Field(0.0, ge=0, le=60)
+    delay: Size = 0.0
     """Seconds that each is late"""
-    jitter: float = Field(0.0, ge=0, le=60)
+    jitter: Size = 0.0
     """Up to so many seconds more"""
     reordered: Share = 0.0
     """Share of the messages that are overtaken by the one after"""
@@ -443,7 +445,7 @@ class Faults(Section):
     """Seconds into the flight at which the boot clock jumps ahead, as a paused simulator's does; inf: never."""
     clock_jump_seconds: Positive = 300.0
     """How far it jumps"""
-    mavproxy_rate: float = Field(0.0, ge=0, le=400)
+    mavproxy_rate: Size = 0.0
     """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
 

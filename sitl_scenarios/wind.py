@@ -16,7 +16,6 @@ state: Dryden's filters are solved exactly, von Kármán's autocorrelation is em
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import ceil, cos, exp, fsum, log, pi, sqrt
 from typing import NamedTuple
 
@@ -173,20 +172,6 @@ def von_karman_noise(
     A series of just their autocorrelations is drawn by circulant embedding (C. Dietrich and G. Newsam, SIAM J. Sci.
     Comput. 1997), as no synthesis from samples of the spectrum is, which lacks what lies beyond half the sampling rate.
     """
-    power, size = _von_karman_power(transverse, constant, dt, samples)
-    parts = noise.standard_normal((2, len(power)))
-    spectrum = np.sqrt(power * size / 2) * (parts[0] + 1j * parts[1])
-    # The mean, and with an even size the highest frequency, have one part, with all of their power.
-    for single in (0, -1) if size % 2 == 0 else (0,):
-        spectrum[single] = np.sqrt(power[single] * size) * parts[0, single]
-    return np.asarray(irfft(spectrum, size)[:samples])
-
-
-@lru_cache(4)
-def _von_karman_power(
-    transverse: bool, constant: float, dt: float, samples: int
-) -> tuple[Array, int]:
-    """The power of each frequency on a circle of so many samples, and their number."""
     # At ζ = 40 nothing is left of either autocorrelation: e^(−40).
     memory = int(40.0 * LENGTH * constant / dt) + 1
     # A circle on which the two ends of the series are uncorrelated.
@@ -196,7 +181,13 @@ def _von_karman_power(
     correlation[: len(lags)] = (across if transverse else along)(lags)
     correlation[size - len(lags) + 1 :] = correlation[1 : len(lags)][::-1]
     # What rounding leaves below zero is none.
-    return np.maximum(rfft(correlation).real, 0.0), size
+    power = np.maximum(rfft(correlation).real, 0.0)
+    parts = noise.standard_normal((2, len(power)))
+    spectrum = np.sqrt(power * size / 2) * (parts[0] + 1j * parts[1])
+    # The mean, and with an even size the highest frequency, have one part, with all of their power.
+    for single in (0, -1) if size % 2 == 0 else (0,):
+        spectrum[single] = np.sqrt(power[single] * size) * parts[0, single]
+    return np.asarray(irfft(spectrum, size)[:samples])
 
 
 SPREAD = 0.094  # S: half-width by distance
