@@ -1,14 +1,12 @@
 """The integrator is of second order, and right where there is a formula for what it should give."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from sitl_scenarios.dynamics import AirState, Body, Damage, State, dynamics
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
+from sitl_scenarios.vehicles import AIRFRAMES
 
 IRIS = AIRFRAMES["iris"]
 CYCLE = 0.004
@@ -81,33 +79,6 @@ def test_the_error_falls_with_the_square_of_the_step():
     assert np.all(np.abs(orders - 2) < 0.15), orders
     # At 1 kHz, after 0.4 s of tumbling.
     assert errors[1] < 1e-4
-
-
-def test_a_free_fall_is_a_parabola_and_keeps_energy_and_angular_momentum(monkeypatch):
-    monkeypatch.setitem(AIRFRAMES, "iris", replace(IRIS, drag_area=0.0))
-    drift = []
-    for steps in (4, 8):
-        body = Body(VehicleSpec(model="iris", rotor_drag=False), CYCLE / steps)
-        before = State((0.0, 0.0, -50.0), (3.0, -2.0, -4.0), (1.0, 0.0, 0.0, 0.0), (2.0, 3.0, -1.0))
-        after = body.moved(before, (0.0,) * 4, AirState(), 250 * steps)
-        assert np.allclose(after.velocity, [3, -2, -4 + GRAVITY], atol=1e-10)
-        assert np.allclose(after.position, [3, -2, -50 - 4 + GRAVITY / 2], atol=1e-2 / steps**2)
-        inertia = np.array(IRIS.inertia)
-        energy = [inertia @ np.square(state.rates) / 2 for state in (before, after)]
-        momentum = [
-            turned(state.attitude, inertia * np.array(state.rates)) for state in (before, after)
-        ]
-        drift.append([abs(energy[1] / energy[0] - 1), np.linalg.norm(momentum[1] - momentum[0])])
-    assert np.max(drift) < 1e-4
-    # Of second order, or better.
-    assert np.all(np.array(drift[1]) < 0.3 * np.array(drift[0]))
-
-
-def turned(attitude, vector):
-    """From body axes to NED."""
-    w = attitude[0]
-    v = np.array(attitude[1:])
-    return vector + 2 * np.cross(v, np.cross(v, vector) + w * vector)
 
 
 def test_wind_pushes_and_tilts_as_its_formulas_say():
