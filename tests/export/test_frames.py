@@ -132,8 +132,6 @@ def test_what_was_learned_stands_beside_it(tmp_path, result):
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
         assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
     assert_array_equal(series["held_out/measured"][0], test.time)
-    wind = learned.wind_torque
-    assert_array_equal(series["learned/wind_torque"][1]["torque"], wind.torque)
     with pytest.raises(ValueError, match="300 samples"):
         write_channels(tmp_path / "other.mcap", [train[:299]], learned)
     assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]

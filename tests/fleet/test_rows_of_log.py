@@ -9,8 +9,6 @@ import pytest
 from recorded_flights import LOGS
 
 import mavdem
-from mavdem.alignment.signals import Signals
-from mavdem.analysis import analyse
 from mavdem.assessment.assess import assess_signals
 from mavdem.dem import Drag
 from mavdem.errors import Unreadable
@@ -55,10 +53,6 @@ def test_a_page_is_made_once_for_a_vehicle():
     )
     assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']None"}
     assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
-    # The figures of report.json are the row's.
-    log = mavdem.ingest.read_log(SLOW)
-    report = analyse(log, Signals(log.vehicles[0]), "pitch").as_dict()
-    assert FlightRow.of(report, axis="pitch", file=rows[1].file).headroom == rows[1].headroom
 
 
 def test_a_row_has_a_wind_torque_only_where_it_is_known():
