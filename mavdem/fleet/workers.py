@@ -11,6 +11,7 @@ import errno
 import hashlib
 import os
 import resource
+import shutil
 import signal
 import sys
 import tempfile
@@ -116,7 +117,6 @@ class LogReader:
         self._exits = ExitStack()
         self._process: BaseProcess | None = None
         self._executor: Pool
-        self._scratch = ""
 
     def read(self, job: Job, limits: Limits, read: str = READ_LOG) -> Outcome | None:
         """Returns what became of a log that the function ``read`` reads; None where that was given up.
@@ -128,7 +128,7 @@ class LogReader:
             process = self._process or self._started()
             deadline = time.monotonic() + WAITING * limits.seconds
             try:
-                future = self._executor.submit(perform, job, limits, read, self._scratch)
+                future = self._executor.submit(perform, job, limits, read)
                 while time.monotonic() < deadline:
                     if wait([future], LOOK_SECONDS).done:
                         return future.result()
@@ -154,9 +154,6 @@ class LogReader:
             os.environ.setdefault(name, "1")
         os.environ.setdefault("MPLBACKEND", "agg")
         try:
-            # What a process fetches goes also where it was killed.
-            scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
-            self._scratch = self._exits.enter_context(scratch)
             with _starting:
                 others = active_children()
                 self._executor = self._exits.enter_context(pool(1))
@@ -170,10 +167,14 @@ class LogReader:
 
     def stop(self) -> None:
         """Ends the process, whatever it does, and removes what it leaves."""
-        if self._process is not None:
-            self._process.kill()
-            self._process = None
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
         self._exits.close()
+        if process is not None:
+            # What it fetched goes also where it was killed.
+            for left in Path(tempfile.gettempdir()).glob(f"mavdem-{process.pid}-*"):
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def _cause(code: int) -> str:
@@ -224,7 +225,7 @@ def side_by_side(
             executor.shutdown()
 
 
-def perform(job: Job, limits: Limits, read: str, scratch: str) -> Outcome:
+def perform(job: Job, limits: Limits, read: str) -> Outcome:
     """Reads one log within ``limits``; ends the process where memory is wanting, which is in pieces."""
     began = time.perf_counter()
     if not os.environ.get("MAVDEM_TRACEBACK"):
@@ -232,7 +233,6 @@ def perform(job: Job, limits: Limits, read: str, scratch: str) -> Outcome:
         for output in (1, 2):
             os.dup2(nothing, output)
         os.close(nothing)
-    tempfile.tempdir = scratch
     stay_in_this_process()  # others like it have the other cores
     _limit(resource.RLIMIT_CPU, ceil(time.process_time() + limits.seconds))
     # Linux counts what is allocated; elsewhere the limit may do nothing. Not the address space: mapped files and
@@ -295,7 +295,7 @@ def _as_file(path: str) -> Iterator[Path]:
             raise Unreadable(Fact(Reading.NO_PLAIN_FILE))  # opening one may wait for ever
         yield Path(path)
         return
-    with tempfile.TemporaryDirectory(prefix="mavdem-") as folder:
+    with tempfile.TemporaryDirectory(prefix=f"mavdem-{os.getpid()}-") as folder:
         copy = Path(folder) / (urlsplit(path).path.rpartition("/")[2][-100:] or "log")
         fetch(path, copy)
         yield copy
