@@ -31,12 +31,11 @@ from starlette.routing import Route
 from mavdem.documents import whole
 from mavdem.documents.document import Document
 from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, Progress, Viewer
-from mavdem.errors import NotLearnable, Refusal
+from mavdem.errors import Refusal
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Incomparable
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
-from mavdem.fleet.row import OK, FlightRow, vehicles_of
+from mavdem.fleet.row import vehicles_of
 from mavdem.ingest.formats import format_of
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
@@ -182,8 +181,7 @@ class Server:
         headers = {"Retry-After": "10"} if status == 503 else {}
         path = request.scope["path"]  # of its url, a Host that is no address makes an error
         if path.startswith("/api/") or path.endswith("/upload"):
-            error = {"reason": fact, "remedy": fact.remedy, "fact": fact}
-            return JSONResponse(whole("error", {"error": error}), status, headers)
+            return JSONResponse(whole("error", {"error": _error(fact)}), status, headers)
         asks = fact.code is Request.NO_RIGHT
         page = refusal_page(fact, asks, **self._known(request))
         return HTMLResponse(page, status, headers)
@@ -310,21 +308,16 @@ class Server:
     def _compare_page(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.READ)
         a, b = (self.library.entry(request.query_params.get(name, "")) for name in "ab")
-        first, second = (self._flown(name, entry) for name, entry in (("A", a), ("B", b)))
         parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
-        found = vehicle_difference(first, second)
+        before, after = (
+            [row for row in self.library.rows_of([one]) if row.vehicle == one.vehicle]
+            for one in (a, b)
+        )
+        found = vehicle_difference(before, after)
         reviews = self._review(a) or {}, self._review(b) or {}
         names = a.name, b.name
         page = comparison_page(names, reviews, found, parameters, ("Flights", "/"))
         return HTMLResponse(without_policy(page, **self._known(request)))
-
-    def _flown(self, name: str, entry: Entry) -> list[FlightRow]:
-        rows = self.library.rows_of([entry])
-        flown = [row for row in rows if row.status == OK and row.vehicle == rows[0].vehicle]
-        if not flown:
-            because = rows[0].status if rows else None
-            raise NotLearnable(Fact(Incomparable.NO_FLIGHT, subject=name, because=because))
-        return flown
 
     def _enter_page(self, request: HttpRequest) -> Response:
         raise Refusal(Fact(Request.NO_RIGHT, name=Use.READ))
@@ -362,7 +355,7 @@ class Server:
 
     async def _add(self, request: HttpRequest) -> Response:
         added = await self._receive(request)
-        return JSONResponse(added.as_dict(), 201 if added.flights else 415)
+        return JSONResponse(added.as_dict(), 201)
 
     async def _receive(self, request: HttpRequest) -> Added:
         self.rights.need(request, Use.UPLOAD)
@@ -406,13 +399,10 @@ class Server:
                     refused.append((name, error.fact.but(path=name)))
         finally:
             form.drop()
-        if not flights and len(refused) == 1:
+        if not flights:
             raise Refusal(refused[0][1])
         self.work.notify()
-        errors = [
-            {"name": name, "error": {"reason": fact, "remedy": fact.remedy, "fact": fact}}
-            for name, fact in refused
-        ]
+        errors = [{"name": name, "error": _error(fact)} for name, fact in refused]
         return Added.model_validate({"flights": flights, "refused": errors})
 
     def _flights(self, request: HttpRequest) -> Response:
@@ -524,6 +514,10 @@ def _headers() -> dict[str, str]:
         "cache-control": "no-cache, private",
         "x-robots-tag": "noindex",
     }
+
+
+def _error(fact: Fact) -> dict[str, Any]:
+    return {"reason": fact, "remedy": fact.remedy, "fact": fact}
 
 
 def _answer(document: Document) -> Response:
