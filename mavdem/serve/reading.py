@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable
 from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +30,7 @@ from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.fleet.store import opened
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
-from mavdem.ingest import Log, Telemetry, read_log
+from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.results import PAGE, result_files, write_result_files
 from mavdem.serve.library import PROGRESS, RESULTS, columns_of
@@ -60,10 +59,16 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         log = read_log(path.name)
     if not log.vehicles:
         raise Unreadable(Fact(Reading.NO_VEHICLE))
+    judged = list[tuple[Assessment, list[FlightRow]]]()
+    for telemetry in log.vehicles:
+        tell(Stage.JUDGING)
+        assessment = assess_signals(log, Signals(telemetry))
+        tell(Stage.LEARNING, **_judgement(assessment))
+        found = rows_of_assessment(assessment.with_axis("pitch"), log.source)
+        judged.append((assessment, found))
     # Of several vehicles the page is of the one that flew, the first of them.
-    judged = [_judged(log, telemetry, tell) for telemetry in log.vehicles]
     assessment, _ = next((one for one in judged if one[1][0].status == OK), judged[0])
-    rows = [row for _, of_vehicle in judged for row in of_vehicle]
+    rows = [row for _, found in judged for row in found]
     place = f"{RESULTS}/{digest}/{PAGE}"
     tell(Stage.DRAWING, **_told(assessment, rows))
     names = result_files(assessment)
@@ -74,16 +79,6 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     shutil.rmtree(results / digest, ignore_errors=True)  # of an earlier time
     os.replace(made, results / digest)
     return [replace(row, page=place) for row in rows], {}
-
-
-def _judged(
-    log: Log, telemetry: Telemetry, tell: Callable[..., None]
-) -> tuple[Assessment, list[FlightRow]]:
-    """The assessment of a vehicle, as `mavdem LOG` has it, and its rows, for which pitch is modelled too."""
-    tell(Stage.JUDGING)
-    assessment = assess_signals(log, Signals(telemetry))
-    tell(Stage.LEARNING, **_judgement(assessment))
-    return assessment, rows_of_assessment(assessment.with_axis("pitch"), log.source)
 
 
 def _judgement(assessment: Assessment) -> dict[str, str]:
