@@ -187,9 +187,11 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
     said = dict[str, list[str]]()
     for one in evidence.margins:
-        facts = [one.loop] if isinstance(one.loop, Fact) else []
-        for fact in one.facts or facts:
-            said.setdefault(str(fact.but(names=(one.axis,))), []).append(one.axis)
+        facts = [fact.but(names=(one.axis,)) for fact in one.facts]
+        if not facts and isinstance(one.loop, Fact):
+            facts = [one.loop]
+        for fact in facts:
+            said.setdefault(str(fact), []).append(one.axis)
     blocks: list[Block] = [
         Sentence(sentence, f"{listed(axes).capitalize()}:") for sentence, axes in said.items()
     ]
