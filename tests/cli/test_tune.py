@@ -48,7 +48,7 @@ seed = 5
 duration = 45.0
 height = 8.0
 vehicle = { parameters = { INS_GYRO_FILTER = 100.0 } }
-shaking = { gyro = 0.03, balance = 1.0 }
+shaking = { gyro = 0.03 }
 wind = [{ kind = "dryden", speed = 4.0 }]
 excitation = { kind = "doublets", amplitude = 6.0 }
 stream = { autopilot = "ardupilot", rates = { HIGHRES_IMU = 400, ATTITUDE_TARGET = 100 } }
