@@ -20,6 +20,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -527,13 +528,12 @@ def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[i
     if field not in logged:
         return np.zeros((0, 4))
     rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
-    found = sorted((boot, time, *states[value]) for boot, time, value in rows if value in states)
-    first = {boot: before for boot, _, before, _ in reversed(found)}
-    for boot, before in first.items():
+    found = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
+    for boot, before in {boot: before for boot, _, before, _ in reversed(found)}.items():
         stamps = (columns["time"][columns["boot"] == boot] for columns in tables.values())
         begun = min(float(time.min()) for time in stamps if len(time))
-        found.append((boot, begun, before, before))
-    return np.array(sorted(found)).reshape(-1, 4)
+        found.insert(0, (boot, begun, before, before))
+    return np.array(sorted(found, key=itemgetter(0, 1))).reshape(-1, 4)
 
 
 def _armed(changes: Array, kind: int) -> Columns:
