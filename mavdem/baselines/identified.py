@@ -33,11 +33,7 @@ class Baseline(Forecasting):
     iterations: int | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
-        (r, m) = (table.shape[1] for table in (self.record.inputs, self.record.outputs))
-        return (
-            f"<{type(self).__name__}: {self.method}, {r} inputs, {m} outputs, {len(self.record)} samples, "
-            f"{1 / self.record.dt:.6g} Hz, radius {self.spectral_radius:.4g}>"
-        )
+        return f"<{type(self).__name__}: {self.method}, {len(self.record)} samples>"
 
     @cached_property
     def spectral_radius(self) -> float:

@@ -26,7 +26,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
-DAMPING = Damping(first=1e-3, factor=8.0, attempts=8, careful=True)
+DAMPING = Damping(first=1e-3, factor=8.0, attempts=8)
 MAX_STEPS = 200  # of Gauss-Newton
 # that the last step gains of the likelihood: in a flat valley many small steps follow
 STEP_NATS = 0.01

@@ -95,13 +95,11 @@ class Learned(Forecasting, LearnedDownstream):
     simulation_fit: SimulationFit | None
 
     def __repr__(self) -> str:
-        (n, r) = self.model.B.shape
+        n, r = self.model.B.shape
         m = len(self.model.C)
-        number = len(self.cautions)
         return (
             f"<Learned: {n} states, {r} inputs, {m} outputs from {len(self.record)} samples at {1 / self.dt:.6g} Hz, "
-            f"F̄ {self.free_energy[-1]:,.0f}{'' if self.converged else ' (not converged)'}, "
-            f"{number} caution{'' if number == 1 else 's'}>"
+            f"F̄ {self.free_energy[-1]:,.0f}>"
         )
 
     @property

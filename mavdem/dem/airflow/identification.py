@@ -6,8 +6,6 @@ it counts for as much as the manoeuvres are larger.
 
 from __future__ import annotations
 
-from itertools import takewhile
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import g as GRAVITY  # noqa: N812
@@ -197,15 +195,11 @@ def mean_speed(places: Array, moved: Motion) -> Array:
 
 
 def independent_share(errors: Array) -> float:
-    """Returns for how many independent ones each of ``errors`` (T, k) counts, by their autocorrelation."""
+    """Returns for how many independent ones each of ``errors`` (T, k) counts, as autoregressions of first order."""
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
-    found = (
-        float((centred[lag:] * centred[:-lag]).sum())
-        for lag in range(1, min(60, len(centred) // 3))
-    )
-    return 1 / (
-        1 + 2 * sum(takewhile(lambda one: one > 0, found)) / max(float((centred**2).sum()), 1e-12)
-    )
+    square = max(float((centred**2).sum()), 1e-12)
+    correlation = min(max(float((centred[1:] * centred[:-1]).sum()) / square, 0.0), 0.99)
+    return (1 - correlation) / (1 + correlation)
 
 
 def courses(moved: Motion, mean: Array, covariance: Array) -> tuple[Array, Array]:

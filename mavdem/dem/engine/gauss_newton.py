@@ -42,12 +42,11 @@ class Damping(NamedTuple):
     factor: float
     attempts: int  # at most for one step
     limited: Callable[[Array], Array] = np.asarray  # makes a step (f,) short enough to be trusted
-    careful: bool = False  # compare the gain with what the quadratic predicts before damping less
 
     def after(self, damping: float, gained: float, predicted: float) -> float:
-        """The damping of the step after one that increased the function."""
-        if not self.careful or gained > predicted / 2:
-            return max(damping / self.factor, 1e-6) if self.careful else damping / self.factor
+        """The damping of the step after one that increased the function, by how much the quadratic predicted."""
+        if gained > predicted / 2:
+            return max(damping / self.factor, 1e-6)
         return damping if gained > predicted / 5 else 4 * damping
 
 

@@ -115,7 +115,7 @@ def fitted(
     It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
     """
     objective = LogJoint(parameters, windows)
-    damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited, careful=True)
+    damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited)
     first = objective.quadratic(start, np.empty(0))
     iterations = MAX_ITERATIONS if first.remaining >= promised else 0
     trace, _ = gauss_newton(objective, first, damping, iterations, CONVERGED_NATS)
