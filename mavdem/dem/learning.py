@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -134,7 +135,9 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
-            return settings.completed(order, d, window, settings.parameter_precision or usual)
+            chosen: dict[str, Any] = {"order": order, "d": d, "window": window}
+            chosen |= {"parameter_precision": settings.parameter_precision or usual}
+            return CompleteSettings(**(vars(settings) | chosen))
     raise NotLearnable(
         Fact(
             ModelRefusal.TOO_SHORT_FOR_WINDOW,

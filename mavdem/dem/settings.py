@@ -162,29 +162,29 @@ class Settings:
     def _require_consistent(self) -> None:
         """Raises ``ValueError`` for what no field can satisfy by itself."""
         fewest = max(self.p, self.d or 0) + 1
-        _require(
-            self.window is None or self.window >= fewest,
-            "window",
-            f"at least {fewest} for p and d",
-            self.window,
+        continuous = self.last_derivative_zero
+        needs = (
+            (
+                self.window is None or self.window >= fewest,
+                "window",
+                f"at least {fewest} for p and d",
+            ),
+            # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
+            (
+                self.prior != "uniform" or continuous,
+                "correlation",
+                '"continuous" with the uniform prior, which leaves C free',
+            ),
+            (continuous or self.p > 0, "correlation", '"continuous" with p = 0'),
+            (
+                self.known_inputs or self.prior != "regulated",
+                "known_inputs",
+                "True with the regulated prior, under which B would stay 0",
+            ),
         )
-        # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
-        free = self.prior == "uniform" and not self.last_derivative_zero
-        _require(
-            not free,
-            "correlation",
-            '"continuous" with the uniform prior, which leaves C free',
-            self.correlation,
-        )
-        needed = self.last_derivative_zero or self.p > 0
-        _require(needed, "correlation", '"continuous" with p = 0', self.correlation)
-        needed = self.known_inputs or self.prior != "regulated"
-        _require(
-            needed,
-            "known_inputs",
-            "True with the regulated prior, under which B would stay 0",
-            False,
-        )
+        for holds, name, expected in needs:
+            if not holds:
+                raise ValueError(f"{name} must be {expected}, not {getattr(self, name)!r}")
 
     @property
     def last_derivative_zero(self) -> bool:
@@ -221,23 +221,6 @@ class Settings:
             horizon=None,
             forecasts="plant",
         )
-
-    def completed(
-        self,
-        order: int,
-        d: int,
-        window: int,
-        parameter_precision: float,
-    ) -> CompleteSettings:
-        """Returns these settings, with ``order``, ``d``, ``window`` and ``parameter_precision`` where they are open."""
-        chosen = {
-            "order": order,
-            "d": d,
-            "window": window,
-            "parameter_precision": parameter_precision,
-        }
-        fixed = {name: value for name, value in vars(self).items() if value is not None}
-        return CompleteSettings(**{**vars(self), **chosen, **fixed})
 
     def to_dict(self) -> dict[str, Any]:
         """Returns the settings as plain JSON values by name; :meth:`from_dict` is its inverse."""
@@ -285,13 +268,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
-
-
-def _require(
-    holds: bool,
-    name: str,
-    expected: str,
-    value: object,
-) -> None:
-    if not holds:
-        raise ValueError(f"{name} must be {expected}, not {value!r}")

@@ -150,9 +150,7 @@ def test_a_document_of_something_else_is_refused(text, said):
 
 
 def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
-    complete = Settings(window=9, lambda_w=2).completed(
-        order=3, d=2, window=11, parameter_precision=1.0
-    )
+    complete = CompleteSettings(window=9, lambda_w=2, order=3, d=2, parameter_precision=1.0)
     assert complete == Settings(order=3, d=2, window=9, parameter_precision=1.0, lambda_w=2)
     assert hash(complete) == hash(Settings.from_dict(complete.to_dict()))
     assert (

@@ -93,9 +93,8 @@ class StateSpace:
 
         Outputs of an unstable model may overflow to infinity or NaN.
         """
-        with np.errstate(over="ignore", invalid="ignore"):
-            states = np.vstack([start, recursion(self.A, self._pushes(inputs[:-1]), start)])
-            return self.outputs(states[: len(inputs)], inputs)
+        first = np.zeros(1, np.intp)
+        return np.asarray(self.simulated_from(first, len(inputs), start[None], inputs)[0])
 
     def simulated_from(
         self,
