@@ -162,17 +162,18 @@ def continued(
     """
     iterates = [start]
     reach = 0.0
-    for _ in range(iterations):
+    while len(iterates) <= iterations:
         now = iterates[-1]
         before = iterates[max(len(iterates) - 2, 0)].belief
         theta = now.belief.theta + reach * (now.belief.theta - before.theta)
         lambda_ = now.belief.lambda_ + reach * (now.belief.lambda_ - before.lambda_)
         then = _round(model, samples, now, now.belief._replace(theta=theta, lambda_=lambda_))
-        iterates.append(then)
         gains = then.free_energy - now.free_energy > CONVERGED_NATS
+        if gains or not reach:
+            iterates.append(then)
         if not gains and not reach:
             return iterates, True
-        reach = 2 * reach + 1 if gains else 0.0
+        reach = 2 * reach + 0.5 if gains else 0.0
     return iterates, False
 
 
