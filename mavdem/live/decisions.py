@@ -257,12 +257,8 @@ class Phase:
             since = self._reviewed - AVERAGING_SECONDS / 2
             new = (climb.time > max(since, self._reported_until)) & (climb.time <= averaged_until)
             if len(sinking := climb.time[sinks & new]):
-                self._unsettle(float(sinking[-1]))
-
-    def _unsettle(self, time: float) -> None:
-        """It may be landing at ``time``."""
-        if self._settled_from is not None:
-            self._settled_from = max(self._settled_from, time + TRANSIENT_SECONDS)
+                # It may be landing.
+                self._settled_from = max(self._settled_from, float(sinking[-1]) + TRANSIENT_SECONDS)
 
     def _take_back(self, time: float) -> None:
         """It landed at ``time``; the earlier of two landings counts where neither was fetched."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from math import nan
 
 from mavdem.alignment.drive import Motors
-from mavdem.facts import Code, Fact
+from mavdem.facts import Fact
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
 from mavdem.health.in_flight import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
@@ -29,7 +29,6 @@ class MotorAlarms:
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._obstacle: Fact | None = None
-        self._reported = set[Code]()  # Reasons why none would be seen
 
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
         """Why no motor that weakens would be found at ``now``, s; None where one would."""
@@ -67,7 +66,4 @@ class MotorAlarms:
                 weak = [*self._watch.weak.values()] or [change]
                 self.standing = tuple(alarm.announced for alarm in weak)
             yield change.announced
-        self._obstacle = obstacle = self._watch.obstacle
-        if obstacle is not None and obstacle.code not in self._reported:
-            self._reported.add(obstacle.code)
-            yield obstacle
+        self._obstacle = self._watch.obstacle
