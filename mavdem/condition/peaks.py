@@ -21,7 +21,7 @@ from mavdem.facts.fact import InWords
 
 LOWEST = 15.0  # Hz: below, vehicles are steered
 OVER = 6.0  # times what is around it, in power: a line elsewhere, smeared, makes at most 5
-AROUND = 0.15
+AROUND = 0.2
 FEWEST_BINS = 7
 """What is around a line: so much of its frequency to each side, and so many bins at least."""
 NEAR = 0.08  # of a frequency: two lines closer than this are one

@@ -33,6 +33,7 @@ from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
     LEAST_COHERENCE,
+    TINY,
     USUAL_ANGLE_GAIN,
     Spectra,
     evenly_sampled,
@@ -235,19 +236,18 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
     weights = np.exp(-5 * lags) / np.exp(-5 * lags).sum()
     asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
     whitening = np.array([1.0, -1.0])
-    emphasis = np.ones(len(seen))
+    variance = _filtered(seen, whitening).var(axis=1)
     with one_thread():
         for _ in range(PASSES):
             driver = asked
             if angle_gain:
                 clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
                 driver = _windows(clean, taps, size)
-            fit = _step(asked, seen, driver, whitening, emphasis)
+            fit = _step(asked, seen, driver, whitening, variance)
             weights = fit.weights
             left = seen[:, taps:] - _regressors(asked, taps) @ weights
             whitening = _autoregression(left)
             variance = _filtered(left, whitening).var(axis=1)
-            emphasis = np.median(variance) / np.maximum(variance, np.finfo(np.float64).tiny)
     return fit
 
 
@@ -294,10 +294,14 @@ def _autoregression(left: Array) -> Array:
     return np.convolve(np.append(1.0, -own), [1.0, -1.0])
 
 
-def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: Array) -> _Fit:
-    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``."""
+def _step(asked: Array, seen: Array, driver: Array, whitening: Array, variances: Array) -> _Fit:
+    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``.
+
+    ``variances`` (W,) are those of what ``whitening`` leaves of the noise of each window.
+    """
     taps = seen.shape[1] // 3
-    root = np.sqrt(emphasis)[:, None]
+    variance = float(np.median(variances))
+    root = np.sqrt(variance / np.maximum(variances, TINY))[:, None]
     r, p, z = (root * _filtered(one, whitening) for one in (asked, seen, driver))
     measured, instruments = (_regressors(one, taps) for one in (r, z))
     target = p[:, taps:]
@@ -305,9 +309,6 @@ def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: 
         np.tensordot(instruments, one, axes=((0, 1), (0, 1))) for one in (instruments, measured)
     )
     moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
-    ridge = 1e-3 * np.trace(normal) / taps * np.eye(taps)
-    first = target - measured @ np.linalg.solve(normal + ridge, moment)
-    variance = float(np.mean(first**2))
     steady = np.full(taps, 1 / STEADY)
     known = np.outer(steady, steady)
     prior = _prior(normal / variance + known, moment / variance + steady / STEADY)
