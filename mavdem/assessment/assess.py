@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 from os import PathLike
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -24,7 +25,6 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge, unjudged
 from mavdem.assessment.log import simulated_of
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.motors import while_controlled
 from mavdem.assessment.noise import Noise, noise_of
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.responses import LoopResponse, responses_of
@@ -40,7 +40,7 @@ from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NoModel
-from mavdem.health.in_flight import losses_of
+from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest import Log, read_log
 
 
@@ -233,7 +233,6 @@ def assess_signals(
         signals,
         analysis.verdict,
         analysis.condition,
-        analysis.alarms,
         air,
         tuple(in_order(events)),
         ending,
@@ -243,6 +242,12 @@ def assess_signals(
         evidence = replace(evidence, air=grounded_air(air))
     judgement = judge(evidence, analysis.findings.purposes)
     return Assessment(log, judgement, evidence, {analysis.verdict.axis: analysis})
+
+
+def while_controlled(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[MotorAlarm]:
+    """Returns the ``alarms`` of before control was lost: then the motors' balance says nothing."""
+    lost = inf if ending is None or ending.time is None else ending.time
+    return [alarm for alarm in alarms if alarm.time < lost]
 
 
 def grounded_air(air: Air) -> Air:

@@ -27,7 +27,6 @@ from mavdem.facts import Code, Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
-from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Array
 
@@ -44,9 +43,8 @@ class Evidence:
         log, signals: the log, and the signals of the vehicle, about roll.
         verdict: whether a full model of roll can be learned.
         condition: balance, limits, lean, vibration and battery.
-        alarms: lasting changes of the motors' balance in flight.
         air: the wind in m/s, or why it is not known.
-        events: what happened, in order of boot and time.
+        events: what happened, in order of boot and time; the thrust that motors lost is among it.
         ending: how a flight that was lost was lost, and what failed first; None where none was.
         loops: the control loops of each axis, or why they are not known.
     """
@@ -55,7 +53,6 @@ class Evidence:
     signals: Signals
     verdict: Learnability
     condition: Condition
-    alarms: tuple[MotorAlarm, ...] = ()
     air: Air = (None, None, Fact(Unjudged.NOT_JUDGED, because=None))
     events: tuple[Fact, ...] = ()
     ending: Fact | None = None

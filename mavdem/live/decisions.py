@@ -46,7 +46,7 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import Session
 from mavdem.flight import Flight
-from mavdem.health.in_flight import MotorAlarm
+from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Array, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
@@ -323,6 +323,6 @@ def judged(
     physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = dict.fromkeys(AXES, Fact(Unjudged.NOT_JUDGED, because=None))
     loops |= {axis: loop_by(physical, learned.record)}
-    evidence = evidence_of(signals, condition, alarms=tuple(alarms), loops=loops)
+    evidence = evidence_of(signals, condition, events=tuple(losses_of(alarms)), loops=loops)
     found = findings_of(learned, None, condition, alarms)
     return found, judge(evidence, found.purposes)

@@ -8,10 +8,12 @@ from hover import X_QUAD_PARAMETERS, Hover, evidence_of, with_pulses
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
+from mavdem.assessment.assess import while_controlled
 from mavdem.assessment.motors import motors_light
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
+from mavdem.health.in_flight import losses_of
 
 HOVER = Hover(hovering=60.0)
 
@@ -24,7 +26,8 @@ def evidence(pulses=lambda time: 0.0, **known):
     flying = (time >= 6.0) & (time < HOVER.landed)
     sent = np.where(flying, 1500.0 + noise + pulses(time), 1000.0)
     signals = Signals(with_pulses(telemetry, sent), inputs="motors")
-    return evidence_of(signals, alarms=motor_alarms(signals), **known)
+    changes = while_controlled(motor_alarms(signals), known.get("ending"))
+    return evidence_of(signals, events=tuple(losses_of(changes)), **known)
 
 
 def weak(begin, end=np.inf):
@@ -70,6 +73,6 @@ def test_what_names_a_motor_before_its_balance_goes_first():
 
 def test_without_settled_flight_or_outputs_it_is_not_known():
     flight = evidence()
-    bare = replace(flight, condition=replace(flight.condition, hover=None), alarms=())
+    bare = replace(flight, condition=replace(flight.condition, hover=None), events=())
     found = motors_light(bare)
     assert (found.code, found.level) == (MotorsLight.MOTORS_NOT_SEEN, Level.UNKNOWN)
