@@ -73,7 +73,7 @@ def gusts(
     """
     width = round(LEVEL_SECONDS / record.dt)
     parts = np.split(torque, record.starts[1:])
-    levels = [median_filter(part, min(len(part), width) | 1, mode="nearest") for part in parts]
+    levels = [median_filter(part, min(len(part), width) | 1) for part in parts]
     away = torque - np.concatenate(levels)
     sd = float(np.median(np.abs(away))) / NORMAL_MEDIAN
     if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
