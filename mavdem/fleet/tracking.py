@@ -88,18 +88,13 @@ def health_figures(row: FlightRow) -> HealthFigures:
     balance = None
     signatures = None
     if row.balance is not None:
-        columns = {
-            "balance": 3,
-            "balance_error": 3,
-            "balance_lean": 2,
-            "lean_effect": 6,
-            "lean_effect_error": 6,
-        }
-        mean, spread, lean, effect, error = (
-            _array(getattr(row, name), count) for name, count in columns.items()
-        )
         balance = BalanceFigures(
-            mean, spread, lean, effect.reshape(3, 2), error.reshape(3, 2), row.duration or 0.0
+            _array(row.balance, 3),
+            _array(row.balance_error, 3),
+            _array(row.balance_lean, 2),
+            _array(row.lean_effect, 6).reshape(3, 2),
+            _array(row.lean_effect_error, 6).reshape(3, 2),
+            row.duration or 0.0,
         )
     if motors:
         numbers = tuple(range(len(motors)))
