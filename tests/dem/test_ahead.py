@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import SIGNS, in_closed_loop, simulated
+from simulated import SIGNS, in_closed_loop
 
 from mavdem import Flight
 from mavdem.dem.forecast.joint import known_combinations
@@ -110,13 +110,3 @@ def test_no_lag_reaches_across_a_gap():
             ahead.add(memory.blocks[-1])
     assert ahead._prediction is not None
     assert np.abs(later - far).max() < 10
-
-
-def test_a_still_vehicle_is_no_error():
-    flight = simulated(samples=300)
-    still = Flight(
-        flight.time, np.full((300, 4), 1500.0), np.zeros((300, 2)), effect_directions=[1, 1, -1, -1]
-    )
-    found, half = predicted(still)
-    np.testing.assert_array_equal(found, 0.0)
-    assert np.isnan(half[0]).all()

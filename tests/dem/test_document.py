@@ -69,23 +69,6 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
                 Learned.from_json(json.dumps({**values, name: junk}))
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [
-        (("model", "A"), [[1.0], [1.0, 2.0]], "model.A must be numbers of one shape"),
-        (("converged",), "yes", "converged must be a valid boolean, not 'yes'"),
-    ],
-)
-def test_what_does_not_fit_is_named(path, value, message, document):
-    values = json.loads(document)
-    inner = values
-    for key in path[:-1]:
-        inner = inner[key]
-    inner[path[-1]] = value
-    with pytest.raises(ValueError, match=message):
-        Learned.from_json(json.dumps(values))
-
-
 def test_what_a_flight_says_of_its_vehicle_is_kept():
     flight = FLIGHT[:500]
     directions = np.ones(flight.inputs.shape[1])

@@ -5,22 +5,13 @@ import numpy as np
 import pytest
 from simulated import simulated
 
-from mavdem import Flight, Settings, learn
+from mavdem import Settings, learn
 from mavdem.confidence import half_width, quantile, require_probability
 
 
 @pytest.mark.slow
 def test_intervals_hold_parameters_where_the_assumptions_hold():
     assert 0.85 <= calibration.coverage() <= 0.95
-
-
-def test_of_two_motors_that_always_agree_each_has_half_of_what_they_do_together():
-    flight = simulated(wind=0.5)
-    inputs = flight.inputs.copy()
-    inputs[:, 1] = inputs[:, 0]
-    settings = Settings(order=2, window=5, parameter_precision=1.0, horizon=None)
-    learned = learn(Flight(flight.time, inputs, flight.outputs)[:700], settings)
-    assert learned.model.B[1, 0] == pytest.approx(learned.model.B[1, 1], abs=1e-6)
 
 
 def test_without_a_simulation_error_fit_no_interval_is_reported():

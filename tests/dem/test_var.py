@@ -122,17 +122,6 @@ def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior(
     np.testing.assert_allclose(precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
 
 
-def test_statistics_add_up_over_segments():
-    one = run(model(), 50, 1)
-    two = run(model(), 70, 2)
-    first = LagStatistics.of([one], LAGS)
-    both = LagStatistics.of([one, two], LAGS)
-    together = first + LagStatistics.of([two], LAGS)
-    assert together.rows == both.rows == 50 + 70 - 2 * LAGS
-    np.testing.assert_allclose(together.gram, both.gram, rtol=1e-12)
-    assert LagStatistics.of([one, two[:LAGS]], LAGS).rows == first.rows
-
-
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
     samples = run(model(), 400)
     plain, _ = fitted([samples])
