@@ -2,8 +2,8 @@
 
 The response T of what is seen, p, to what is asked, r, is an impulse response of ``TAPS`` values, fitted by generalised
 least squares: residuals are whitened by an autoregression, and windows with more of the wind count less, which is what
-weights by coherence do. A smooth, decaying Gaussian process is its prior, whose size maximises the evidence; that tells
-resonances from noise without smoothing them.
+weights by coherence do. A smooth, decaying Gaussian process is its prior, whose size and decay maximise the evidence;
+that tells resonances from noise without smoothing them.
 
 Wind moves r as well, by the controller of the attitude: r = x − K φ. So r is replaced among the regressors by what of
 it the pilot or the autopilot's navigation asks, x / (1 + K T / s), x = r + K φ: an instrument, with the last T.
@@ -33,7 +33,6 @@ from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
     LEAST_COHERENCE,
-    TINY,
     USUAL_ANGLE_GAIN,
     Spectra,
     evenly_sampled,
@@ -51,11 +50,12 @@ TAPS = 100  # of it at most: of rates up to 200 Hz, for resonances of up to half
 MOST_WINDOWS = 300
 PASSES = 4
 ORDER = 12  # of the autoregression of the residuals
-SMOOTH = 0.04, 0.25
+SMOOTH = 0.04
 SLOW = 0.2, 2.0
 SLOW_SHARE = 0.003
-"""Of the prior, in shares of the step: lengths over which it is alike, and its decay; of the slow tail that an
-integrator leaves likewise, and its share of the variance."""
+"""Of the prior, in shares of the step: lengths over which it is alike, and of the slow tail that an integrator leaves
+that length, its decay, and its share of the variance."""
+DECAYS = np.geomspace(0.06, 2.0, 6)
 SIZES = np.geomspace(0.1, 1e5, 13)
 STEADY = 0.03
 LEAST_POWER = (
@@ -236,18 +236,19 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
     weights = np.exp(-5 * lags) / np.exp(-5 * lags).sum()
     asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
     whitening = np.array([1.0, -1.0])
-    variance = _filtered(seen, whitening).var(axis=1)
+    emphasis = np.ones(len(seen))
     with one_thread():
         for _ in range(PASSES):
             driver = asked
             if angle_gain:
                 clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
                 driver = _windows(clean, taps, size)
-            fit = _step(asked, seen, driver, whitening, variance)
+            fit = _step(asked, seen, driver, whitening, emphasis)
             weights = fit.weights
             left = seen[:, taps:] - _regressors(asked, taps) @ weights
             whitening = _autoregression(left)
             variance = _filtered(left, whitening).var(axis=1)
+            emphasis = np.median(variance) / np.maximum(variance, np.finfo(np.float64).tiny)
     return fit
 
 
@@ -294,14 +295,10 @@ def _autoregression(left: Array) -> Array:
     return np.convolve(np.append(1.0, -own), [1.0, -1.0])
 
 
-def _step(asked: Array, seen: Array, driver: Array, whitening: Array, variances: Array) -> _Fit:
-    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``.
-
-    ``variances`` (W,) are those of what ``whitening`` leaves of the noise of each window.
-    """
+def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: Array) -> _Fit:
+    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``."""
     taps = seen.shape[1] // 3
-    variance = float(np.median(variances))
-    root = np.sqrt(variance / np.maximum(variances, TINY))[:, None]
+    root = np.sqrt(emphasis)[:, None]
     r, p, z = (root * _filtered(one, whitening) for one in (asked, seen, driver))
     measured, instruments = (_regressors(one, taps) for one in (r, z))
     target = p[:, taps:]
@@ -309,6 +306,9 @@ def _step(asked: Array, seen: Array, driver: Array, whitening: Array, variances:
         np.tensordot(instruments, one, axes=((0, 1), (0, 1))) for one in (instruments, measured)
     )
     moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
+    ridge = 1e-3 * np.trace(normal) / taps * np.eye(taps)
+    first = target - measured @ np.linalg.solve(normal + ridge, moment)
+    variance = float(np.mean(first**2))
     steady = np.full(taps, 1 / STEADY)
     known = np.outer(steady, steady)
     prior = _prior(normal / variance + known, moment / variance + steady / STEADY)
@@ -327,19 +327,23 @@ def _step(asked: Array, seen: Array, driver: Array, whitening: Array, variances:
 
 
 def _prior(precision: Array, moment: Array) -> Array:
-    """(K, K) the covariance of the weights before the flight, of the size with the largest evidence."""
+    """(K, K) the covariance of the weights before the flight, of the size and decay with the largest evidence."""
     taps = len(moment)
     after = np.linspace(0.0, 1.0, taps + 1)
-    shape = _matern(after, *SMOOTH) + SLOW_SHARE * _matern(after, *SLOW)
-    # The response begins at 0.
-    shape = (shape - np.outer(shape[0], shape[0]) / shape[0, 0])[1:, 1:] / taps**2
-    root = np.linalg.cholesky(shape + 1e-8 * np.trace(shape) / taps * np.eye(taps))
-    values, vectors = np.linalg.eigh(root.T @ precision @ root)
-    gained = SIZES[:, None] * np.maximum(values, 0.0)
-    along = vectors.T @ (root.T @ moment)
-    fits = SIZES[:, None] * along**2 / (1 + gained)
-    evidence = (fits - np.log1p(gained)).sum(axis=1)
-    return np.asarray(SIZES[np.argmax(evidence)] * shape)
+    best = -np.inf, np.zeros((taps, taps))
+    for decay in DECAYS:
+        shape = _matern(after, SMOOTH, decay) + SLOW_SHARE * _matern(after, *SLOW)
+        # The response begins at 0.
+        shape = (shape - np.outer(shape[0], shape[0]) / shape[0, 0])[1:, 1:] / taps**2
+        root = np.linalg.cholesky(shape + 1e-8 * np.trace(shape) / taps * np.eye(taps))
+        values, vectors = np.linalg.eigh(root.T @ precision @ root)
+        gained = SIZES[:, None] * np.maximum(values, 0.0)
+        along = vectors.T @ (root.T @ moment)
+        fits = SIZES[:, None] * along**2 / (1 + gained)
+        evidence = (fits - np.log1p(gained)).sum(axis=1)
+        if (highest := float(evidence.max())) > best[0]:
+            best = highest, SIZES[np.argmax(evidence)] * shape
+    return best[1]
 
 
 def _matern(after: Array, length: float, decay: float) -> Array:
