@@ -350,7 +350,7 @@ class LiveStream:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, Level.WATCH, basis=plan.basis))
 
     def _review(self, sender: Sender, now: float) -> None:
-        """Decides again what the vehicle's rows are made of, whether it flies, and what is wrong with it."""
+        """Decides again what rows are made of, whether the vehicle flies, and what alarms there are."""
         if isnan(now):
             return
         before = self._reviewed

@@ -232,12 +232,3 @@ def test_why_a_link_cannot_be_opened_is_said(name, code):
     fact = refusal.value.fact
     assert code in (fact.code, fact.figures.get("cause"))
     assert "\n" not in str(refusal.value)
-
-
-def test_what_nobody_takes_is_dropped():
-    with udp() as gone:
-        link = Link(f"udpout:127.0.0.1:{port_of(gone)}")
-    for _ in range(3):
-        link.send(b"into the void")
-        assert link.receive(0.01) == []
-    link.close()

@@ -58,14 +58,6 @@ def test_what_was_received_is_there_before_the_end(tmp_path, form):
     recording.close()
 
 
-def test_a_clock_that_is_set_back_holds_nothing_up(tmp_path):
-    recording = RawRecording(tmp_path / "flight.tlog")
-    for stamp, each in zip((NOW, NOW - 5000.0), FRAMES[:2], strict=True):
-        recording.take(stamp, FrameReader().feed(each))
-        assert recorded(tmp_path / "flight.tlog")[-1] == (round(stamp * 1e6), each)
-    recording.close()
-
-
 def test_it_replaces_nothing(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"dear")
     with pytest.raises(Unreadable) as refusal:
