@@ -402,7 +402,11 @@ class Shaking(Section):
     """What whole rotors and the frame shake the gyro with, before its filters."""
 
     gyro: Size = 0.0
-    """Amplitude about each axis by each rotor in hover, rad/s: half once a turn, half by each of two blades"""
+    """Amplitude about each axis by each rotor in hover, rad/s"""
+    balance: Share = 0.5
+    """Share of it once a turn, by rotors out of balance; the rest by each blade"""
+    blades: int = Field(2, ge=2, le=8)
+    """Of each rotor."""
     frame: Size = 0.0
     """Frequency at which the frame resonates, Hz; 0: it does not"""
     frame_gyro: Size = 0.0

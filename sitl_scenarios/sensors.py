@@ -47,7 +47,8 @@ class RotorNoise:
         for number, speed in enumerate(rotors if spec.gyro else ()):
             phase = self._phases[number] = (self._phases[number] + speed * self._step) % (2 * pi)
             size = spec.gyro * (speed / self._hover) ** 2
-            total += size * (0.5 * sin(phase) + 0.5 * sin(2 * phase))
+            turning = spec.balance * sin(phase) + (1 - spec.balance) * sin(spec.blades * phase)
+            total += size * turning
         if not self._drive:
             return total, total, total
         first, second = self._keeps

@@ -149,7 +149,11 @@ class Dashboard:
 @file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")
 @file_option(
     "--model",
-    "Where to write the model at the end; the page is beside it. [default: beside --rrd or --record, .model.json]",
+    "Where to write the model at the end. [default: beside --rrd or --record, .model.json]",
+)
+@file_option(
+    "--html",
+    "Page of what happened, to write at the end. [default: beside --rrd, --record or --model, .html]",
 )
 @click.option(
     "--request-rate",
@@ -163,6 +167,11 @@ class Dashboard:
     "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."
 )
 @click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
+@click.option(
+    "--plain",
+    is_flag=True,
+    help="Print the status as lines below each other, as where this is no terminal.",
+)
 def live_command(
     link: str,
     axis: str,
@@ -174,9 +183,11 @@ def live_command(
     connect: str | None,
     record: Path | None,
     model: Path | None,
+    html: Path | None,
     request_rate: float | None,
     prior: Path | None,
     duration: float | None,
+    plain: bool,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
 
@@ -202,7 +213,7 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
-    model, html = _at_end(rrd, record, model)
+    model, html = _at_end(rrd, record, model, html)
     earlier = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, asked=request_rate is not None)
     with suppress(Unreadable):  # a model without its report knows no drag
@@ -228,7 +239,7 @@ def live_command(
             say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
         place = None
-        if STDERR.is_terminal:
+        if STDERR.is_terminal and not plain:
             place = Place(console=STDERR, auto_refresh=False, transient=True)
         if model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
@@ -280,16 +291,16 @@ def live_command(
 
 
 def _at_end(
-    rrd: Path | None, record: Path | None, model: Path | None
+    rrd: Path | None, record: Path | None, model: Path | None, page: Path | None
 ) -> tuple[Path | None, Path | None]:
     """Returns where model and page are to be written, and refuses before the flight what could not be after it."""
     check_file(rrd, "--rrd", (".rrd",))
     check_file(record, "--record", tuple(STREAMS))
     beside = rrd or record or model
-    page = beside and beside.with_suffix(".html")
+    page = page or (beside and beside.with_suffix(".html"))
     model = model or (beside and beside.with_suffix(".model.json"))
     check_file(model, "--model", (".json",))
-    check_file(page, "the page", (".html",))
+    check_file(page, "--html", (".html",))
     return model, page
 
 

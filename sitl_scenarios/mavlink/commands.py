@@ -16,7 +16,9 @@ from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.simulation import Simulation
 
 BROADCAST_ID = 0  # Target system or component of messages to all
-UNDERSTOOD = frozenset({"COMMAND_LONG", "PARAM_REQUEST_LIST", "REQUEST_DATA_STREAM"})
+UNDERSTOOD = frozenset(
+    {"COMMAND_LONG", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "REQUEST_DATA_STREAM"}
+)
 """Messages that are answered; each names its target."""
 
 
@@ -66,6 +68,8 @@ class CommandHandler:
                 )
             case "PARAM_REQUEST_LIST":
                 self._transmitter.tell_parameters()
+            case "PARAM_REQUEST_READ":
+                self._transmitter.tell_parameters(received.param_id)
             case "REQUEST_DATA_STREAM":
                 # The rate, Hz, of a group of messages, or of all groups.
                 groups = self._transmitter.autopilot.groups

@@ -148,9 +148,11 @@ class Transmitter:
         """Sends a message once, with the next block; fields that are not given are zero."""
         self._asked.append((name, payload(name, **values)))
 
-    def tell_parameters(self) -> None:
-        """Sends all parameters, with the next block."""
+    def tell_parameters(self, name: str = "") -> None:
+        """Sends all parameters, or that of one ``name``, with the next block."""
         for index, parameter in enumerate(self.parameters):
+            if name not in ("", parameter.name):
+                continue
             self.ask(
                 "PARAM_VALUE",
                 param_id=parameter.name.encode(),

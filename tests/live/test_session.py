@@ -384,6 +384,9 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
         RateFact.RATES_CONTESTED,
     }
     assert happened <= said
+    assert Rows.MOTOR_ORDER_ASSUMED not in said, (
+        "parameters say where the motors are, and come when they are asked for"
+    )
     assert sum(account.values()) == pytest.approx(86.0, abs=0.5)
     # Learned from is the time that the samples span, 1661 of 0.02 s, not that in which some came.
     assert (

@@ -94,11 +94,15 @@ def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_parameters_are_listed(autopilot):
+def test_parameters_are_listed_and_read(autopilot):
     vehicle = Vehicle(autopilot)
     vehicle.hears(dialect.MAVLink_param_request_list_message(1, 1))
     listed = vehicle.flown(1.0)["PARAM_VALUE"]
     assert [one.param_index for one in listed] == list(range(listed[0].param_count))
+    for name in (listed[3].param_id.encode(), b"NOTHING"):
+        vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, name, -1))
+    (read,) = vehicle.flown(0.1)["PARAM_VALUE"]
+    assert (read.param_id, read.param_value) == (listed[3].param_id, listed[3].param_value)
 
 
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
