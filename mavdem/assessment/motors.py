@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from mavdem.analysis.overrides import limited_motor
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
@@ -23,6 +25,8 @@ def motors_light(evidence: Evidence) -> Fact:
         if event.subject in names
         and (event.level is Level.BAD or event.code is InFlight.MOTOR_LOST_THRUST)
     ]
+    # Of several losses the largest is named, not the earliest.
+    found.sort(key=lambda event: -event.figures.get("rise", inf))
     hover = evidence.condition.hover
     if hover is None:
         found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))

@@ -64,6 +64,8 @@ def test_what_names_a_motor_before_its_balance_goes_first():
     other = Fact(Session.ALARM, Level.BAD, time=70.0, subject="GPS")
     assert motors_light(replace(even, events=(other, named))) == named
     assert motors_light(replace(even, ending=named)) == named
+    first, largest = named.but(rise=0.2), named.but(rise=0.4)
+    assert motors_light(replace(even, events=(first, largest))) == largest
     # After control was lost the balance says nothing.
     assert motors_light(evidence(weak(40.0))).level is Level.BAD
     lost = other.but()
