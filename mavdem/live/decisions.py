@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment, mean_rate
-from mavdem.alignment.drive import AXES, Motors, Signal, recorded
+from mavdem.alignment.drive import AXES, TILT_AXES, Motors, Signal, recorded
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import (
     AVERAGING_SECONDS,
@@ -171,6 +171,7 @@ class LiveSignals(Signals):
     motors: Motors | None = None
     collective: Signal | None = None
     landed_state: Signal | None = None
+    tilts: tuple[Attitude, ...] = ()
 
 
 class Phase:
@@ -313,8 +314,8 @@ def judged(
     plan = setup.layout, setup.scale
     boots = np.zeros(count, np.int64)
     motors = Motors(setup.motors, time, boots, flight.inputs, *plan, count, 0)
-    signals = LiveSignals(telemetry, axis, motors=motors)
     tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
+    signals = LiveSignals(telemetry, axis, motors=motors, tilts=(tilt,) * len(TILT_AXES))
     swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
     lean = {axis: float(np.degrees(flight.outputs[:, 0].mean()))}
     hover = hover_figures(setup.layout.names, setup.scale, duration, flight.inputs, lean)

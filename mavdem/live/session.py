@@ -494,6 +494,7 @@ class LiveSession:
             input_units=(setup.scale.unit,) * len(setup.layout.names),
             output_units=units,
             parameters=gains,
+            input_range=(setup.scale.low, setup.scale.high),
         )
         named = replace(learned, record=record)
         physical = None if self._estimate is None else self._estimate.physical

@@ -20,6 +20,7 @@ from mavdem.dem.online.learner import TOO_FEW
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import LinkError, LinkFact, Missing, RateFact, Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch
@@ -243,6 +244,8 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     model = one.judge(model)
     assert model.physical is known and in_flight.purposes[:2] == one.judged[0].purposes[:2]
     assert (one.status.findings, one.status.judged) == one.judged
+    lights = one.judged[1].lights
+    assert lights["log"].level is Level.GOOD and lights["margins"].code is MarginsLight.LOOP_MARGINS
     page = html.unescape(
         live_page("udp", "roll", one.history, one.status, one.account(), model)
     ).replace("\u00a0", " ")
