@@ -108,7 +108,7 @@ class Identified(Baseline):
         return self.model.simulated(np.zeros(len(self.model.A)), inputs)
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Returns :meth:`forecast` of these ``inputs`` (H, r): the answer of the plant that is modelled."""
+        """Returns the forecast of these ``inputs`` (H, r): the answer of the plant that is modelled."""
         return self.forecast(inputs)
 
     @cached_property

@@ -214,6 +214,4 @@ class LiveView:
                 each.trouble = f"{each.sink.name} does not respond; the last rows may be missing"
                 # otherwise Rerun waits for the hanging viewer when Python ends
                 rr.unregister_shutdown()
-                with suppress(OSError):
-                    each.sink.delivered(arrived=False)
             each.sink.close()

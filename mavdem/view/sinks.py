@@ -15,6 +15,7 @@ import socket
 import struct
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
@@ -22,8 +23,10 @@ from urllib.parse import quote
 import rerun as rr
 
 LOOPBACK = "127.0.0.1"
+CLOSING_SECONDS = 2.0  # how long a file that is closed may still be written
 SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
 STREAM_HEADER = 12  # bytes before the first message of an .rrd file
+STREAM_FOOTER = b"RRF2FOOT"  # ends, but for a version, a file that was completed
 MESSAGE_HEADER = struct.Struct(
     "<QQ"
 )  # kind of message, bytes of what follows; source: Rerun's re_log_encoding
@@ -121,10 +124,14 @@ class RecordingFile(Sink):
 
     def delivered(self, arrived: bool = True) -> None:
         """Keeps what has arrived; see :class:`Sink`."""
-        # A flush that met a full disk may return without an error: only the file says what has arrived.
-        size = self.path.stat().st_size
+        self.whole = self.path.stat().st_size
+        if arrived:
+            return
+        self.broken = True
+        # Rerun writes the end of a file anew with each flush: what was whole before need not be whole now.
         with self.path.open("rb") as file:
-            end = self.whole or STREAM_HEADER
+            end = STREAM_HEADER
+            size, self.whole = self.whole, 0
             while end <= size:
                 self.whole = end
                 file.seek(end)
@@ -133,9 +140,29 @@ class RecordingFile(Sink):
                     break
                 _, length = MESSAGE_HEADER.unpack(header)
                 end += MESSAGE_HEADER.size + length
-        if not arrived:
-            self.broken = True
-            os.truncate(self.path, self.whole)
+        os.truncate(self.path, self.whole)
+
+    def close(self) -> None:
+        """Cuts a file that was not completed; see :class:`Sink`."""
+        # Where a disk is full, Rerun still tries to complete the file when its writer has failed.
+        deadline = time.monotonic() + CLOSING_SECONDS
+        with suppress(OSError):
+            while self._is_open() and time.monotonic() < deadline:
+                time.sleep(0.01)
+            with self.path.open("rb") as file:
+                file.seek(-2 * len(STREAM_FOOTER), os.SEEK_END)
+                is_complete = STREAM_FOOTER in file.read()
+            if not is_complete:
+                self.delivered(arrived=False)
+
+    def _is_open(self) -> bool:
+        """Whether this process still writes the file, where the system tells."""
+        own = self.path.stat()
+        for descriptor in Path("/proc/self/fd").glob("*"):
+            with suppress(OSError):
+                if os.path.samestat(descriptor.stat(), own):
+                    return True
+        return False
 
 
 class Viewer(Sink):
