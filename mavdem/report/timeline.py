@@ -42,9 +42,9 @@ ANGLE = readable("rad")
 class Timeline(NamedTuple):
     """The ``rows`` of a flight in its ``span``, charts of one clock, s, and what goes through all of them.
 
-    ``axes`` are angle, rate and the error of the rate, by axis. ``trained`` are the parts that the model was trained
-    on, ``modes`` beginning, end and name of each flight mode, ``events`` what happened; ``position`` is the path
-    (N, 3), m north, east and down.
+    ``wind`` are further rows of a log: in m/s, its direction, and the torque. ``axes`` are angle, rate and the error of
+    the rate, by axis. ``trained`` are the parts that the model was trained on, ``modes`` beginning, end and name of
+    each flight mode, ``events`` what happened; ``position`` is the path (N, 3), m north, east and down.
     """
 
     rows: tuple[Chart, ...]
@@ -54,12 +54,13 @@ class Timeline(NamedTuple):
     modes: tuple[tuple[float, float, str], ...] = ()
     events: tuple[Event, ...] = ()
     position: Signal | None = None
+    wind: tuple[Chart, ...] = ()
 
     @property
     def happened(self) -> tuple[Chart, ...]:
         """The modes, and all rows with events and what was trained on."""
         strip = Chart("Modes", self._time, Axis(""), spans=self.modes, group="flight")
-        return (*([strip] if self.modes else []), *map(self.marked, self.rows))
+        return (*([strip] if self.modes else []), *map(self.marked, self.rows + self.wind))
 
     @property
     def _time(self) -> Axis:
@@ -102,11 +103,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         for axis, one in assessment.analyses.items()
         if one.learned is not None
     )
-    rows = (
-        *_driven(signals, part),
-        *wind_rows(evidence.air, part),
-        over_time("Wind torque", TORQUE.name, filter(None, torques)),
-    )
+    torque = over_time("Wind torque", TORQUE.name, filter(None, torques))
     changes = signals.modes(boot)
     ends_of_modes = zip(changes, [*changes[1:], (last, "")], strict=False)
     modes = ((max(at, first), min(end, last), name) for (at, name), (end, _) in ends_of_modes)
@@ -117,13 +114,14 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     )
     place = signals.position
     return Timeline(
-        tuple(row for row in rows if row.lines),
+        tuple(row for row in _driven(signals, part) if row.lines),
         (first, last),
         {axis: tuple(_of_axis(signals.about(axis), part)) for axis in AXES},
         tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights),
         tuple(mode for mode in modes if mode[0] < mode[1]),
         tuple(events),
         place and _of(place, part),
+        tuple(row for row in (*wind_rows(evidence.air, part), torque) if row.lines),
     )
 
 

@@ -101,7 +101,7 @@ class _Page:
         )
         shown = [chart for charts in axes for chart in charts[:1]]
         shown.append(over_time("Rates", "°/s", lines))
-        shown += [row for row in self._timeline.rows if row not in self._wind]
+        shown += self._timeline.rows
         judgement = self._assessment.judgement
         said = f"**{headline(judgement.headline)}**\n\n**Next:** {advised(judgement.next_step)}"
         above = _text(self._recording, "headline", "", said)
@@ -115,21 +115,16 @@ class _Page:
         below = rrb.Horizontal(plots, beside, column_shares=[75, 25])
         return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
 
-    @property
-    def _wind(self) -> list[Chart]:
-        """The rows of the wind, in m/s and as a torque."""
-        return [row for row in self._timeline.rows if row.title.startswith("Wind")]
-
     def air(self, learned: Learned, flights: Sequence[Flight]) -> list[rrb.Container]:
         """The wind, and its torque, with marks where gusts begin; nothing where neither is known."""
-        if not self._wind:
+        if not self._timeline.wind:
             return []
         torque = learned.wind_torque
         gusts = () if torque is None or torque.reason is not None else torque.gusts
         clock = np.concatenate([flight.time for flight in flights])
         begins = [float(clock[gust.sample]) for gust in gusts]
         marks = f"gust ({len(begins)})", palette.GUST, begins
-        return [rrb.Vertical(*self._drawn("air", self._wind, marks), name="Wind")]
+        return [rrb.Vertical(*self._drawn("air", self._timeline.wind, marks), name="Wind")]
 
     def loops(self) -> list[rrb.Container]:
         """Measured steps by axis, and loops with their margins; nothing where none is known."""
