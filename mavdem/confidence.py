@@ -13,6 +13,10 @@ from scipy.special import ndtri, stdtrit
 
 # probability of the intervals and bands that are shown, unless another level is asked for
 LEVEL = 0.9
+ENOUGH_SAMPLES = 20  # of which a median, a spread or a share is more than chance
+SURE_DEVIATIONS = 3.0  # standard deviations or errors that are no chance
+# odds of 20 to 1: strong evidence by Kass and Raftery (1995)
+STRONG_EVIDENCE_NATS = 3.0
 
 
 def require_probability(level: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import tau
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +21,9 @@ from mavdem.ingest.motors import (
 )
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
 from mavdem.ingest.motors import place_name as place_name
-from mavdem.ingest.telemetry import Array, Columns, Flags, Integers, Telemetry
+from mavdem.ingest.telemetry import FREQUENT_ENOUGH, Array, Columns, Flags, Integers, Telemetry
 
-FREQUENT_ENOUGH = 0.9
-"""A preferred message gives way to another only when it comes less often than this share of the other's count."""
-
-MAX_ANGLE = 2 * np.pi  # rad: no Euler angle lies beyond, whatever the convention
+MAX_ANGLE = tau  # rad: no Euler angle lies beyond, whatever the convention
 MAX_BODY_RATE = np.radians(4000.0)
 """rad/s: beyond the range of the gyroscopes that autopilots carry, 2000 °/s and at most 4000."""
 
@@ -110,9 +108,8 @@ STOP_BINS = 5
 STOP_EXCESS = 8
 """An upper stop that the outputs show: at least so much of the range, so often reached, this wide, how many bins of
 that width below it show what is usual, and how many times as often it is reached: the crest of a sine 3 to 5 times."""
-UINT16_UNKNOWN = (
-    65535  # MAVLink's uint16 for what there is none of: an output, or the voltage of a cell
-)
+# MAVLink's uint16 for what there is none of: an output, or the voltage of a cell
+UINT16_UNKNOWN = np.iinfo(np.uint16).max
 
 
 @dataclass(frozen=True, eq=False)

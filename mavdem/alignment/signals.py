@@ -55,7 +55,14 @@ from mavdem.ingest.telemetry import (
     rate_without_gaps,
     selected,
 )
-from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, Injection, euler_angles
+from mavdem.ingest.vocabulary import (
+    ARMED,
+    CUSTOM_MODE,
+    LANDING_MODES,
+    Injection,
+    euler_angles,
+    number_of,
+)
 
 # Messages with the attitude, the preferred first
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")
@@ -84,8 +91,16 @@ nine in ten were predicted better than without a model. Motors' effect, damping 
 TARGET_MESSAGE = "ATTITUDE_TARGET"
 TUNING_MESSAGE = "PID_TUNING"
 DEGREES = 10.0  # times the rate of the attitude, from which on a rate is in degrees
-IGNORED = {"roll": 1, "pitch": 2, "yaw": 4, "attitude": 128}
-"""Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
+IGNORED = {
+    field: number_of(f"ATTITUDE_TARGET_TYPEMASK_{name}_IGNORE")
+    for field, name in {
+        "roll": "BODY_ROLL_RATE",
+        "pitch": "BODY_PITCH_RATE",
+        "yaw": "BODY_YAW_RATE",
+        "attitude": "ATTITUDE",
+    }.items()
+}
+"""Bits of ATTITUDE_TARGET.type_mask: a field with its bit set is no setpoint."""
 # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
 ROUNDING = 1e-6
 HOLD_SECONDS = 2.0

@@ -11,10 +11,12 @@ from mavdem.alignment.phases import longest
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
 from mavdem.assessment.reported import FIX_3D
+from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Array, Telemetry
+from mavdem.ingest.vocabulary import number_of
 
 MEASURED = ("velocity", "position", "height", "compass")
 REPORTS = {
@@ -27,8 +29,11 @@ REPORTS = {
     "ESTIMATOR_STATUS": ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"),
 }
 """Messages with the innovations of ``MEASURED``, as shares of what the filter accepts."""
-GLITCH = {"EKF_STATUS_REPORT": 1 << 15, "ESTIMATOR_STATUS": 1 << 10}
-"""Bits of their flags that say that GPS jumped: EKF_GPS_GLITCHING and ESTIMATOR_GPS_GLITCH."""
+GLITCH = {
+    "EKF_STATUS_REPORT": number_of("EKF_GPS_GLITCHING"),
+    "ESTIMATOR_STATUS": number_of("ESTIMATOR_GPS_GLITCH"),
+}
+"""Bits of their flags that say that GPS jumped."""
 EKF_THRESHOLD = 0.8
 """Innovation from which ArduCopter's ``ekf_check.cpp`` doubts the filter, the default of FS_EKF_THRESH; PX4 at 1."""
 DOUBT_SECONDS = 1.0  # as long it lasts there until the failsafe
@@ -36,7 +41,6 @@ POOR_DILUTION = 2.5
 FEW_SATELLITES = 6
 """HDOP above, satellites below which PX4's filter does not start with GPS: EKF2_REQ_HDOP, EKF2_REQ_NSATS."""
 FIELD_CHANGE = 0.3  # of the compass's field, by motors and currents, up to which ArduPilot's pages take it for good
-LEAST_ROWS = 5  # of a median on the ground
 OF_ESTIMATOR = {
     Reported.ESTIMATOR_DIVERGED,
     Reported.ESTIMATOR_SWITCHED,
@@ -131,7 +135,7 @@ def _compass(evidence: Evidence) -> Iterator[Fact]:
             assert field is not None
             before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
             usual = _size(field.values[before])
-            if len(usual) < LEAST_ROWS:
+            if len(usual) < ENOUGH_SAMPLES:
                 return
             change = float(np.median(_size(flight.values)) / np.median(usual)) - 1
             if abs(change) > FIELD_CHANGE:

@@ -10,6 +10,7 @@ from mavdem.alignment import phases
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.assessment.evidence import Evidence
+from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts import Fact, Level
 from mavdem.facts.log import LogLight, Simulation
 
@@ -21,7 +22,6 @@ STILL_CHANGE = 5e-5
 """rad/s: median change of the roll rate over ``STILL_STEP`` on the ground, below which no gyroscope measured it. One of
 0.003°/s/√Hz, low-passed at 10 Hz, has 1.5e-4; ArduPilot's simulator 2e-5 to 4e-5, recorded real ones 3e-4 and more."""
 STILL_STEP = 0.02  # s
-STILL_ROWS = 50  # changes, at least
 
 
 def log_light(evidence: Evidence) -> Fact:
@@ -79,4 +79,4 @@ def _is_still(signals: Signals) -> bool:
     each = max(round(STILL_STEP / float(np.median(np.diff(roll.time[rows])))), 1)
     changes = np.abs(np.diff(roll.rate[rows][::each]))
     changes = changes[changes > 0]  # a value that is sent again is no measurement
-    return len(changes) >= STILL_ROWS and float(np.median(changes)) < STILL_CHANGE
+    return len(changes) >= ENOUGH_SAMPLES and float(np.median(changes)) < STILL_CHANGE

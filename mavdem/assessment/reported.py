@@ -18,10 +18,10 @@ from mavdem.assessment.power import SUPPLY
 from mavdem.condition.said import in_order, once, reason, said
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
-from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND
+from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, number_of
 
-FIX_3D = 3  # of GPS_FIX_TYPE
-LOW_CHARGE = 2  # of MAV_BATTERY_CHARGE_STATE; what is more is worse
+FIX_3D = number_of("GPS_FIX_TYPE_3D_FIX")
+LOW_CHARGE = number_of("MAV_BATTERY_CHARGE_STATE_LOW")  # what is more is worse
 SENSOR_BITS = ("health", "present", "enabled")
 DETECTED = {
     "fd_roll": (Reported.ATTITUDE_FAILED, Level.BAD, "roll"),
@@ -31,15 +31,15 @@ DETECTED = {
     "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, Level.WATCH, ""),
 }
 HEALTH = {
-    0: (Reported.SENSOR_FAILED, "gyro"),
-    1: (Reported.SENSOR_FAILED, "accel"),
-    2: (Reported.SENSOR_FAILED, "compass"),
-    3: (Reported.SENSOR_FAILED, "barometer"),
-    5: (Reported.SENSOR_FAILED, "gps"),
-    16: (Reported.RADIO_LOST, ""),
-    21: (Reported.ESTIMATOR_DIVERGED, ""),
+    "SENSOR_3D_GYRO": (Reported.SENSOR_FAILED, "gyro"),
+    "SENSOR_3D_ACCEL": (Reported.SENSOR_FAILED, "accel"),
+    "SENSOR_3D_MAG": (Reported.SENSOR_FAILED, "compass"),
+    "SENSOR_ABSOLUTE_PRESSURE": (Reported.SENSOR_FAILED, "barometer"),
+    "SENSOR_GPS": (Reported.SENSOR_FAILED, "gps"),
+    "SENSOR_RC_RECEIVER": (Reported.RADIO_LOST, ""),
+    "AHRS": (Reported.ESTIMATOR_DIVERGED, ""),
 }
-"""By bit of MAV_SYS_STATUS_SENSOR."""
+"""By what follows MAV_SYS_STATUS in the name of its bit (MAV_SYS_STATUS_SENSOR)."""
 COUNTED = (
     (
         "estimator_selector_status",
@@ -199,8 +199,9 @@ def _complaints(signals: Signals) -> Iterator[Complaint]:
         for name in SENSOR_BITS
     )
     failed = np.bitwise_and.reduce([~health, *used])
-    for bit, (code, subject) in HEALTH.items():
-        yield Complaint("SYS_STATUS", failed >> bit & 1 > 0, code, subject=subject)
+    for sensor, (code, subject) in HEALTH.items():
+        bit = number_of(f"MAV_SYS_STATUS_{sensor}")
+        yield Complaint("SYS_STATUS", failed & bit > 0, code, subject=subject)
     name = "failure_detector_status"
     for field, meant in DETECTED.items():
         yield Complaint(name, values(name, field) > 0, *meant)

@@ -13,11 +13,11 @@ from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.assessment.limits import Limits, worst
 from mavdem.condition.loop.response import LEAST_COHERENCE
 from mavdem.condition.resonance import WINDOW_SECONDS, spectra
+from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest.telemetry import Array
 
-FEWEST = 20  # setpoints, below which an error is chance
 DELAYS = np.arange(0.0, 0.62, 0.02)
 """s, that are tried: a multirotor is behind by 0.1 to 0.4, and what was sent less often comes later."""
 ERROR = Limits(np.radians(3.0), np.radians(10.0))
@@ -53,7 +53,7 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact | None:
         return None
     angle = signals.attitude.angles
     setpoint, errors = _errors(asked, angle, parts, DELAYS)
-    if len(setpoint) < FEWEST:
+    if len(setpoint) < ENOUGH_SAMPLES:
         return None
     sizes = np.sqrt(np.mean(np.square(errors), axis=1))
     best = int(np.argmin(sizes))

@@ -26,12 +26,13 @@ from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import number_of
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 from mavdem.report.screen import conclusion
 
-REAL32 = 9  # MAV_PARAM_TYPE_REAL32
+REAL32 = number_of("MAV_PARAM_TYPE_REAL32")
 
 
 @click.command("tune")

@@ -22,12 +22,14 @@ from mavdem.facts import Fact
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Array, Telemetry
+from mavdem.ingest.vocabulary import number_of
 
 VELOCITIES = {name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"}
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
 FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
-VELOCITY_FLAGS = (2, 128)
-"""Messages with the estimator's flags: that it knows the horizontal velocity, and that it assumes to stand still."""
+VELOCITY_KNOWN = number_of("ESTIMATOR_VELOCITY_HORIZ")
+STANDSTILL_ASSUMED = number_of("ESTIMATOR_CONST_POS_MODE")
+"""Messages with the estimator's flags: it knows the horizontal velocity; it assumes to stand still."""
 VELOCITY_JUMP = (1.0, 15.0)
 YAW_JUMP = (0.35, 6.0)
 """m/s, rad, and m/s², rad/s: a change beyond both is a reset. Before one of the yaw it was not known."""
@@ -128,10 +130,15 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
     for name in FLAGS:
         flags = recorded(signals.telemetry, name, "flags")
         if flags is not None and np.any(here := flags.boot == boot):
-            known = flags.values[here].astype(np.int64) & sum(VELOCITY_FLAGS)
-            kept &= np.interp(at, flags.time[here], known != VELOCITY_FLAGS[0]) == 0
+            known = velocity_known(flags.values[here].astype(np.int64))
+            kept &= np.interp(at, flags.time[here], ~known) == 0
     table = [at, *turned, *(np.interp(at, time, column) for column in moved[:4])]
     return np.column_stack(table)[kept]
+
+
+def velocity_known(flags: Any) -> Any:
+    """Returns where an estimator's ``flags`` say that it knows the velocity, and assumes no standstill."""
+    return flags & (VELOCITY_KNOWN | STANDSTILL_ASSUMED) == VELOCITY_KNOWN
 
 
 def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:

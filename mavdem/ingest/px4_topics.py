@@ -77,7 +77,12 @@ MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
 _GENERIC_MULTIROTOR: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
-_OF_WINGS = {1: _GENERIC_MULTIROTOR, 2: 1, 3: 10}
+_OF_WINGS = (
+    dialect.MAV_TYPE_GENERIC,
+    _GENERIC_MULTIROTOR,
+    dialect.MAV_TYPE_FIXED_WING,
+    dialect.MAV_TYPE_GROUND_ROVER,
+)
 """MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors: a multirotor, a fixed wing, a rover."""
 _OUTPUTS = 16
 _MOTORS = 12
@@ -89,7 +94,7 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
     status = _first(topics, "vehicle_status")
     types = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
     types = [int(kind) for kind in types if 0 < kind < 256] or [
-        *(_OF_WINGS[kind] for kind in status.get("vehicle_type", ()) if kind in _OF_WINGS),
+        *(_OF_WINGS[kind] for kind in status.get("vehicle_type", ()) if 0 < kind < len(_OF_WINGS)),
         *(_GENERIC_MULTIROTOR for rotary in status.get("is_rotary_wing", ()) if rotary),
     ]
     return max(set(types), key=types.count, default=None)

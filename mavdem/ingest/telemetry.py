@@ -30,6 +30,10 @@ Beside the fields of the message definition, in the units of the definition, two
   boot, so times of different boots must never be compared.
 """
 Tables = Mapping[str, Columns]  # The columns of messages by the name of each
+FREQUENT_ENOUGH = 0.9
+"""A preferred message gives way to another only when it comes less often than this share of the other's count."""
+MAX_FIELDS = 2000
+"""Numbers in a message, of which PX4's and MAVROS's have up to some hundreds: libraries lay out each."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ from mavdem.ingest.mavlink.framing import (
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
 from mavdem.ingest.telemetry import Facts, Integers, Log, repair
 
-STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
+STAMP_BYTES = np.dtype(np.uint64).itemsize  # Bytes of the receive stamp before each frame
 
 
 def read_tlog(path: PathName) -> Log:

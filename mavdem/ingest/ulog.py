@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from contextlib import redirect_stdout
 from functools import cache
 from math import isfinite
+from struct import calcsize
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -26,6 +27,7 @@ from mavdem.ingest.mavlink.clocks import outliers
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.px4_topics import NEEDED, mav_type, messages, notes
 from mavdem.ingest.telemetry import (
+    MAX_FIELDS,
     Columns,
     Facts,
     Log,
@@ -39,9 +41,7 @@ from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
 
 MAGIC = b"ULog\x01\x12\x35"
 """First bytes of a ULog file."""
-HEADER_BYTES = 3  # Of each message
-MAX_FIELDS = 2000
-"""Numbers in a message, of which PX4's have up to some hundreds: the library lays out each."""
+HEADER_BYTES = calcsize("<HB")  # Of each message: how long it is, and of what type
 
 
 def read_ulog(path: PathName) -> Log:

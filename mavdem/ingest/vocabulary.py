@@ -20,6 +20,12 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.telemetry import Array, Fields
 
+
+def number_of(name: str) -> int:
+    """Returns MAVLink's number of an entry of an enumeration, by its whole name: "MAV_TYPE_QUADROTOR"."""
+    return int(getattr(dialect, name))
+
+
 # of HEARTBEAT.base_mode
 ARMED: int = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 CUSTOM_MODE: int = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -34,7 +40,9 @@ OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)
 STANDBY: int = dialect.MAV_STATE_STANDBY
 ACTIVE: int = dialect.MAV_STATE_ACTIVE
 CRITICAL: int = dialect.MAV_STATE_CRITICAL
-NO_SEVERITY = 255  # of STATUSTEXT whose source does not log it, beside MAV_SEVERITY's 0 to 7
+NO_SEVERITY = np.iinfo(
+    np.uint8
+).max  # of STATUSTEXT whose source does not log it, beside MAV_SEVERITY's 0 to 7
 GENERIC: int = dialect.MAV_AUTOPILOT_GENERIC  # where the autopilot is not known
 ARDUPILOT: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
 PX4: int = dialect.MAV_AUTOPILOT_PX4
@@ -74,15 +82,16 @@ class Injection(IntEnum):
     DEMAND = 10
 
 
-VERSION_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
-"""FIRMWARE_VERSION_TYPE: the least last byte of a version number, and the kind of version; none of a release."""
+VERSION_KINDS = ("official", "rc", "beta", "alpha", "dev")
+"""Kinds of version; the last byte of a version number is that of FIRMWARE_VERSION_TYPE, or more."""
 
 
 def version_text(number: int) -> str:
     """Returns a firmware's version as PX4 and ArduPilot number it, a byte each: "1.16.1-rc"."""
     major, minor, patch, last = number.to_bytes(4, "big")
-    kind = next(name for least, name in reversed(VERSION_KINDS.items()) if last >= least)
-    return f"{major}.{minor}.{patch}-{kind}".rstrip("-")
+    least = "FIRMWARE_VERSION_TYPE_"
+    kind = next(kind for kind in VERSION_KINDS if last >= number_of(least + kind.upper()))
+    return f"{major}.{minor}.{patch}-{kind}".removesuffix("-official")
 
 
 def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> Fields:
@@ -100,7 +109,7 @@ ARDUPILOT_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")
 SIMULATED_TEXT = re.compile(r"^.[0-9a-f]{31}$")
 """What its simulator says instead: the machine's number, with the vehicle's added to the first letter."""
 SIMULATED_LETTERS = 17  # Letters of it that AUTOPILOT_VERSION has room for
-WORD = 4  # Bytes of such a word, the last byte first
+WORD = np.dtype(np.uint32).itemsize  # Bytes of such a word, the last byte first
 
 
 def board_number_in_texts(texts: Iterable[str]) -> str:

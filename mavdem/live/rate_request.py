@@ -28,7 +28,7 @@ GROUND_STATION = FrameSender(255, 190)
 GREETER = FrameSender(254, 190)
 GET_INTERVAL = dialect.MAV_CMD_GET_MESSAGE_INTERVAL
 SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-EVERYONE = 0  # Target id of messages to all, and of those without a target
+EVERYONE = dialect.MAV_COMP_ID_ALL  # Target id of messages to all, and of those without a target
 # The interval, µs, of a message that is not sent. 0, the default, is never sent: autopilots differ in it
 STOPPED = -1
 SHORTEST_INTERVAL = 1000  # µs: shorter ones, also 0, which means an unknown message, are ignored

@@ -18,7 +18,8 @@ import numpy as np
 from mavdem.condition.wind_of_log import (
     LONGEST_STEP,
     VELOCITIES,
-    VELOCITY_FLAGS,
+    VELOCITY_KNOWN,
+    velocity_known,
 )
 from mavdem.condition.wind_velocity import (
     DIRECTION_LIMIT,
@@ -105,7 +106,7 @@ class LiveWind:
         """Forgets the flight, whose clock is over."""
         self.row: WindRow | None = None
         self.obstacle: Fact | None = None
-        self.flags = VELOCITY_FLAGS[0]
+        self.flags = VELOCITY_KNOWN
         self._said = False
         self._last = -inf
         kept = round(2 * START / SAMPLE)
@@ -131,7 +132,7 @@ class LiveWind:
             return None
         self._last = time
         down, *level = (VELOCITIES[name] * value for value in values)
-        sure = self.flags & sum(VELOCITY_FLAGS) == VELOCITY_FLAGS[0]
+        sure = velocity_known(self.flags)
         if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
             return None
         if self._velocities and time - self._velocities[-1][0] > LOST:

@@ -16,16 +16,17 @@ from typing import Literal
 
 from pydantic import TypeAdapter
 
+from mavdem.ingest.vocabulary import number_of
 from sitl_scenarios.scenario import shortened
 
 
 class Result(IntEnum):
     """MAV_RESULT."""
 
-    ACCEPTED = 0
-    DENIED = 2
-    UNSUPPORTED = 3
-    FAILED = 4
+    ACCEPTED = number_of("MAV_RESULT_ACCEPTED")
+    DENIED = number_of("MAV_RESULT_DENIED")
+    UNSUPPORTED = number_of("MAV_RESULT_UNSUPPORTED")
+    FAILED = number_of("MAV_RESULT_FAILED")
 
 
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode

@@ -11,11 +11,12 @@ from math import inf, isfinite
 from typing import Any
 
 from mavdem.ingest.mavlink.definitions import definitions, messages_in
+from mavdem.ingest.vocabulary import number_of
 from sitl_scenarios.mavlink.autopilots import Result
 from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.simulation import Simulation
 
-BROADCAST_ID = 0  # Target system or component of messages to all
+BROADCAST_ID = number_of("MAV_COMP_ID_ALL")  # Target system or component of messages to all
 UNDERSTOOD = frozenset(
     {"COMMAND_LONG", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "REQUEST_DATA_STREAM"}
 )
@@ -36,9 +37,9 @@ def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any
 class Command(IntEnum):
     """MAV_CMD of those that are obeyed."""
 
-    COMPONENT_ARM_DISARM = 400
-    GET_MESSAGE_INTERVAL = 510
-    SET_MESSAGE_INTERVAL = 511
+    COMPONENT_ARM_DISARM = number_of("MAV_CMD_COMPONENT_ARM_DISARM")
+    GET_MESSAGE_INTERVAL = number_of("MAV_CMD_GET_MESSAGE_INTERVAL")
+    SET_MESSAGE_INTERVAL = number_of("MAV_CMD_SET_MESSAGE_INTERVAL")
 
 
 # What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air

@@ -10,8 +10,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 
+from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
-from sitl_scenarios.mavlink.transmitter import COMPONENT, LossyLink, Transmitter
+from sitl_scenarios.mavlink.transmitter import LossyLink, Transmitter
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 
@@ -98,7 +99,9 @@ def fly_live(
             outcome.sent += sum(map(ground.send, due))
             for datagram in ground.received(began + now / speed):
                 if not link.out(now):
-                    for message in addressed_messages(datagram, transmitter.system, COMPONENT):
+                    for message in addressed_messages(
+                        datagram, transmitter.system, AUTOPILOT_COMPONENT
+                    ):
                         commands.answer(message)
     except KeyboardInterrupt:
         outcome.stopped = True

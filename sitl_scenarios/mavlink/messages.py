@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY
+from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, number_of
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, euler, pulse
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import Autopilot
@@ -26,16 +26,18 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import CHARGED, GRAVITY
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
-QUADROTOR = 2  # MAV_TYPE
+QUADROTOR = number_of("MAV_TYPE_QUADROTOR")
 
 
-SENSORS = 0b1111
-FENCE = 1 << 20
-"""MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
-UNUSED = 65535  # a channel that is not there
+SENSORS = sum(
+    number_of(f"MAV_SYS_STATUS_SENSOR_{name}")
+    for name in ("3D_GYRO", "3D_ACCEL", "3D_MAG", "ABSOLUTE_PRESSURE")
+)
+FENCE = number_of("MAV_SYS_STATUS_GEOFENCE")  # which is not breached
+UNUSED = np.iinfo(np.uint16).max  # a channel that is not there
 # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
 RC_CHANNELS = 18
-UNKNOWN_RSSI = 255
+UNKNOWN_RSSI = np.iinfo(np.uint8).max
 # PX4's in its simulators; on a sphere of 6371 km
 HOME = (47.397742, 8.545594, 488.0)
 METRES_PER_DEGREE = 111_195.0
@@ -155,7 +157,7 @@ def written(
     return payload(name, len(boot), **fields)
 
 
-REAL32 = 9  # MAV_PARAM_TYPE of all that are no integers
+REAL32 = number_of("MAV_PARAM_TYPE_REAL32")  # of all that are no integers
 
 
 class Parameter(NamedTuple):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
 from mavdem.ingest.mavlink.framing import Bytes, Frames, gathered
 from mavdem.ingest.mavlink.vehicles import FrameStream
+from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.messages import Payloads, named, parameters, payload, written
 from sitl_scenarios.motion import Motion
@@ -93,7 +94,6 @@ class Schedule:
         return rows
 
 
-COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 # From one request for all streams to the next: ``set_stream_rates`` in MAVProxy's mavproxy.py
 MAVPROXY_SECONDS = 15.0
 Placed = tuple[str, NDArray[np.intp], Payloads]
@@ -239,7 +239,7 @@ class Transmitter:
         sequence = np.empty(len(rows), dtype=np.int64)
         sequence[order] = np.arange(self._sequence, self._sequence + len(rows))
         self._sequence = int(self._sequence + len(rows)) % 256
-        sender = FrameSender(self.system, COMPONENT)
+        sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
         batches = []
         begin = 0
         for name, own, payloads in placed:

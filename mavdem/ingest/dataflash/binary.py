@@ -26,8 +26,8 @@ from mavdem.ingest.telemetry import Columns, Facts, Integers, repair, rows_by
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"
-HEADER_LENGTH = 3
-MAX_MESSAGE_BYTES = 255  # Bytes of a message at most: its length has one byte
+HEADER_LENGTH = len(HEADER) + np.uint8().itemsize
+MAX_MESSAGE_BYTES = np.iinfo(np.uint8).max  # Bytes of a message at most: its length has one byte
 FIELD_TYPES: Mapping[str, str] = {
     "a": "(32,)<i2",
     "b": "i1",

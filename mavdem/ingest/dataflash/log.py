@@ -57,6 +57,7 @@ from mavdem.ingest.vocabulary import (
     UNNAMED,
     board_name_in_texts,
     board_number_in_texts,
+    number_of,
 )
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
@@ -125,38 +126,45 @@ CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their 
 EVENTS = ("EV", "ARM", "ERR", "MODE", "MSG", "PARM")
 UNKNOWN: int = dialect.MAV_TYPE_GENERIC
 COPTER: int = dialect.MAV_TYPE_QUADROTOR
-FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10, "sub": 12}
+FIRMWARES = {
+    "plane": "FIXED_WING",
+    "copter": "QUADROTOR",
+    "tracker": "ANTENNA_TRACKER",
+    "blimp": "AIRSHIP",
+    "rover": "GROUND_ROVER",
+    "sub": "SUBMARINE",
+}
 """MAV_TYPE by what follows "Ardu", "APM:" or "Antenna" in MSG ("ArduCopter V4.5.7", "APM:Copter V3.5")."""
 _FIRMWARE = re.compile(
     r"^(?:Ardu|APM:|Antenna)?(plane|copter|tracker|blimp|rover|sub)\b", re.IGNORECASE
 )
-FRAME_CLASSES = {
-    0: 2,
-    1: 2,
-    2: 13,
-    3: 14,
-    4: 14,
-    5: 13,
-    6: 4,
-    7: 15,
-    8: 3,
-    9: 3,
-    10: 3,
-    11: 4,
-    12: 29,
-    13: 4,
-    14: 35,
-}
+FRAME_CLASSES = (
+    "QUADROTOR",
+    "QUADROTOR",
+    "HEXAROTOR",
+    "OCTOROTOR",
+    "OCTOROTOR",
+    "HEXAROTOR",
+    "HELICOPTER",
+    "TRICOPTER",
+    "COAXIAL",
+    "COAXIAL",
+    "COAXIAL",
+    "HELICOPTER",
+    "DODECAROTOR",
+    "HELICOPTER",
+    "DECAROTOR",
+)
 """MAV_TYPE by FRAME_CLASS, as in ArduCopter's HEARTBEAT (``get_frame_mav_type``)."""
 FRAME_NAMES = {
-    "QUAD": 2,
-    "HEXA": 13,
-    "Y6": 13,
-    "OCTA": 14,
-    "OCTAQUAD": 14,
-    "OCTA_QUAD": 14,
-    "TRI": 15,
-    "HELI": 4,
+    "QUAD": "QUADROTOR",
+    "HEXA": "HEXAROTOR",
+    "Y6": "HEXAROTOR",
+    "OCTA": "OCTOROTOR",
+    "OCTAQUAD": "OCTOROTOR",
+    "OCTA_QUAD": "OCTOROTOR",
+    "TRI": "TRICOPTER",
+    "HELI": "HELICOPTER",
 }
 """The same by the name in MSG: "Frame: QUAD/X"."""
 _FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
@@ -281,7 +289,7 @@ def _mav_type(texts: Sequence[str], parameters: Parameters) -> int:
     firmwares = [found[1].lower() for text in texts if (found := _FIRMWARE.match(text))]
     only_copters = {"FRAME_CLASS", "ATC_RAT_RLL_P"}  # no other ArduPilot vehicle has both
     kind = (
-        FIRMWARES[firmwares[0]]
+        number_of(f"MAV_TYPE_{FIRMWARES[firmwares[0]]}")
         if firmwares
         else COPTER
         if only_copters <= parameters.keys()
@@ -289,13 +297,13 @@ def _mav_type(texts: Sequence[str], parameters: Parameters) -> int:
     )
     if kind != COPTER:
         return kind
-    # where the number of motors is not known
-    multirotor: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
+    unknown = "GENERIC_MULTIROTOR"
     if "FRAME_CLASS" in parameters:
-        return FRAME_CLASSES.get(int(parameters["FRAME_CLASS"]), multirotor)
-    return FRAME_NAMES.get(
-        next((found[1] for text in texts if (found := _FRAME.match(text))), ""), multirotor
-    )
+        frame = dict(enumerate(FRAME_CLASSES)).get(int(parameters["FRAME_CLASS"]), unknown)
+    else:
+        named = next((found[1] for text in texts if (found := _FRAME.match(text))), "")
+        frame = FRAME_NAMES.get(named, unknown)
+    return number_of(f"MAV_TYPE_{frame}")
 
 
 def _no_flight(source: str, recording: DataflashRecording) -> Fact:

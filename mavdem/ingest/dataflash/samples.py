@@ -15,7 +15,7 @@ from mavdem.ingest.telemetry import Array, Columns, Parameters, Tables, joined, 
 FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
 RAW = {"GYRO": "GYR", "ACCEL": "ACC"}
 """The messages of samples without gaps."""
-BATCH_TYPES = {"ACCEL": 0, "GYRO": 1}  # ISBH.type
+BATCH_TYPES = ("ACCEL", "GYRO")  # by ISBH.type
 IDS = {
     "GYRO": ("INS_GYR_ID", "INS_GYR2_ID", "INS_GYR3_ID"),
     "ACCEL": ("INS_ACC_ID", "INS_ACC2_ID", "INS_ACC3_ID"),
@@ -81,7 +81,7 @@ def _batches(tables: Tables, sensor: str, number: int) -> Columns | None:
     batches: list[Columns] = []
     rows_of = rows_by(data["N"].astype(np.int64))
     start = _on_clock(header, header["SampleUS"])
-    own = (header["type"] == BATCH_TYPES[sensor]) & (header["instance"] == number)
+    own = (header["type"] == BATCH_TYPES.index(sensor)) & (header["instance"] == number)
     for row in np.flatnonzero(own & (header["mul"] > 0) & (header["smp_rate"] > 0)):
         rows = rows_of.get(int(header["N"][row]), np.zeros(0, np.intp))
         rows = rows[np.argsort(data["seqno"][rows], kind="stable")]

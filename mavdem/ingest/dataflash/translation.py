@@ -20,15 +20,18 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
+from datetime import UTC, datetime, timedelta
 from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.telemetry import (
+    FREQUENT_ENOUGH,
     Array,
     Columns,
     Facts,
@@ -87,9 +90,8 @@ _RENAMED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 BATTERIES = ("BAT", "CURR")
 LEVELS = ("VibeX", "VibeY", "VibeZ")
 MAX_IMUS = 3  # As many have a counter of clips in VIBRATION
-# UNIX s at which GPS time began, and seconds of a week
-GPS_EPOCH = 315964800
-WEEK = 604800
+GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC).timestamp()  # UNIX s at which GPS time began
+WEEK = timedelta(weeks=1).total_seconds()
 LEAP_SECONDS = 18  # GPS time is ahead of UTC, since 2017; a second or two less before
 
 
@@ -272,15 +274,11 @@ NEEDED = (
     "ISBH",
     "ISBD",
 )  # DataFlash's messages that are translated
-# A message is slower than another when it has fewer than this share of the other's number
-SLOWER_SHARE = 0.9
 CENTIDEGREES = (15.0, 400.0)
 """RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
 gyro is not, so that it is less than 100 times as much."""
-# rad/s of the gyro from which a sample counts, and the samples that decide
+# rad/s of the gyro from which a sample counts
 MOVING_RATE = 0.1
-MIN_MOVING = 20
-UINT16_MAX = 65535  # The highest output that SERVO_OUTPUT_RAW holds
 MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged ones
 # Full demand and full thrust where they are not 1
 OLD_DEMAND = 4500.0
@@ -346,7 +344,7 @@ def _attitude(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
     if angles is None or (rates is None and gyros is None):
         return None, named
     if rates is None or (
-        count(rates) < SLOWER_SHARE * count(angles) and count(rates) < count(gyros)
+        count(rates) < FREQUENT_ENOUGH * count(angles) and count(rates) < count(gyros)
     ):
         assert gyros is not None
         rates = gyros
@@ -356,7 +354,7 @@ def _attitude(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
         speeds = np.radians(values(rates, RATES)) / per_degree
         source = "RATE"
     base, named = (
-        (rates, source) if count(rates) < SLOWER_SHARE * count(angles) else (angles, named)
+        (rates, source) if count(rates) < FREQUENT_ENOUGH * count(angles) else (angles, named)
     )
     angles_rad = _onto(base, angles, np.radians(values(angles, ANGLES)), turning=True)
     speeds = _onto(base, rates, speeds)
@@ -381,7 +379,7 @@ def _in_centidegrees(tables: Tables) -> Facts:
         return ()
     turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
     moving = turning > MOVING_RATE
-    if np.count_nonzero(moving) < MIN_MOVING:
+    if np.count_nonzero(moving) < ENOUGH_SAMPLES:
         return ()
     speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
     ratio = float(np.median(speeds / turning[moving]))
@@ -396,7 +394,7 @@ def _servos(tables: Tables) -> Columns | None:
         for field in (f"C{n}", f"Ch{n}", f"Chan{n}"):
             if field in logged:
                 pulses = np.nan_to_num(np.asarray(logged[field], dtype=np.float64))
-                outputs[n] = np.clip(pulses, 0, UINT16_MAX).astype(np.uint16)
+                outputs[n] = np.clip(pulses, 0, np.iinfo(np.uint16).max).astype(np.uint16)
     if not outputs:
         return None
     none = np.zeros(len(logged["time"]), dtype=np.uint16)
@@ -427,7 +425,7 @@ def _targets(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
 def _tuning(tables: Tables, attitude: Columns | None) -> Columns | None:
     """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in the unit of the log."""
     logged = having(tables, "RATE", (*DESIRED_RATES, *RATES))
-    if logged is None or count(attitude) >= SLOWER_SHARE * count(logged):
+    if logged is None or count(attitude) >= FREQUENT_ENOUGH * count(logged):
         return None
     none = np.zeros(count(logged), np.uint8)
     parts = []

@@ -28,13 +28,13 @@ from mavdem.ingest.mavlink.framing import (
     rows_of,
 )
 from mavdem.ingest.telemetry import Columns, Fields
+from mavdem.ingest.vocabulary import number_of
 
 WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
 WIRE_TYPES |= {
     f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)
 }
-# MAV_PARAM_TYPE UINT8 to INT32
-INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}
+INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")  # of parameters
 
 
 class MessageDefinition(NamedTuple):
@@ -120,8 +120,8 @@ def parameters_sent(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
     if autopilot == "PX4":
         # The integers in the first bytes of little-endian float32 values.
         bits = np.ascontiguousarray(sent["param_value"], dtype="<f4").view("<u4")
-        for number, kind in INTEGER_TYPES.items():
-            rows = sent["param_type"] == number
+        for kind in INTEGER_TYPES:
+            rows = sent["param_type"] == number_of(f"MAV_PARAM_TYPE_{kind.upper()}")
             values[rows] = bits[rows].astype(kind)
     names = [
         name.split(b"\0", 1)[0].decode("ascii", errors="replace")

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts.sources import Repair
-from mavdem.ingest.contents import MAX_RATIO
+from mavdem.ingest.contents import FREE_BYTES, MAX_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Facts, repair
 
@@ -44,10 +44,6 @@ RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
 _LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % max(Opcode), re.DOTALL)
 """The opcode of a record, none of which is as long as 4 GiB."""
 CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default, or unpacked together
-MAX_CHUNK_BYTES = 1 << 26  # Unpacked bytes of one chunk
-MAX_BYTES = 1 << 24
-"""Unpacked bytes of all chunks: so many, plus ``MAX_RATIO`` per byte of the file. JSON packs to a fiftieth. In memory,
-the smallest messages take ten times their bytes."""
 
 
 @dataclass
@@ -67,7 +63,7 @@ class McapRecording:
 
     def messages(self) -> Iterator[Message]:
         """Every message whose channel is known, in the order of the file; of damaged chunks none."""
-        self._allowance = MAX_BYTES + MAX_RATIO * len(self.content)
+        self._allowance = FREE_BYTES + MAX_RATIO * len(self.content)
         places = list(self._records())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
         for opcode, start, stop in places:
@@ -132,7 +128,7 @@ class McapRecording:
         """The records of a chunk; none where it is damaged."""
         chunk = self._read(Opcode.CHUNK, start, stop)
         if isinstance(chunk, Chunk):
-            most = min(self._allowance, MAX_CHUNK_BYTES)
+            most = min(self._allowance, FREE_BYTES)
             records = _unpacked(chunk.compression, chunk.data, most)
             self._allowance -= len(records)
             plain = replace(chunk, compression="", data=records)
@@ -188,7 +184,7 @@ def _unpacked(compression: str, packed: bytes, most: int) -> bytes:
     return bytes(records)
 
 
-MAX_STAMP = 2**64 // 1000 - 1
+MAX_STAMP = np.iinfo(np.uint64).max // 1000 - 1
 """The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554."""
 HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
 # Times (T,), s, and columns (T,) by name

@@ -17,7 +17,7 @@ import numpy as np
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from mavdem.ingest.telemetry import Integers
+from mavdem.ingest.telemetry import MAX_FIELDS, Integers
 
 CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
 DEFINITION = "ros2msg"  # Schema encoding of rosbag2 (https://mcap.dev/spec/registry)
@@ -35,9 +35,6 @@ class TopicColumns(NamedTuple):
 
 
 MAX_CHARACTERS = 1 << 16  # Of a definition; PX4's longest, vehicle_status, has 7000
-MAX_VALUES = 1000
-"""Values in the fixed arrays of a definition, of which PX4's and MAVROS's have up to 100: the library writes code for
-each."""
 
 
 def decoder(schema: Schema) -> Decoder | None:
@@ -50,7 +47,7 @@ def decoder(schema: Schema) -> Decoder | None:
     if schema.encoding != DEFINITION or len(text) > MAX_CHARACTERS:
         return None
     try:
-        if sum(map(int, re.findall(r"\[(\d+)\]", text))) > MAX_VALUES:
+        if sum(map(int, re.findall(r"\[(\d+)\]", text))) > MAX_FIELDS:
             return None
         # The one that recorders may leave out.
         stamps = get_types_from_msg("int32 sec\nuint32 nanosec", "builtin_interfaces/msg/Time")
