@@ -53,19 +53,17 @@ def texts(chunks, archetype, field):
     ]
 
 
-def code(*names):
-    """A digest of what files do: of Python without comments, docstrings and layout."""
-    digest = hashlib.sha256()
-    for name in names:
-        text = (ROOT / "mavdem" / name).read_text()
-        if name.endswith(".py"):
-            tree = ast.parse(text)
-            for node in ast.walk(tree):
-                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                    node.value = ast.Constant("")
-            text = ast.dump(tree)
-        digest.update(text.encode())
-    return digest.hexdigest()[:16]
+def code(name):
+    """A digest of what a file does: without comments, docstrings and layout, the same in every version of Python."""
+    tree = ast.parse((ROOT / "mavdem" / name).read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            node.value = ast.Constant("")
+    said = [
+        f"{type(node).__name__} {[field for _, field in ast.iter_fields(node) if isinstance(field, (str, int, float))]}"
+        for node in ast.walk(tree)
+    ]
+    return hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
 
 
 def alike(now, before):
