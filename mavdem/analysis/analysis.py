@@ -124,8 +124,8 @@ def analyse(
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     known = None if other_axis is None else other_axis.axes.get(axis)
     if known and known.physical and tuple(map(len, known.flights)) == learned.record.lengths:
-        learned = learned.with_physical(known.physical)
-    if found.changes and learned.physical is not None and learned.wind_torque is not None:
+        learned = learned.with_physical(known.physical).with_wind_torque(known.wind)
+    elif found.changes and learned.physical is not None and learned.wind_torque is not None:
         learned = learned.with_wind_torque(wind(learned.physical, learned.record, found.changes))
     learned = disown_torque(learned, found.condition.oscillation is not None)
     found = replace(found, flights=flights, learned=learned, held_out=held_out)

@@ -153,7 +153,7 @@ class Learned(Forecasting, LearnedDownstream):
         vars(changed).pop("wind_torque", None)
         return changed
 
-    def with_wind_torque(self, wind_torque: WindTorque) -> Learned:
+    def with_wind_torque(self, wind_torque: WindTorque | None) -> Learned:
         """Returns the same with another ``wind_torque``; all else that has been computed is kept."""
         changed = copy(self)
         object.__setattr__(changed, "wind_torque", wind_torque)

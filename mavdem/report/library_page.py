@@ -56,8 +56,8 @@ def script_hashes() -> tuple[str, ...]:
 @cache
 def _environment() -> Environment:
     """Jinja's environment, with all templates compiled: whoever asks first should not wait for that."""
-    made = environment()
-    made.globals |= words() | {"lights": [str(light) for light in Light]}
+    made = environment().overlay()
+    made.globals = {**made.globals, **words(), "lights": [str(light) for light in Light]}
     for name in made.list_templates(["html"]):
         made.get_template(name)
     return made

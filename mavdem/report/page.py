@@ -8,6 +8,7 @@ from __future__ import annotations
 import platform
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
 from typing import NamedTuple
 
@@ -83,6 +84,7 @@ def document(
     )
 
 
+@cache
 def environment() -> Environment:
     """Returns Jinja's environment for the templates beside this file; it escapes all text.
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 from io import BytesIO
 from itertools import repeat
 from math import isfinite
+from operator import itemgetter
 from typing import Any, BinaryIO
 
 import lz4.frame
@@ -225,10 +226,11 @@ def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
     queue: list[tuple[float, int, str]] = []
     for topic, (time, named) in series.items():
         channel = _registered(writer, topic, _object({name: {"type": "number"} for name in named}))
-        columns = [_plain(column.tolist()) for column in named.values()]
-        rows = (dict(zip(named, row, strict=True)) for row in zip(*columns, strict=True))
-        queue += zip(time.tolist(), repeat(channel), map(json.dumps, rows))
-    for at, channel, body in sorted(queue, key=lambda entry: entry[0]):
+        # A column at once: the rows of a flight take a quarter of a second one by one.
+        form = json.dumps(dict.fromkeys(named, "%s")).replace('"%s"', "%s")
+        texts = (json.dumps(_plain(column.tolist()))[1:-1].split(", ") for column in named.values())
+        queue += zip(time.tolist(), repeat(channel), map(form.__mod__, zip(*texts, strict=True)))
+    for at, channel, body in sorted(queue, key=itemgetter(0)):
         write_message(writer, channel, round(at * 1e9), body.encode())
     writer.finish()  # type: ignore[no-untyped-call]
 
