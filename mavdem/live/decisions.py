@@ -51,7 +51,7 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, out
 from mavdem.ingest.telemetry import Array, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.messages import Values
-from mavdem.live.recent import Recent, columns_of
+from mavdem.live.recent import Recent
 from mavdem.live.rows import KEPT_SECONDS, Samples
 
 LANDED = "EXTENDED_SYS_STATE"
@@ -150,18 +150,18 @@ class InputChoice:
         every = 1 + len(stream.time) // MAX_ROWS
         recent = zip(stream.time[::every], stream.values[::every], strict=True)
         rows = [*self._extremes.get((name, port), ()), *recent]
-        table = np.array([values for _, values in rows])
+        times, values = zip(*rows, strict=True)
+        table = np.array(values)
         sent = (table != 0) & np.isfinite(table)  # 0 is "no output yet"
         lowest = np.where(sent, table, inf).argmin(axis=0)
         highest = np.where(sent, table, -inf).argmax(axis=0)
         self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
         form = MOTOR_MESSAGES[name]
+        stamps = {"time": np.array(times), "boot": np.full(len(rows), self._boot)}
         if not form.is_ported:
-            return columns_of(
-                [form.field], [(time, (values,)) for time, values in rows], self._boot
-            )
-        channels = [form.field.format(number) for number in range(1, 1 + len(table.T))]
-        return columns_of(channels, rows, self._boot) | {"port": np.full(len(rows), port)}
+            return stamps | {form.field: table}
+        channels = {form.field.format(number): sent for number, sent in enumerate(table.T, 1)}
+        return stamps | channels | {"port": np.full(len(rows), port)}
 
 
 @dataclass(frozen=True, eq=False)

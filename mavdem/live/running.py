@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import sys
 from collections.abc import Callable
 from time import monotonic
 
@@ -20,9 +21,13 @@ def run(
 
     ``report`` is called every so many seconds with what it returned before.
     """
-    # No sample waits for a long collection, which only goes through what is new.
+    # No sample waits for a long collection, which only goes through what is new, nor long for a thread that draws.
     gc.collect()
     gc.freeze()
+    thresholds = gc.get_threshold()
+    gc.set_threshold(*thresholds[:2], 1000)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(interval / 10)
     line = ""
     began = reported = monotonic()
     try:
@@ -32,4 +37,6 @@ def run(
                 reported = monotonic()
                 line = report(session, line)
     finally:
+        sys.setswitchinterval(interval)
+        gc.set_threshold(*thresholds)
         gc.unfreeze()

@@ -559,7 +559,7 @@ class LiveSession:
             while request.unconfirmed and not self._lost and (left := until - time.monotonic()) > 0:
                 for piece in self._receive(min(left, 0.05)):
                     if time.monotonic() < until:
-                        self.stream.take(piece.stamp, piece.frames)
+                        deque(self.stream.take(piece.stamp, piece.frames), maxlen=0)
                 for message in self.stream.replies():
                     request.take(message)
         if request.restore():

@@ -124,7 +124,8 @@ class LiveStream:
         # The time, s, and roll and pitch of the latest setpoint
         self._asked: tuple[float, Values] = -inf, ()
         self._inputs: Inputs | None = None
-        self._reviewed = -inf
+        self._reviewed = self._went_on = -inf
+        self._reviewing: Iterator[None] = iter(())  # the rest of the review that has begun
         self._connected_from = inf
         self._received = 0.0
         self._obstacle: Fact | None = Fact(Rows.RATES_BEING_MEASURED)
@@ -151,18 +152,16 @@ class LiveStream:
 
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
-        return self.take(stamp, self.frames.feed(data))
+        return list(self.take(stamp, self.frames.feed(data)))
 
-    def take(self, stamp: float, frames: Sequence[Frame]) -> list[AlignedRow]:
-        """Takes the next ``frames`` of the link, received at ``stamp``, UNIX s; returns the rows that they complete."""
+    def take(self, stamp: float, frames: Sequence[Frame]) -> Iterator[AlignedRow]:
+        """Takes the next ``frames`` of the link, received at ``stamp``, UNIX s; yields each row once it is complete."""
         self._received = stamp
-        rows = list[AlignedRow]()
         for frame in frames:
-            rows += self._take(frame)
+            yield from self._take(frame)
             sender = self._senders.of(frame)
             if sender is not self.followed and sender.name in self._senders.rivals:
                 self._watch_too(sender.name, frame)
-        return rows
 
     def _watch_too(self, name: str, frame: Frame) -> None:
         """Gives a frame to the stream of another vehicle, whose alarms are reported under its ``name``."""
@@ -273,8 +272,14 @@ class LiveStream:
         if name in OF_ITSELF or name in PHASES:
             self._recent.take(name, time, message.values)
         now = self._clock.now
-        if now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS:
-            self._review(sender, now)
+        due = now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS
+        if due:
+            deque(self._reviewing, maxlen=0)
+            self._reviewing = self._review(sender, now)
+        # No row waits for all parts.
+        if due or now - self._went_on >= REVIEW_SECONDS / 10:
+            self._went_on = now
+            next(self._reviewing, None)
         if self._grid.running and not self._phase.steady:
             self._grid.end()
 
@@ -349,8 +354,8 @@ class LiveStream:
         if plan.channels_assumed or plan.positions_assumed:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, Level.WATCH, basis=plan.basis))
 
-    def _review(self, sender: Sender, now: float) -> None:
-        """Decides again what rows are made of, whether the vehicle flies, and what alarms there are."""
+    def _review(self, sender: Sender, now: float) -> Iterator[None]:
+        """Decides again what rows are made of, whether the vehicle flies, and what alarms there are, part by part."""
         if isnan(now):
             return
         before = self._reviewed
@@ -363,6 +368,7 @@ class LiveStream:
             counts = {name: counts[name] for name in ATTITUDE_MESSAGES if name in counts}
             self._attitude = preferred_message(counts) or self._attitude
         self._choose_inputs(sender)
+        yield
         if connected >= DECISION_SECONDS:
             self._judge(sender, now)
         if self._inputs is None and connected >= AVERAGING_SECONDS / 2:
@@ -370,9 +376,13 @@ class LiveStream:
         vehicle = self._telemetry(sender)
         collective = None if self._inputs is None else self._inputs.collective
         self._phase.review(now, vehicle, collective)
+        yield
         phase = self._phase.flying, self._phase.settled_since(now)
         for fact in self._watchdog.review(now, vehicle, *phase, self._motion()):
-            self._report(fact)
+            if fact is None:
+                yield
+            else:
+                self._report(fact)
         because = self.alarms.obstacle(now, self._phase.flying)
         self._watchdog.watches(Watched.MOTORS, because, now)
 
@@ -498,7 +508,8 @@ class LiveStream:
         self.alarms.weak_since = nan
         self._watchdog = Watchdog(self._recent)
         self._grid.restart()
-        self._reviewed = -inf
+        self._reviewing = iter(())
+        self._reviewed = self._went_on = -inf
         self._connected_from = inf
 
     @property

@@ -79,10 +79,10 @@ class Watchdog:
         is_flying: bool,
         settled_since: float | None,
         motion: Motion | None,
-    ) -> Iterator[Fact]:
+    ) -> Iterator[Fact | None]:
         """Yields what is new at ``now``, s, of a ``vehicle`` without messages, and of its last ``motion``.
 
-        Vibration counts in settled flight only: a touch-down is none.
+        None comes between parts of the work. Vibration counts in settled flight only: a touch-down is none.
         """
         state = IN_AIR if is_flying else ON_GROUND
         before = self._phases[-1][1] if self._phases else state
@@ -90,6 +90,7 @@ class Watchdog:
             self._phases += [(self._reviewed, before), (now, state)]
         recent = self._signals(vehicle, now, now - RECENT_SECONDS)
         yield from self._reported(recent, now)
+        yield None
         since = self._phases[-1][0]
         found = dict[Watched, Fact]()
         if is_flying:
@@ -99,6 +100,7 @@ class Watchdog:
             if settled_since is not None:
                 recent.settled[self._recent.boot] = [(settled_since, now)]
                 found[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
+            yield None
             found |= dict(self._of_motion(motion, since, now))
         self._note(found, motion, is_flying, now)
         yield from self._changes(found, now)
@@ -130,7 +132,11 @@ class Watchdog:
         if motion is None:
             return
         motors = motion.motors
-        cycle = begun_oscillation(motors, motion.tilts, self._recent.boot, since, now)
+        shares = motors.scale.fraction(motors.outputs)
+        upper, lower = at_limits(shares, motors.scale)
+        cycle = None
+        if upper.any() or lower.any():  # without, there is none; most flights have none
+            cycle = begun_oscillation(motors, motion.tilts, self._recent.boot, since, now)
         if cycle is not None:
             yield (
                 Watched.OSCILLATION,
@@ -145,8 +151,7 @@ class Watchdog:
         latest = motors.time >= now - LIMIT_SECONDS
         if now - since < LIMIT_SECONDS or not latest.any():
             return
-        shares = motors.scale.fraction(motors.outputs[latest])
-        limited = at_limits(shares, motors.scale)[0].mean(axis=0)
+        limited = upper[latest].mean(axis=0)
         motor = int(limited.argmax())
         # All of them: a climb at full throttle.
         if limited[motor] >= LIMITED_SHARE > limited.min():

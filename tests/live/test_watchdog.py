@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import dataclass, replace
+from pkgutil import resolve_name
 from unittest.mock import Mock
 
 import numpy as np
@@ -241,3 +242,27 @@ def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
     made = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))
     assert {setup.scale.stop for setup in made.setups.values()} == {1.0}
     assert not said(made, MotorsLight.MOTOR_LIMITED)
+
+
+def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
+    """Choice of inputs, phase and limit cycle: a row would come as late as all of them take."""
+    worked = []
+    for name in (
+        "decisions.InputChoice.choose",
+        "decisions.Phase.review",
+        "watchdog.begun_oscillation",
+    ):
+        whole = resolve_name(f"mavdem.live.{name}")
+
+        def part(*given, whole=whole):
+            worked.append(time)
+            return whole(*given)
+
+        monkeypatch.setattr(f"mavdem.live.{name}", part)
+    stream = LiveStream()
+    for time, frame in Flight(Hot(hovering=20.0)).frames(end=14.0):
+        rows = stream.take(time, stream.frames.feed(frame))
+        before = len(worked)
+        for _ in rows:
+            assert len(worked) == before
+    assert len(worked) > 30 and len(set(worked)) == len(worked)
