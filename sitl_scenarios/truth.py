@@ -139,7 +139,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
         )
         arrays[f"{name}_disturbance"] = acting
         effect = arrays.get(f"{name}_effect", instant.B[-1])
-        arrays |= loops(scenario, cycle_of(scenario), number, -float(instant.A[-1, -1]), effect)
+        arrays |= loops(scenario, cycle_of(scenario), number, effect)
     return arrays
 
 
@@ -149,12 +149,13 @@ STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
 def loops(
-    scenario: Scenario, cycle: float, number: int, damping: float, effect: Array
+    scenario: Scenario, cycle: float, number: int, effect: Array
 ) -> dict[str, NDArray[Any]]:
     """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
 
     They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.
-    ``damping``, 1/s, is positive where it damps; ``effect`` (4,) is of each motor's output, rad/s² per µs.
+    The body flies off where it leans, and its drag, above the centre of mass, turns it back. ``effect`` (4,) is of each
+    motor's output, rad/s² per µs.
     """
     name = AXES[number]
     controller = controller_for(scenario, cycle)
@@ -169,7 +170,10 @@ def loops(
     more, less = (controller.mixed((hover + step * about).tolist()) for step in STEP)
     gain = float(effect @ np.subtract(more, less)) * (MAX_PULSE - MIN_PULSE) / (STEP[0] - STEP[1])
     hold = (1 - np.exp(-s * cycle)) / (s * cycle)
-    rate = gain * hold / ((s + damping) * (sum(body.lag) / 2 * s + 1))
+    turning = STATES.index(f"{name} rate")
+    flying = s[:, None, None] * np.eye(len(STATES)) - linearised(scenario.vehicle).A
+    free = np.linalg.solve(flying, np.eye(len(STATES))[:, [turning]])[:, turning, 0]
+    rate = gain * hold * free / (sum(body.lag) / 2 * s + 1)
     late = np.exp(-s * scenario.sensors.delay)
     passed = gyro_for(controller, cycle).response(frequency)
     rate_loop = -feedback * rate * late * passed

@@ -2,8 +2,8 @@
 
 The response T of what is seen, p, to what is asked, r, is an impulse response of ``TAPS`` values, fitted by generalised
 least squares: residuals are whitened by an autoregression, and windows with more of the wind count less, which is what
-weights by coherence do. A smooth, decaying Gaussian process is its prior, whose size and decay maximise the evidence;
-that tells resonances from noise without smoothing them.
+weights by coherence do. A smooth, decaying Gaussian process is its prior, averaged over sizes and decays by their
+evidence; that tells resonances from noise without smoothing them, and shows in the band what was not asked.
 
 Wind moves r as well, by the controller of the attitude: r = x − K φ. So r is replaced among the regressors by what of
 it the pilot or the autopilot's navigation asks, x / (1 + K T / s), x = r + K φ: an instrument, with the last T.
@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.special import softmax
 
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import Signal
@@ -52,7 +53,7 @@ PASSES = 4
 ORDER = 12  # of the autoregression of the residuals
 SMOOTH = 0.04
 SLOW = 0.2, 2.0
-SLOW_SHARE = 0.003
+SLOW_SHARE = 0.03
 """Of the prior, in shares of the step: lengths over which it is alike, and of the slow tail that an integrator leaves
 that length, its decay, and its share of the variance."""
 DECAYS = np.geomspace(0.06, 2.0, 6)
@@ -327,10 +328,11 @@ def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: 
 
 
 def _prior(precision: Array, moment: Array) -> Array:
-    """(K, K) the covariance of the weights before the flight, of the size and decay with the largest evidence."""
+    """(K, K) the covariance of the weights before the flight, over sizes and decays by their evidence."""
     taps = len(moment)
     after = np.linspace(0.0, 1.0, taps + 1)
-    best = -np.inf, np.zeros((taps, taps))
+    shapes = list[Array]()
+    evidence = list[Array]()
     for decay in DECAYS:
         shape = _matern(after, SMOOTH, decay) + SLOW_SHARE * _matern(after, *SLOW)
         # The response begins at 0.
@@ -340,10 +342,9 @@ def _prior(precision: Array, moment: Array) -> Array:
         gained = SIZES[:, None] * np.maximum(values, 0.0)
         along = vectors.T @ (root.T @ moment)
         fits = SIZES[:, None] * along**2 / (1 + gained)
-        evidence = (fits - np.log1p(gained)).sum(axis=1)
-        if (highest := float(evidence.max())) > best[0]:
-            best = highest, SIZES[np.argmax(evidence)] * shape
-    return best[1]
+        shapes.append(shape)
+        evidence.append((fits - np.log1p(gained)).sum(axis=1) / 2)
+    return np.tensordot(softmax(evidence) @ SIZES, shapes, axes=1)
 
 
 def _matern(after: Array, length: float, decay: float) -> Array:
@@ -366,7 +367,9 @@ def _described(
         fit.weights, fit.covariance, DRAWS, method="eigh"
     )
     every = np.vstack([fit.weights, drawn])
-    steps = np.cumsum(every, axis=1) - every / 2
+    # By Euler and Maclaurin: between two values the response is not straight.
+    bends = every @ (np.eye(taps, k=-1) - np.eye(taps, k=1)) / 24
+    steps = np.cumsum(every, axis=1) - every / 2 - bends
     responses = every @ np.exp(-2j * np.pi * np.outer(time, hertz))
     gains = np.abs(responses)
     unknown = np.append(np.flatnonzero(gains[1:].std(axis=0) > LEAST_KNOWN), len(hertz))[0]
