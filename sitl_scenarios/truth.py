@@ -148,9 +148,7 @@ LOWEST = 0.05  # Hz of the loops: position control is slower
 STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
-def loops(
-    scenario: Scenario, cycle: float, number: int, effect: Array
-) -> dict[str, NDArray[Any]]:
+def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> dict[str, NDArray[Any]]:
     """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
 
     They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.

@@ -93,7 +93,7 @@ class StepResponse:
         response, gain_half: (F,) T, and half widths of the 90 % band of |T|.
         highest: Hz, up to which the flight shows it.
         windows: how many there were.
-        overshoot: the largest step less 1.
+        overshoot: the largest step less 1, and less what noise adds to it.
         rise_time, settling, delay: s from 10 to 90 %, until it stays within 5 %, until one half.
         peak, peak_frequency: the largest |T|, and where it is, Hz.
         coherence: of setpoint and response there.
@@ -384,6 +384,10 @@ def _described(
     hertz = hertz[:unknown]
     pairs = zip(steps, gains[:, :unknown], strict=True)
     table = np.array([_figures(time, step, hertz, gain) for step, gain in pairs])
+    # Noise adds to the highest value of a step: as much as each draw adds to it again.
+    overshoot = 2 * table[0, 0] - table[:, 0]
+    overshoot[0] -= table[1:, 0].mean() - table[0, 0]
+    table[:, 0] = np.maximum(overshoot, 0.0)
     figures = dict(zip(FIGURES, map(_estimate, table.T), strict=True))
     return StepResponse(
         axis=axis,
