@@ -3,7 +3,7 @@
 
 The goal is that of --margins, in the rate and the attitude loop of the true plant, with the flight's control
 effectiveness, and with 1.2 and 1.44 times that, as by 20 % more volts. The lean is that in the flight's wind, by the
-gains advised over those of the log, in the median.
+gains advised over those of the log, in the median: of all loops, and of those that met the goal before and did not.
 
 Usage: tools/validation/advice.py [--half NAME] [--rate HZ] [--margins NAME] [--flights N] [--jobs N]
 """
@@ -27,6 +27,7 @@ from mavdem.condition.loop.loop import TARGETS, Loop, Target, scores_of
 
 EFFECTS = {"after": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}
 GOALS = ["goal met before", *EFFECTS]
+LEANS = {"lean": (True, False), "lean, goal met before": (True,), "lean, not met": (False,)}
 
 
 def outcome(loop: Loop, plant: list[float], gains: Mapping[str, float], target: Target) -> Values:
@@ -72,10 +73,12 @@ def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: 
     judge = partial(judged, rate=rate, margins=margins, cache=cache)
     rows = rows_of(judge, HALVES[half][:flights], jobs)
     rows = rows.reindex(columns=["advice", *GOALS, "lean"])
+    for name, met in LEANS.items():
+        rows[name] = rows["lean"].where(rows["goal met before"].isin(met))
     grouped = pd.concat([rows, rows.assign(advice="all")]).groupby("advice")
     table = grouped[GOALS].sum().astype(int)
     table.insert(0, "loops", grouped.size())
-    table["lean"] = grouped["lean"].median()
+    table[[*LEANS]] = grouped[[*LEANS]].median()
     show(f"Half {half}, {rate:g} Hz, margins {margins}", table.reset_index())
 
 
