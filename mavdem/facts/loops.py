@@ -36,7 +36,6 @@ class Controllers(Code):
     MIXER_UNKNOWN = auto()
     SLEW_LIMITED = auto()
     SUM_LIMITED = auto()
-    ERROR_NOTCHED = auto()
     RATE_LOOP_FASTER = auto()
     MIXER_BY_VOLTAGE = auto()
     DEMAND_BY_VOLTAGE = auto()

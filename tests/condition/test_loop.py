@@ -11,6 +11,7 @@ from hover import Hover, changed, columns
 from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
+from scipy.signal import lfilter
 
 import mavdem
 from mavdem.alignment.align import align, settled_segments
@@ -121,7 +122,7 @@ def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figu
 
 
 def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_have_it():
-    unmodelled = {"SMAX": 1.0, "PDMX": 1.0, "NEF": 3.0}
+    unmodelled = {"SMAX": 1.0, "PDMX": 1.0}
     names = {f"ATC_RAT_RLL_{name}": value for name, value in unmodelled.items()}
     names |= {"FSTRATE_ENABLE": 1.0, "MOT_BAT_VOLT_MAX": 12.6, "ATC_RAT_PIT_SMAX": 1.0}
     cautions = controller_of(ARDUPILOT | names, "roll", X_ROLL).cautions
@@ -151,6 +152,12 @@ def test_gains_that_change_in_flight_come_with_it():
 def ac_pid(controller, error):
     """ArduPilot's AC_PID, cycle by cycle, without its setpoint's filter."""
     dt = controller.cycle
+    for notch in controller.error_notches:
+        turn = 2 * np.pi * notch.frequency * dt
+        alpha = np.sin(turn) * notch.bandwidth / notch.frequency / 2
+        kept = alpha * 10 ** (-notch.attenuation / 20)
+        middle = -2 * np.cos(turn)
+        error = lfilter([1 + kept, middle, 1 - kept], [1 + alpha, middle, 1 - alpha], error)
     filtered = 0.0
     slope = 0.0
     integral = 0.0
@@ -169,15 +176,33 @@ def ac_pid(controller, error):
 
 
 def test_the_controllers_response_is_that_of_its_program():
-    controller = replace(
-        controller_of(ARDUPILOT, "roll", X_ROLL), error_filter=40.0, derivative_filter=20.0
-    )
+    filters = {
+        "FLTE": 40.0,
+        "FLTD": 20.0,
+        "FLTT": 0.0,
+        "NEF": 2.0,
+        "NTF": 2.0,
+        "FF": 0.5,
+        "D_FF": 0.25,
+    }
+    notch = {"TYPE": 1.0, "NOTCH_FREQ": 60.0, "NOTCH_Q": 2.0, "NOTCH_ATT": 40.0}
+    known = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
+    with pytest.raises(mavdem.NotLearnable):
+        controller_of(known, "roll", X_ROLL)
+    known |= {f"FILT2_{end}": value for end, value in notch.items()}
+    controller = controller_of(known, "roll", X_ROLL)
     # which ends, as the integral does not
     pulse = np.diff(ac_pid(controller, np.eye(1, 8000)[0]), prepend=0.0)
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
     turned = np.exp(-2j * np.pi * frequency[:, None] * controller.cycle * np.arange(8000))
     run = turned @ pulse / (1 - turned[:, 1])
-    assert_allclose(transfer(controller, frequency)[1], run, rtol=1e-6)
+    forward, back = transfer(controller, frequency)
+    assert_allclose(back, run, rtol=1e-6)
+    off = controller_of(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
+    assert off.error_notches == off.target_notches == ()
+    notched = back / transfer(off, frequency)[1]
+    ahead = 0.5 + 0.25 * (1 - turned[:, 1]) / controller.cycle
+    assert_allclose(forward, notched * (back + ahead), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("gain", "delay"), [(12.0, 0.03), (40.0, 0.03), (60.0, 0.03)])

@@ -1,8 +1,8 @@
 """Controllers: what an autopilot's parameters say of one axis's rate and attitude controller, and of the mixer.
 
-A demand of 1 is all that the mixer takes. Sources: ``AC_PID``, ``AP_MotorsMatrix``, ``Thrust_Linearization`` and
-``HarmonicNotchFilter`` of https://github.com/ArduPilot/ardupilot; ``RateControl``, ``ControlAllocation`` and
-``VehicleAngularVelocity`` of https://github.com/PX4/PX4-Autopilot.
+A demand of 1 is all that the mixer takes. Sources: ``AC_PID``, ``AP_NotchFilter_params``, ``AP_MotorsMatrix``,
+``Thrust_Linearization`` and ``HarmonicNotchFilter`` of https://github.com/ArduPilot/ardupilot; ``RateControl``,
+``ControlAllocation`` and ``VehicleAngularVelocity`` of https://github.com/PX4/PX4-Autopilot.
 """
 
 from __future__ import annotations
@@ -48,7 +48,6 @@ OLD_SCALE_X = 0.9
 UNMODELLED = {
     "SMAX": Controllers.SLEW_LIMITED,
     "PDMX": Controllers.SUM_LIMITED,
-    "NEF": Controllers.ERROR_NOTCHED,
     "FSTRATE_ENABLE": Controllers.RATE_LOOP_FASTER,
     "MOT_BAT_VOLT_MAX": Controllers.MIXER_BY_VOLTAGE,
     "MC_BAT_SCALE_EN": Controllers.DEMAND_BY_VOLTAGE,
@@ -60,7 +59,7 @@ NOTCHES = ("INS_HNTCH_", "INS_HNTC2_", "INS_HNTC3_", "INS_NOTCH_")
 
 
 class Notch(NamedTuple):
-    """A notch filter of the gyro; ``bandwidth`` over ``frequency`` is that of its poles, the inverse of its Q."""
+    """A notch filter; ``bandwidth`` over ``frequency`` is that of its poles, the inverse of its Q."""
 
     frequency: float  # of its centre, Hz
     bandwidth: float  # Hz, between the frequencies that lose half of their power where it is deep
@@ -76,11 +75,14 @@ class Controller:
     i: float
     d: float
     ff: float  # demand per rad/s of the setpoint
+    derivative_ff: float = 0.0  # and per rad/s² of it
     angle: float  # rate setpoint per error of the angle, 1/s
     target_filter: float = 0.0  # with error_, derivative_, output_filter: of first-order low-passes
     error_filter: float = 0.0
     derivative_filter: float = 0.0
     output_filter: float = 0.0
+    target_notches: tuple[Notch, ...] = ()  # before these low-passes
+    error_notches: tuple[Notch, ...] = ()
     # of the gyro's second-order low-pass and its notch filters, behind which rates are logged; at gyro_rate, Hz
     gyro_filter: float
     notches: tuple[Notch, ...] = ()
@@ -185,6 +187,9 @@ def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) 
         "gyro_filter": own.get("INS_GYRO_FILTER", 0.0),
         "gyro_rate": 1000 * 2 ** own.get("INS_GYRO_RATE", 0.0),
         "notches": tuple(one for prefix in NOTCHES for one in _harmonic_notches(own, prefix)),
+        "derivative_ff": own.get(f"{rate}D_FF", 0.0),
+        "target_notches": tuple(_pid_notches(own, f"{rate}NTF")),
+        "error_notches": tuple(_pid_notches(own, f"{rate}NEF")),
         "derivative_of_error": True,
         "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST),
         "mixer": (1.0,),
@@ -225,15 +230,34 @@ def _harmonic_notches(own: Mapping[str, float], prefix: str) -> Iterator[Notch]:
     if mode == 1 and reference > 0:
         throttle = own.get("MOT_THST_HOVER", reference) / reference
         centre *= max(own.get(f"{prefix}FM_RAT", 1.0), sqrt(max(throttle, 0.0)))
-    half = bandwidth / base / 2
-    width = half * (2 - half) / (1 - half)
     # each motor, or each of three peaks, with notches of its own
     each = int(own.get(f"{prefix}OPTS", 0.0)) & 2
     sources = {3.0: MOTORS, 4.0: 3}.get(mode, 1) if each else 1
+    for notch in _harmonics(centre, bandwidth / base, depth, own.get(f"{prefix}HMNCS", 1.0)):
+        yield from [notch] * sources
+
+
+def _pid_notches(own: Mapping[str, float], name: str) -> Iterator[Notch]:
+    """Of setpoint or error: the parameter of this ``name`` has the number of the filter, if any."""
+    number = int(own.get(name, 0.0))
+    prefix = f"FILT{number}_"
+    if not number or own.get(f"{prefix}TYPE") == 0:
+        return
+    ends = "NOTCH_FREQ", "NOTCH_Q", "NOTCH_ATT"
+    frequency, quality, depth = _required(own, *(prefix + end for end in ends))
+    if frequency and depth and quality > 0.5:  # else it is off
+        harmonics = own.get(f"{prefix}NOTCH_HMNC", 1.0)
+        yield from _harmonics(frequency, 1 / quality, depth, harmonics)
+
+
+def _harmonics(centre: float, bandwidth: float, depth: float, harmonics: float) -> Iterator[Notch]:
+    """A notch at each of a mask of ``harmonics``; the ``bandwidth`` is the firmware's, over the frequency."""
+    half = bandwidth / 2
+    width = half * (2 - half) / (1 - half)
     for harmonic in range(1, 17):
-        if int(own.get(f"{prefix}HMNCS", 1.0)) >> (harmonic - 1) & 1:
+        if int(harmonics) >> (harmonic - 1) & 1:
             frequency = harmonic * centre
-            yield from [Notch(frequency, width * frequency, depth)] * sources
+            yield Notch(frequency, width * frequency, depth)
 
 
 def _px4(own: Mapping[str, float], axis: str, is_demand: bool) -> dict[str, Any]:

@@ -7,6 +7,7 @@ https://github.com/PX4/PX4-Autopilot.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from mavdem.condition.loop.controllers import Controller, Notch
 from mavdem.dem.engine.linalg import Array
 
 HIGHEST = 0.48
-"""Of the gyro's rate: a notch filter from there on is off (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
+"""Of the rate it runs at: a notch filter from there on is off (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
 
 
 class GyroFilters(NamedTuple):
@@ -35,7 +36,14 @@ def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.comple
     if controller.gyro_filter:
         share = warped / np.tan(np.pi * min(controller.gyro_filter / rate, HIGHEST))
         response /= 1 + 2**0.5 * 1j * share - share**2
-    for notch in controller.notches:
+    return response * notched(controller.notches, rate, frequency)
+
+
+def notched(notches: Iterable[Notch], rate: float, frequency: Array) -> NDArray[np.complex128]:
+    """Returns (…) the response of ``notches`` that run at a ``rate``, Hz, at ``frequency`` (…), Hz."""
+    warped = np.tan(np.pi * frequency / rate)
+    response = np.ones(np.shape(frequency), complex)
+    for notch in notches:
         if notch.frequency < HIGHEST * rate:
             share = warped / np.tan(np.pi * notch.frequency / rate)
             damped = 1j * share * notch.bandwidth / notch.frequency

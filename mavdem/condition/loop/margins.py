@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.condition.loop.controllers import Controller
-from mavdem.condition.loop.filters import gyro_response
+from mavdem.condition.loop.filters import gyro_response, notched
 from mavdem.confidence import LEVEL
 from mavdem.dem.engine.linalg import Array
 
@@ -178,7 +178,10 @@ def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex
     integrated = controller.i * cycle / (1 - late)
     if controller.derivative_of_error:
         back = filtered(controller.error_filter) * (controller.p + integrated + differentiated)
-        return filtered(controller.target_filter) * (back + controller.ff), back
+        back = back * notched(controller.error_notches, 1 / cycle, frequency)
+        ahead = controller.ff + controller.derivative_ff * (1 - late) / cycle
+        target = notched(controller.target_notches, 1 / cycle, frequency)
+        return filtered(controller.target_filter) * target * (back + ahead), back
     # PX4 integrates the error after it has been used.
     error = controller.p + late * integrated
     output = filtered(controller.output_filter)
