@@ -13,6 +13,7 @@ from scipy.special import ndtri, stdtrit
 
 # probability of the intervals and bands that are shown, unless another level is asked for
 LEVEL = 0.9
+ENDS = 0.5 - LEVEL / 2, 0.5 + LEVEL / 2  # shares of draws below the ends of such an interval
 ENOUGH_SAMPLES = 20  # of which a median, a spread or a share is more than chance
 SURE_DEVIATIONS = 3.0  # standard deviations or errors that are no chance
 # odds of 20 to 1: strong evidence by Kass and Raftery (1995)

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.engine.model import STABILITY_TOLERANCE
+from mavdem.dem.engine.linalg import ROUNDING, Array, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.var import Forecast, Var
@@ -43,7 +42,7 @@ class Baseline(Forecasting):
     @property
     def stable(self) -> bool:
         """Whether no mode grows, but for rounding."""
-        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
+        return self.spectral_radius <= 1 + ROUNDING
 
     @property
     def cautions(self) -> tuple[Fact, ...]:
@@ -152,8 +151,7 @@ def regression(regressors: Array, targets: Array) -> Array:
 
 
 # that the last iteration gains of the likelihood; a parameter more gains 0.5 by chance
-CONVERGED_NATS = 0.1
-LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
+EM_NATS = 0.1
 
 DEPENDENCE_TOLERANCE = 1e-6
 """A combination of inputs, each in units of its own deviation, that moves by less than this share of the

@@ -9,15 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.baselines.identified import (
-    CONVERGED_NATS,
-    LEAST_VARIANCE,
+    DEPENDENCE_TOLERANCE,
+    EM_NATS,
+    RANK_TOLERANCE,
     Fitted,
     Identified,
     Segments,
     identified,
 )
 from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
-from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
+from mavdem.dem.engine.gauss_newton import (
+    CONVERGED_NATS,
+    RELATIVE_STEP,
+    Damping,
+    Quadratic,
+    gauss_newton,
+)
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
@@ -27,10 +34,7 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=8)
-MAX_STEPS = 200  # of Gauss-Newton
-# that the last step gains of the likelihood: in a flat valley many small steps follow
-STEP_NATS = 0.01
-RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
+MAX_ITERATIONS = 300  # of PEM, and of EM: in a flat valley many small steps follow
 # of the largest curvature, added to all: the choice of states changes no error
 UNDETERMINED = 1e-10
 
@@ -114,24 +118,21 @@ def _likelihood(errors: Array) -> float:
 
 
 def _covariance(errors: Array) -> Array:
-    return errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1])
+    return errors.T @ errors / len(errors) + RANK_TOLERANCE**2 * np.eye(errors.shape[1])
 
 
 def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
     objective = PredictionErrors(found.model, found.starts, segments)
     start = objective.quadratic(objective.at, objective.errors(objective.at))
-    trace, gained = gauss_newton(objective, start, DAMPING, MAX_STEPS, STEP_NATS)
+    trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS)
     best = objective.moved(trace[-1].at)
-    return Fitted(best.model, best.starts, None if gained <= STEP_NATS else len(trace) - 1)
+    return Fitted(best.model, best.starts, None if gained <= CONVERGED_NATS else len(trace) - 1)
 
 
-MAX_ITERATIONS = 300
 # least variance of w at the start: EM converges slowly from a motion that is taken to be exact
 START_NOISE = 0.1
 
-SQUARES_TOLERANCE = 1e-12
-"""Sums of squares of regressors below this of the largest count as zero, in whatever combination they are so small."""
 
 # smallest variance of w and v in any direction, states and outputs being of size 1
 LEAST_NOISE = 1e-8
@@ -181,7 +182,7 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
         likelihoods.append(sum(states.log_likelihood for states in expected))
         if not np.isfinite(likelihoods[-1]):
             raise np.linalg.LinAlgError("the likelihood is not finite")
-        if len(likelihoods) > 1 and likelihoods[-1] - likelihoods[-2] < CONVERGED_NATS:
+        if len(likelihoods) > 1 and likelihoods[-1] - likelihoods[-2] < EM_NATS:
             return EMFit(model, starts, likelihoods)
         model = _maximized(model, expected, segments)
         starts = np.array([states.means[0] for states in expected])
@@ -223,7 +224,7 @@ def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array,
     zz = total[:-targets, :-targets]
     yz = total[-targets:, :-targets]
     yy = total[-targets:, -targets:]
-    coefficients = yz @ np.linalg.pinv(zz, rcond=SQUARES_TOLERANCE, hermitian=True)
+    coefficients = yz @ np.linalg.pinv(zz, rcond=DEPENDENCE_TOLERANCE**2, hermitian=True)
     explained = coefficients @ yz.T
     left = (yy - explained - explained.T + coefficients @ zz @ coefficients.T) / number
     variances, axes = np.linalg.eigh((left + left.T) / 2)

@@ -21,8 +21,9 @@ from mavdem.assessment.assess import Assessment, assess_signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.cli.output import printable, progress, say_aside
 from mavdem.dem import Settings
+from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.evaluate.window import TEST_SECONDS, Length
+from mavdem.evaluate.window import Length
 from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight

@@ -26,7 +26,7 @@ from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, recorded, series
 from mavdem.alignment.learnability import learnability_of
-from mavdem.alignment.phases import Intervals, both
+from mavdem.alignment.phases import AVERAGING_SECONDS, Intervals, both
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
@@ -150,7 +150,6 @@ FASTEST = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
 # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
 COSINES = (4, 32)
-END_SECONDS = 2.0  # The battery's voltage at either end is the median over so long
 LEVELS = ("vibration_x", "vibration_y", "vibration_z")
 CLIPS = ("clipping_0", "clipping_1", "clipping_2")
 
@@ -387,8 +386,8 @@ def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | N
     time = voltage.time[here]
     boot = voltage.boot[here]
     volts = voltage.values[here]
-    first = volts[(boot == boot[0]) & (time <= time[0] + END_SECONDS)]
-    last = volts[(boot == boot[-1]) & (time >= time[-1] - END_SECONDS)]
+    first = volts[(boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)]
+    last = volts[(boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)]
     figures = [np.median(first), np.median(last), volts.mean(), volts.min()]
     load = recorded(signals.telemetry, "SYS_STATUS", "current_battery")
     if load is not None:

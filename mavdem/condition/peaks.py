@@ -16,6 +16,7 @@ import numpy as np
 
 from mavdem.condition.resonance import FASTEST_LOOP
 from mavdem.condition.spectra import Spectrum
+from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts.fact import InWords
 
@@ -35,7 +36,6 @@ TRIED = (0.0, 0.5, 1.0, -1.0, -2.0)  # along which lines are looked for
 FOLDING = 250.0
 STEEPEST = 1.2
 """Hz of the highest frequency, below which a line that rises faster than this may be the alias of a harmonic."""
-SURE = 3.0  # standard errors by which one exponent must be better than another
 LASTING = 0.7  # of the windows, in which a line must be: others cross it
 SMEARED = 0.01  # of the strongest line that has a name: what else has none is of it
 HARMONIC = 0.02  # of a multiple of the frequency
@@ -161,7 +161,7 @@ def _kind(scores: Array, best: float, at: float) -> PeakKind:
         rivals = scores[kinds == other]
         rival = rivals[np.argmax(rivals.mean(axis=1))]
         better = chosen - rival
-        if better.mean() <= SURE * better.std() / np.sqrt(len(better)):
+        if better.mean() <= SURE_DEVIATIONS * better.std() / np.sqrt(len(better)):
             return PeakKind.UNNAMED
     return own
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import quantile
+from mavdem.confidence import ENOUGH_SAMPLES, quantile
 from mavdem.dem.airflow.identification import (
     STEPS,
     checked,
@@ -38,8 +38,7 @@ SPEED_FACTOR = 8.0
 DIRECTION_ERROR = 10.0
 DIRECTION_LIMIT = 60.0
 HEADING_SD = 2.5
-# of 3 s, and m/s of their sd through the air, to tell the mean wind's torque apart
-LEAST_MEANS = 20
+# m/s, standard deviation of the motion through the air that tells the mean wind's torque apart
 CHANGED = 1.0
 # relative sd of the drag that is reported; share of the prior's that is biased
 DRAG_ERROR = 0.18
@@ -263,7 +262,7 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     means = np.array([np.bincount(place, one) for one in (torque, *air)]) / np.bincount(place)
     kept = np.isfinite(means).all(axis=0)
     slow, *along = means[:, kept]
-    if len(slow) < LEAST_MEANS or np.std(along, axis=1).max() < CHANGED:
+    if len(slow) < ENOUGH_SAMPLES or np.std(along, axis=1).max() < CHANGED:
         return Fact(WindShare.SHARE_UNKNOWN, share=None)
     table = np.column_stack([np.ones(len(slow)), *along])
     is_even = number[kept] // 5 % 2 == 0

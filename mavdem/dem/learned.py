@@ -15,8 +15,8 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
-from mavdem.dem.engine.linalg import Array, Flags
-from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
+from mavdem.dem.engine.linalg import ROUNDING, Array, Flags
+from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.forecasting import Forecasting
@@ -218,7 +218,7 @@ class Learned(Forecasting, LearnedDownstream):
     @property
     def stable(self) -> bool:
         """Whether no mode of what forecasts grows, but for rounding."""
-        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
+        return self.spectral_radius <= 1 + ROUNDING
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
         """Returns the half width (steps, m), about :meth:`predict`, of the band of probability ``level``.
@@ -230,7 +230,7 @@ class Learned(Forecasting, LearnedDownstream):
     @property
     def useful_steps(self) -> NDArray[np.intp]:
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
-        found = self.predicted(max(1, round(LONGEST_FORECAST_SECONDS / self.dt)))
+        found = self.predicted(max(1, round(TEST_SECONDS / self.dt)))
         errors = np.maximum.accumulate(found.variance)
         return np.asarray((errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0))
 
@@ -313,7 +313,7 @@ class Learned(Forecasting, LearnedDownstream):
         return from_text(cls, text)
 
 
-LONGEST_FORECAST_SECONDS = 1.5  # whose errors are looked at: the paper's 150 samples
+TEST_SECONDS = 1.5  # of a forecast whose errors are looked at: a few periods of the motion, as in the paper at 100 Hz
 MOST_STARTS = 200
 
 
@@ -369,9 +369,7 @@ class PlantForecasts:
     @may_overflow
     def errors(self) -> Array:
         """(L, m) mean squared errors of forecasts of the training data, by length; infinite where these overflow."""
-        horizon = max(
-            1, min(round(LONGEST_FORECAST_SECONDS / self.record.dt), 2 * self.record.longest // 3)
-        )
+        horizon = max(1, min(round(TEST_SECONDS / self.record.dt), 2 * self.record.longest // 3))
         stride = max(1, len(self.record) // MOST_STARTS)
         squares = []
         for u, y in self.scaling.scale_segments(self.record):

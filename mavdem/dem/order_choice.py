@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.record import Record, UniformRecord, is_whole
@@ -16,7 +17,6 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelRefusal, OrderFact
 
-STRONG_EVIDENCE_NATS = 3.0  # odds of 20 to 1: strong evidence by Kass and Raftery (1995)
 # that a mean gain over several flights must exceed as well, so that no single flight decides
 STANDARD_ERRORS = 2.0
 DEFAULT_MAX_ORDER = 6  # two states more than the paper's largest system

@@ -17,6 +17,7 @@ from math import ceil, e, pi, sqrt
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.dem.engine.ascent import Iterate, continued, started
 from mavdem.dem.engine.generative import (
     GenerativeModel,
@@ -24,7 +25,7 @@ from mavdem.dem.engine.generative import (
     SufficientStatistics,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import Array, raise_on_overflow
+from mavdem.dem.engine.linalg import ROUNDING, Array, raise_on_overflow
 from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
@@ -38,7 +39,6 @@ WIDTH = 0.6
 narrow enough to keep fast states visible."""
 
 KERNEL_SAMPLES = 100.0  # effective samples that the widest kernel leaves
-MIN_EFFECTIVE_SAMPLES = 20.0  # of a flight, to choose an order
 # that a generalized output has more than the largest model has states: they distinguish the orders
 SPARE_VALUES = 3
 LEAST_EMBEDDING = 2  # p: of noise the second derivative is needed
@@ -86,14 +86,14 @@ class BlackBox:
         ]
         read = np.concatenate([np.hstack(pair) for pair in pairs])
         new = len(read) / _repeated(width, record.dt)
-        if not new >= MIN_EFFECTIVE_SAMPLES:
+        if not new >= ENOUGH_SAMPLES:
             raise NotLearnable(
                 Fact(
                     ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER,
                     samples=len(record),
                     width=width,
                     effective_samples=new,
-                    least_samples=MIN_EFFECTIVE_SAMPLES,
+                    least_samples=float(ENOUGH_SAMPLES),
                 )
             )
         unit = _time_of_change(read[:, :m], read[:, m : 2 * m])
@@ -142,7 +142,6 @@ class BlackBox:
 # of the kernel to either side, beyond which even its eighth derivative is below 5e-5
 REACH_WIDTHS = 6.0
 NARROWEST_STEPS = 1.5  # the derivatives of a narrower kernel are undersampled
-ROUNDING = 1e-9  # of a width that is meant to be a number of steps
 
 
 def embed_through_kernel(
@@ -218,10 +217,6 @@ def _fitted(box: BlackBox, order: int) -> Iterate:
     return continued(model, samples, start, ROUNDS)[0][-1]
 
 
-# of a variance: keeps a combination of channels without variance from being divided by
-NEGLIGIBLE = 1e-9
-
-
 def chain(box: BlackBox, order: int) -> Array:
     """θ of states that are the outputs, then the parts of their derivatives that these and the inputs do not explain.
 
@@ -234,7 +229,7 @@ def chain(box: BlackBox, order: int) -> Array:
         rate = y[k + 1]
         if k:
             regressors = np.vstack([states, *v[:k]])
-            coefficients = _regression(box, y[k], regressors, NEGLIGIBLE)
+            coefficients = _regression(box, y[k], regressors, ROUNDING)
             left = left - coefficients @ regressors
             rate = rate - coefficients @ np.vstack([rates, *v[1 : k + 1]])
         unit = np.sqrt(np.diag(_moments(box, y[k], y[k])))
@@ -286,7 +281,7 @@ def _directions(symmetric: Array) -> Array:
 def _whitening(covariance: Array) -> Array:
     """W with W covariance Wᵀ = 1."""
     values, modes = np.linalg.eigh(covariance)
-    return np.asarray((modes / np.sqrt(np.maximum(values, NEGLIGIBLE * values.max()))).T)
+    return np.asarray((modes / np.sqrt(np.maximum(values, ROUNDING * values.max()))).T)
 
 
 def _theta(box: BlackBox, states: Array, rates: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import ROUNDING, Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
@@ -75,12 +75,10 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 SHORTEST_STEP = 1e-9
 LARGEST = 1e50
-"""Seconds between samples, and size of one: beyond, squares and derivatives overflow."""
+"""Seconds between samples, and size of one: beyond, squares and derivatives overflow; of its inverse they underflow."""
 
 # how far the sampling steps of segments may differ, relative to the first: by rounding only
 SAME_STEP = 1e-6
-ROUNDING = 1e-9  # relative to its size: a channel that varies by less is constant
-SMALLEST_RANGE = 1e-50  # likewise in any unit: squares and derivatives would underflow
 
 FEWEST_MOTORS = 3  # inputs, from which on they are taken for a multirotor's motors
 
@@ -107,7 +105,7 @@ class Spread(NamedTuple):
     def moving(self) -> NDArray[np.bool_]:
         """(k,) which columns vary by more than rounding."""
         size = np.maximum(np.abs(self.lowest), np.abs(self.highest))
-        return self.highest - self.lowest > np.maximum(ROUNDING * size, SMALLEST_RANGE)
+        return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / LARGEST)
 
 
 class UniformRecord(Protocol):

@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
-from mavdem.dem.record import checked_values
+from mavdem.dem.record import LARGEST, checked_values
 from mavdem.unit_slips import real_numbers
 
 FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
-SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 # of a model: its fit takes memory of order n⁴, and no flight shows as many states
 LARGEST_ORDER = 12
-Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
+Positive = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 
 

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.learned import TEST_SECONDS
+from mavdem.dem.online import learner
 from mavdem.flight import Flight
 
-HORIZONS = (1, 5, 10, 25, 50, 150)
+USUAL_RATE = 100.0  # Hz, of these steps; at higher rates they last as long
+HORIZONS = (*learner.HORIZONS, round(TEST_SECONDS * USUAL_RATE))
 """Steps; the last is the paper's."""
-USUAL_RATE = 100.0
-FAST_RATE = 125.0
-"""Hz: the rate of these steps, and the rate above which they last as long as at ``USUAL_RATE``."""
 
 
 class Question(StrEnum):
@@ -101,11 +101,11 @@ def error_over(ours: ArrayLike, theirs: ArrayLike) -> Array:
 def horizons(samples: int, dt: float) -> tuple[int, ...]:
     """Returns the horizons, in steps, of a test part of ``samples``: those of ``HORIZONS`` in it, and all of it.
 
-    Above 125 Hz, by the sampling step ``dt`` in s, they last as long as at 100 Hz.
+    Above ``USUAL_RATE``, by the sampling step ``dt`` in s, they last as long as there.
     """
     steps = (
         HORIZONS
-        if dt >= 1 / FAST_RATE
+        if dt >= 1 / USUAL_RATE
         else tuple(round(usual / USUAL_RATE / dt) for usual in HORIZONS)
     )
     return (*(one for one in steps if one < samples), samples)

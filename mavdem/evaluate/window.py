@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 from mavdem.flight import Flight
 
-TRAIN_SECONDS = 7.0
-TEST_SECONDS = 1.5
-"""Default lengths of a training and a test part: a few periods of a vehicle's motion, as in the paper at 100 Hz."""
+TRAIN_SECONDS = 7.0  # of a training part by default, as in the paper at 100 Hz
 
 
 class Length(NamedTuple):

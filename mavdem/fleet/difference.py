@@ -4,7 +4,7 @@ Each state is one flight or several. The variance of a difference is that within
 that between flights, which several flights of a state show; ``BETWEEN`` is what is assumed before (random effects, L.
 V. Hedges and I. Olkin, "Statistical Methods for Meta-Analysis", 1985). What other conditions can do widens the
 interval. All quantities are tested together: the chance that any is called changed when none did is at most
-``FAMILY_ERROR`` where the intervals hold (S. Holm, "A simple sequentially rejective multiple test procedure", 1979).
+``SIGNIFICANCE`` where the intervals hold (S. Holm, "A simple sequentially rejective multiple test procedure", 1979).
 
 Compared are the quantities that belong to the vehicle and not to its wind. Share and effect of a motor are beside the
 median of all motors: what changes one leaves the others alone, and what changes all, as the battery does, or biases all
@@ -23,6 +23,8 @@ from scipy.special import stdtr
 
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.confidence import LEVEL, quantile
+from mavdem.dem.record import FEWEST_MOTORS
+from mavdem.evaluate.paired_test import SIGNIFICANCE
 from mavdem.facts import Code, Fact
 from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.facts.identifiability import Status
@@ -39,7 +41,6 @@ from mavdem.fleet.row import (
 from mavdem.health.balance import SCATTER
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
-FAMILY_ERROR = 0.05  # probability that anything is called changed when nothing did
 SHARE = "share"
 EFFECT = "effect"
 MEAN_EFFECT = "mean effect"
@@ -64,7 +65,6 @@ RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.0
 """Differences up to which a quantity is called the same, if its whole interval lies within (an equivalence test)."""
 # of an effect, as a share of it: with a wider interval its logarithm is not nearly normal
 MAX_UNCERTAINTY = 0.5
-FEWEST_MOTORS = 3  # of which one is compared with the others
 SIDES = ("A", "B")
 UNSURE = {Status.BIASED, Status.NOT_IDENTIFIABLE}
 _Z = quantile()  # of the intervals of flights, in standard deviations
@@ -152,7 +152,7 @@ class VehicleDifference(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Returns what a document says of it."""
-        return {**self._asdict(), "family_error": FAMILY_ERROR, "level": LEVEL}
+        return {**self._asdict(), "family_error": SIGNIFICANCE, "level": LEVEL}
 
 
 def vehicle_difference(
@@ -304,7 +304,7 @@ def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     tested: list[QuantityChange] = []
     outcome = Outcome.CHANGED
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
-        if outcome is not Outcome.CHANGED or change.p > FAMILY_ERROR / (len(judged) - rank):
+        if outcome is not Outcome.CHANGED or change.p > SIGNIFICANCE / (len(judged) - rank):
             within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
             outcome = Outcome.SAME if within else Outcome.UNCERTAIN
         tested.append(change._replace(outcome=outcome))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import LEVEL
+from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
@@ -249,10 +249,7 @@ class Candidates:
         rise_share = np.diag(self.signatures.weak_motor_commands)
         some = np.maximum(motors, np.finfo(np.float64).tiny)
         shares = np.cumsum(joint, axis=1) / some[:, None]
-        low, high = (
-            RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)]
-            for end in (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
-        )
+        low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in ENDS)
         harder = np.array([joint @ RISES / some, low, high]) * rise_share
         faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
         return Explanations(by_name, motors, faults, harder, posterior)

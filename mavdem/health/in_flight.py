@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.steadiness import MAX_TURN
+from mavdem.confidence import STRONG_EVIDENCE_NATS, quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
@@ -48,7 +49,6 @@ NEXT_REFERENCE_SECONDS = 2.0  # Before another: the noise is known then
 SHOWN_SHARE = 0.5  # Of a change, that steady flight of each heading must show
 # Headings that differ by less than half of 60° have the wind from much the same side.
 SECTORS = 6
-SECTOR = 2 * np.pi / SECTORS
 SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: no reference
 # Over which the reference forgets: wind and battery change, and damage comes at once
 MEMORY_SECONDS = 60.0
@@ -72,14 +72,12 @@ OTHERS_BESIDE_MOTORS = 0.1
 """How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
 beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
 STALE_SECONDS = 15.0  # Of any change: then what was before is no reference, whatever the cause
-NAMING_ODDS = 20.0  # Times as likely as all other causes together: from there on a cause is named
 # How often one weak motor recovers, or all do, beside that one more weakens
 ENDS_BESIDE_FAULTS = 5.0
 # Shares of the rise that end with a fault; a quarter may be an error
 RETURNS = np.linspace(0.2, 1.3, len(SIZES))
 # Thrust goes with the command (PX4's SIH) up to its square (ArduPilot's SITL at hover)
 THRUST_EXPONENTS = 1.0, 2.0
-QUANTILE = 1.64  # Standard errors to either end of an interval of 90 %
 # Standard error of a motor's rise a second after it began, as a share: yaw settles last
 SETTLING_ERROR = 0.04
 
@@ -377,7 +375,7 @@ class MotorWatch:
         best = int(np.argmax(motors))
         rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
         odds = float(motors[best] - _log_sum(rivals))
-        if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
+        if motors[best] >= self._enough and odds >= STRONG_EVIDENCE_NATS:
             place = int(np.argmax(by_window[best]))
             if self._is_of_no_turn(int(windows[place]), changes, place):
                 self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
@@ -389,7 +387,7 @@ class MotorWatch:
         loaded = _log_sum(load + lasting)
         strange = long + _log_sum([*rest, load, *by_window])
         odds = float(loaded - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
-        if loaded >= self._enough and odds >= log(NAMING_ODDS):
+        if loaded >= self._enough and odds >= STRONG_EVIDENCE_NATS:
             place = int(np.argmax(load + lasting))
             size = float(np.linalg.norm(changes.moved[place] * self._flat))
             if self._is_of_no_turn(int(windows[place]), changes, place):
@@ -417,7 +415,10 @@ class MotorWatch:
         blocks = np.array(self._blocks)
         weights = changes.moved[place] / changes.variance[place]
         shown = (blocks - blocks[-n:].mean(axis=0)) @ weights / (changes.moved[place] @ weights)
-        sectors = np.round(_turn(np.array(self._headings), self._headings[-1]) / SECTOR) % SECTORS
+        sectors = (
+            np.round(_turn(np.array(self._headings), self._headings[-1]) / (2 * np.pi / SECTORS))
+            % SECTORS
+        )
         is_after = np.arange(len(blocks)) >= len(blocks) - n
         before, after = (
             {
@@ -444,7 +445,7 @@ class MotorWatch:
         power = weighted @ signature
         own = rises / (self._mixer @ [1.0, *before])  # Of the motors' own commands
         rose = weighted @ (after - before) / power * own
-        error = QUANTILE * np.hypot(power**-0.5 * own, SETTLING_ERROR * rose)
+        error = quantile() * np.hypot(power**-0.5 * own, SETTLING_ERROR * rose)
         moved = np.flatnonzero(rises).tolist()
         for motor in moved:
             was = self.weak.pop(motor).size if motor in self.weak else 0.0

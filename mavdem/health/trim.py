@@ -15,7 +15,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.confidence import quantile
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Trim
-from mavdem.health.assessment import NAMED, PROBABLE, Candidates, lost_thrust
+from mavdem.health.assessment import FAULT_RISE, NAMED, PROBABLE, Candidates, lost_thrust
 from mavdem.health.balance import (
     LEAST_SECONDS,
     SCATTER,
@@ -27,8 +27,6 @@ from mavdem.health.balance import (
     motor_signatures,
 )
 
-UNEVEN = 0.08
-"""Of a motor's command beyond the mean of all, surely: what health calls a fault's size."""
 UNEVEN_QUADROTORS = {"healthy": 0.0, "motor": 1.0, "load": 5.0, "yaw": 11.0, "other": 6.0}
 """Of 23 real quadrotors with uneven motors, how many were so by each pattern."""
 
@@ -40,7 +38,7 @@ def trim_of_signals(signals: Signals) -> Fact | None:
 
 
 def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
-    """Returns by which pattern the motors of a ``layout`` surely work unevenly, by ``UNEVEN``; GOOD where none does.
+    """Returns by which pattern the motors of a ``layout`` surely work unevenly, as faults; GOOD where none does.
 
     UNKNOWN where that would not show.
     """
@@ -56,9 +54,9 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     most = int(np.argmax(np.abs(apart) - half))
     known = {"shift": level, "deviation": apart[most], "half": half[most]}
     known["assumed"] = layout.positions_assumed
-    if half.max() > UNEVEN >= abs(apart[most]) - half[most]:
+    if half.max() > FAULT_RISE >= abs(apart[most]) - half[most]:
         return Fact(Trim.TRIM_UNSURE, **known)
-    if abs(apart[most]) - half[most] <= UNEVEN:
+    if abs(apart[most]) - half[most] <= FAULT_RISE:
         return Fact(Trim.TRIM_EVEN, Level.GOOD, **known)
     scale = np.sqrt(SCATTER**2 + variance)
     lean = float(np.linalg.norm(balance.lean))

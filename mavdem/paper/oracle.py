@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from mavdem import baselines
+from mavdem.confidence import ENDS, LEVEL
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.window import Window
@@ -27,8 +28,6 @@ from mavdem.paper.runner import (
 from mavdem.report.numbers import rounded
 
 FOLDER = SHARED / "oracle"
-# central share of our errors over random priors that must contain the authors' error
-CENTRAL_SHARE = 0.9
 TRUE_MODEL = 0.0033  # MSPE of the true model's forecast, from the data
 METHODS = ("DEM p=2", "DEM p=1", "EM")
 
@@ -75,8 +74,8 @@ def check(name: str, start: str, ours: Array, theirs: Array) -> Check:
         )
     below = float((ours < theirs[0]).mean())
     return Check(
-        f"{name}, from {start}: theirs lies in the central {percent(CENTRAL_SHARE)} of ours over random priors",
-        (1 - CENTRAL_SHARE) / 2 <= below <= (1 + CENTRAL_SHARE) / 2,
+        f"{name}, from {start}: theirs lies in the central {percent(LEVEL)} of ours over random priors",
+        ENDS[0] <= below <= ENDS[1],
         f"{name} from {start}: their MSPE is {rounded(theirs[0], 3)}, above {percent(below)} of ours (median "
         f"{rounded(float(np.median(ours)), 3)})",
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.order_choice import DEFAULT_MAX_ORDER
 from mavdem.flight import Flight
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, TRAIN, Check, Result, Runner, hover, percent
@@ -22,7 +23,7 @@ from sitl_scenarios.simulation import fly
 SYSTEMS = {1: ("φ̇",), 2: ("φ", "φ̇"), 3: ("ẏ", "φ", "φ̇"), 4: ("y", "ẏ", "φ", "φ̇")}
 """The outputs of each system, which are its states: Table I."""
 
-ORDERS = (1, 2, 3, 4, 5, 6)
+ORDERS = tuple(range(1, 1 + DEFAULT_MAX_ORDER))
 
 INPUTS = {"unknown": replace(PAPER, known_inputs=False, input_precision=e**2), "known": PAPER}
 """The prior η = 0 with P = e², as in the paper, and the recorded inputs."""

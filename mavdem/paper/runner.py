@@ -27,8 +27,8 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import Method, Outcome, evaluate_window
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.window import Window, windows
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, USUAL_RATE
+from mavdem.evaluate.window import Window, part_samples, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
@@ -50,9 +50,7 @@ SAMPLE = 2  # the experiment that the paper's figures of one flight show
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
 """The folder of the recorded flights, which are no part of the product: unless named, one in the working directory."""
 
-# samples of a window, as in the paper, at every rate
-TRAIN = 700
-TEST = 150
+TRAIN, TEST = part_samples(1 / USUAL_RATE)  # samples of a window, as in the paper, at every rate
 REAL = "the real AR.Drone"
 """TU Delft's recorded flight: the paper's vehicle in the paper's laboratory."""
 ARDRONE = SHARED / "ardrone_tudelft" / "expData10_29_25.mat"

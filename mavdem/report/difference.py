@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from math import degrees, hypot
 from pathlib import PurePath
 
+from mavdem.evaluate.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Outcome
 from mavdem.fleet import difference
 from mavdem.fleet.difference import (
     BETWEEN,
-    FAMILY_ERROR,
     Conditions,
     ParameterChange,
     QuantityChange,
@@ -50,7 +50,7 @@ def difference_blocks(
         **_of_conditions(*found.conditions),
         is_allowed=any(change.allowance for change in found.changes),
         changes=len(found.changes),
-        family_error=FAMILY_ERROR,
+        family_error=SIGNIFICANCE,
         flights=found.flights,
         share=BETWEEN[difference.SHARE],
         effect=BETWEEN[difference.EFFECT],

@@ -13,6 +13,7 @@ from mavdem.condition.condition import Condition
 from mavdem.condition.wind_velocity import WindVelocity, by_compass, from_point
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
+from mavdem.health.assessment import FAULT_RISE
 from mavdem.report.charts import Plan
 from mavdem.report.numbers import listed
 from mavdem.report.page import environment
@@ -23,8 +24,6 @@ REACH = 100.0
 """Of the farthest motor, the largest petal, or the path, in the units of a plan."""
 CLASSES = 0, 2, 4, 6, 8, 10, np.inf
 """m/s, of a wind's speed."""
-UNEQUAL = 8.0
-"""%, that a motor works more or less than the mean of all from which on it is marked; as of the light."""
 WAY = 600  # points of a path
 
 
@@ -45,7 +44,7 @@ def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | Non
             "share": hover.trim_of_range[number] ** 0.5,
             "deviation": interval(hover.trim_share[number] - 1, halves[number]),
             "headroom": f"{100 * hover.headroom[number]:.0f} % left",
-            "level": Level.WATCH if abs(hover.imbalance[number]) > UNEQUAL else Level.GOOD,
+            "level": Level.WATCH if abs(hover.imbalance[number]) > 100 * FAULT_RISE else Level.GOOD,
         }
         for number, (forward, right) in enumerate(at.tolist())
     ]

@@ -85,7 +85,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
 
 
 def test_what_has_not_settled_is_said(monkeypatch):
-    monkeypatch.setattr(maximum_likelihood, "MAX_STEPS", 1)
+    monkeypatch.setattr(maximum_likelihood, "MAX_ITERATIONS", 1)
     cautions = [caution.code for caution in baselines.pem(TRAIN, 1).cautions]
     assert Forecasts.STILL_IMPROVING in cautions
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from simulated import in_closed_loop
 
+from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.dem.forecast import joint
 from mavdem.dem.forecast.joint import LAGS, Choice, JointModel
-from mavdem.dem.forecast.var import CONSTANT_RIDGE, INPUT_NOISE, LagStatistics, lagged, regress
+from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged, regress
 from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.record import Record
@@ -46,7 +47,7 @@ def regressed(choice):
 def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log_evidence(choice):
     """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
     design, error, precision, spread, found = regressed(choice)
-    noise = error.T @ np.linalg.solve(spread, error) / len(design) + INPUT_NOISE * np.eye(K)
+    noise = error.T @ np.linalg.solve(spread, error) / len(design) + ROUNDING * np.eye(K)
     covariance = np.kron(noise, spread)
     vector = error.T.ravel()
     evidence = -0.5 * (

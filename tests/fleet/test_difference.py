@@ -8,12 +8,12 @@ import pytest
 from fleet_rows import flight_row
 
 from mavdem.documents import whole
+from mavdem.evaluate.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.fleet.difference import (
     BETWEEN,
     DAMPING,
     EFFECT,
-    FAMILY_ERROR,
     LAG,
     MEAN_EFFECT,
     RESOLUTION,
@@ -82,7 +82,7 @@ def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
         for _ in range(pairs)
     )
     # Twice the family's error would be beyond chance in 150 pairs.
-    assert changed <= pairs * FAMILY_ERROR * 2
+    assert changed <= pairs * SIGNIFICANCE * 2
 
 
 def test_a_motor_that_works_harder_and_does_less_is_found_and_named():

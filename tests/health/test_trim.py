@@ -9,8 +9,9 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
 from mavdem.facts import Level
 from mavdem.facts.motors import Trim
+from mavdem.health.assessment import FAULT_RISE
 from mavdem.health.balance import BalanceFigures, motor_signatures
-from mavdem.health.trim import UNEVEN, trim_of, trim_of_signals
+from mavdem.health.trim import trim_of, trim_of_signals
 from mavdem.ingest.motors import PlaceBasis
 
 
@@ -78,14 +79,16 @@ def test_real_vehicles_whose_motors_were_named_wrongly(name, code):
 
 def test_what_cannot_be_told_from_even_is_no_alarm():
     half = 1.645 * 0.01
-    assert trim_of(flown((0, 0, UNEVEN + 0.99 * half), error=1e-2), geometry()).level is Level.GOOD
-    sure = trim_of(flown((0, 0, UNEVEN + 1.1 * np.sqrt(3) * half), error=1e-2), geometry())
+    assert (
+        trim_of(flown((0, 0, FAULT_RISE + 0.99 * half), error=1e-2), geometry()).level is Level.GOOD
+    )
+    sure = trim_of(flown((0, 0, FAULT_RISE + 1.1 * np.sqrt(3) * half), error=1e-2), geometry())
     assert sure.level is Level.WATCH
     # Steady wind leans the vehicle, and asks for torque too.
     wind = trim_of(flown((0.0, 0.12, 0.0), lean=(0, -9)), geometry())
     assert (wind.code, wind.level) == (Trim.TRIM_UNSURE, Level.UNKNOWN)
     # What is known to 8 % is even.
-    known = UNEVEN / 1.645 / np.sqrt(3)
+    known = FAULT_RISE / 1.645 / np.sqrt(3)
     for share, code in ((0.99, Trim.TRIM_EVEN), (1.01, Trim.TRIM_UNSURE)):
         assert trim_of(flown((0, 0, 0), error=share * known), geometry()).code is code
 

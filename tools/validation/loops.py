@@ -30,7 +30,7 @@ from mavdem.assessment.assess import NoLoop, assess
 from mavdem.condition.loop.controllers import LOOP_RATES, Controller, controller_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.margins import OpenLoop, attitude_loop, rate_loop
-from mavdem.confidence import LEVEL
+from mavdem.confidence import ENDS
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.ingest import Log, read_log
@@ -58,7 +58,6 @@ LOOPS = ("rate", "attitude")
 SHOWN = ("effect", *(f"rate_{name}" for name in MARGINS))
 CLOSE = 1.5  # dB
 LARGEST = 30.0  # dB, that the error of a gain margin counts at most, as of one that there is not
-ENDS = (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
 Array = NDArray[np.float64]
 Truth = dict[str, dict[str, float]]
 """Figures by axis and name."""

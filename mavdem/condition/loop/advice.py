@@ -18,7 +18,6 @@ import numpy as np
 
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.loop import (
-    SURE,
     TARGETS,
     Loop,
     Target,
@@ -28,6 +27,7 @@ from mavdem.condition.loop.loop import (
 )
 from mavdem.condition.loop.margins import transfer
 from mavdem.condition.oscillation import Oscillation
+from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -110,7 +110,7 @@ class Advice:
         code = Gains.STEP_TOWARDS_MARGINS
         if not self.parameters:
             code = Gains.KEEP_GAINS
-        elif self.sure >= SURE:
+        elif self.sure >= ENDS[1]:
             code = Gains.SET_GAINS
         return Fact(
             code,

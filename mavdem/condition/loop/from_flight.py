@@ -15,6 +15,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.identifiability import SLOWEST_RATE
 from mavdem.dem.graybox.likelihood import DELAY
+from mavdem.dem.graybox.parameters import LEAST
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
@@ -27,11 +28,8 @@ SLOW_SPREAD = 1.2
 """Likewise of a log below 80 Hz, of whose 90 % intervals 0.8 made four in five hold."""
 # of a step of the stream: standard deviation of a delay by the times between its samples
 SPLIT = 0.25
-HALF_DELAY = 2**-0.5
-HALF_PHASE = 0.7560
-HALF_SIZE = 0.9701
-"""Of a second-order Butterworth filter at half of its cut-off, ω: its delay at low frequencies by ω, rad, and size."""
-LEAST = 0.02, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a drawn plant
+AT_HALF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
+"""What a second-order Butterworth filter divides by at half of its cut-off; its delay goes with the imaginary part."""
 
 
 def loop(learned: Learned, controller: Controller | None = None) -> Loop:
@@ -111,11 +109,13 @@ def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
     late = drawn[:, -2:].sum(axis=1)
     half = np.pi * cutoff
     open_ = variance / (variance + sd**2)
-    filtered = HALF_DELAY / half if cutoff else 0.0
+    filtered = AT_HALF.imag / half if cutoff else 0.0
     whole = np.maximum(late - filtered, 0.0)
     if filtered > late[0] / 2:
-        whole = np.maximum((np.arctan(half * drawn[:, -2]) - HALF_PHASE) / half + drawn[:, -1], 0.0)
-        drawn[:, :-3] /= HALF_SIZE * np.hypot(1.0, half * drawn[:, -2])[:, None]
+        whole = np.maximum(
+            (np.arctan(half * drawn[:, -2]) - np.angle(AT_HALF)) / half + drawn[:, -1], 0.0
+        )
+        drawn[:, :-3] *= abs(AT_HALF) / np.hypot(1.0, half * drawn[:, -2])[:, None]
     delay = (1 - open_) * max(plant.delay - filtered, 0.0) + open_ * usual
     delay = np.clip(
         delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2

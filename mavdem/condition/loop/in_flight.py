@@ -10,8 +10,9 @@ from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
-from mavdem.condition.loop.from_flight import LEAST, demand_directions, known_controller
+from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
+from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
     LATE,
@@ -27,7 +28,7 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.identifiability import PARAMETERS
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS
-from mavdem.dem.graybox.parameters import WindComponent
+from mavdem.dem.graybox.parameters import LEAST, WindComponent
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -46,9 +47,6 @@ BETWEEN = 1 / 8
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
 there, and of the delay by itself."""
 WIDEST = 20.0  # degrees, of the phase margin's 90 % interval to each side
-TOO_LATE = 3.0
-"""Standard deviations beforehand, of how late outputs and setpoints are: beyond, the model makes up for something else.
-On the flights that chose it, the phase margin then errs three times as much at 25 Hz."""
 LEAST_STEERED = 0.1  # of the rate's variance, by what was asked
 SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 
@@ -81,7 +79,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
         mean, sd = axis.prior
         try:
             found = identified(axis)
-            if np.any(np.abs(found.theta - mean)[[*LATE]] > TOO_LATE * sd[[*LATE]]):
+            if np.any(np.abs(found.theta - mean)[[*LATE]] > SURE_DEVIATIONS * sd[[*LATE]]):
                 raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
             plant = _physical(found, directions)
             _check(plant, directions, controller)

@@ -19,6 +19,7 @@ import numpy as np
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.margins import GRID, Margins, OpenLoop, attitude_loop, rate_loop
 from mavdem.condition.loop.response import MeasuredResponse
+from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.parameters import wind_density
@@ -43,7 +44,6 @@ TARGETS = {
 }
 """Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
 sec. 10.3)."""
-SURE = 0.95  # share of the draws that must have all margins: the lower end of a 90 % interval
 OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
 """How parameters of one axis begin."""
 
@@ -133,7 +133,7 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
     name, weak = min(loops.items(), key=lambda item: scores_of(target, item[1])[0])
     scores = scores_of(target, *loops.values())
     level = Level.BAD
-    if np.quantile(scores, 1 - SURE, method="lower") >= 1:
+    if np.quantile(scores, 1 - ENDS[1], method="lower") >= 1:
         level = Level.GOOD
     elif scores[0] >= 1:
         level = Level.WATCH

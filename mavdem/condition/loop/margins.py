@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response, notched
-from mavdem.confidence import LEVEL
+from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
 
 Complex = NDArray[np.complex128]
@@ -43,8 +43,7 @@ class FigureInterval:
     name: str
 
     def __get__(self, loop: Any, kind: type | None = None) -> Interval:
-        ends = [0.5 - LEVEL / 2, 0.5 + LEVEL / 2]
-        low, high = np.quantile(loop.figures[self.name], ends, method="nearest").tolist()
+        low, high = np.quantile(loop.figures[self.name], ENDS, method="nearest").tolist()
         return low, high
 
 

@@ -8,16 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.dem.closed_loop.likelihood import PLANT, Axis
-from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
+from mavdem.dem.engine.gauss_newton import (
+    MAX_STEPS,
+    RELATIVE_STEP,
+    Damping,
+    Quadratic,
+    gauss_newton,
+)
 from mavdem.dem.engine.linalg import Array, inverse
 
 STARTS = tuple(product((3.0, 10.0), ((0.05, 0.009), (0.02, 0.005))))
 """Crossover, Hz, with lag and delay, s, to begin with: of large and of small vehicles."""
 FIRST_STEPS = 8  # from each start; the best goes on
-MAX_STEPS = 60
-CONVERGED_NATS = 1e-2
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
-RELATIVE_STEP = 1e-4  # of that, for slopes by differences
 
 
 class Identified(NamedTuple):
@@ -66,7 +69,7 @@ class _LogJoint(NamedTuple):
     def ascended(self, start: Quadratic, steps: int) -> Quadratic:
         """After so many damped steps, or where there is nothing to gain."""
         damping = Damping(first=1e-2, factor=5.0, attempts=16, limited=self._limited)
-        trace, _ = gauss_newton(self, start, damping, steps, CONVERGED_NATS)
+        trace, _ = gauss_newton(self, start, damping, steps)
         return trace[-1]
 
     def _limited(self, step: Array) -> Array:

@@ -9,6 +9,10 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Array
 
+RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences: between rounding and curvature
+CONVERGED_NATS = 5e-3  # that the last step gains: so little does not separate two models
+MAX_STEPS = 40
+
 
 class Quadratic(NamedTuple):
     """A function to second order about a point: its value and slope there, and its negative's curvature."""
@@ -54,10 +58,9 @@ def gauss_newton(
     objective: Objective,
     start: Quadratic,
     damping: Damping,
-    iterations: int,
-    converged: float,
+    iterations: int = MAX_STEPS,
 ) -> tuple[list[Quadratic], float]:
-    """Maximises from ``start`` until a step gains no more than ``converged``, by at most so many steps.
+    """Maximises from ``start`` until a step gains no more than ``CONVERGED_NATS``, by at most so many steps.
 
     Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2nd ed., 10.3): a step that does not
     increase the function is damped more; after one that does, the next is damped less.
@@ -68,7 +71,7 @@ def gauss_newton(
     trace = [start]
     damped = damping.first
     gained = np.inf
-    while gained > converged and len(trace) <= iterations:
+    while gained > CONVERGED_NATS and len(trace) <= iterations:
         now = trace[-1]
         for _ in range(damping.attempts):
             curvature = now.curvature + damped * np.diag(now.curvature.diagonal())

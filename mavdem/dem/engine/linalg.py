@@ -48,7 +48,8 @@ Indices = Annotated[
 Flags = Annotated[NDArray[np.bool_], PlainValidator(partial(_read, np.bool_, "b")), WRITTEN, LISTED]
 
 SMALLEST = np.finfo(np.float64).tiny  # keeps a zero on the diagonal from being divided by
-SYMMETRY = 1e-9  # rounding that a symmetric matrix may show, relative to its largest entry
+ROUNDING = 1e-9
+"""Of a number, relative to the largest like it: what differs, grows or varies by less does so by rounding."""
 
 
 def solve(matrix: Array, right: Array) -> Array:
@@ -95,7 +96,7 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name} must be finite")
-    if np.abs(matrix - matrix.T).max(initial=0.0) > SYMMETRY * np.abs(matrix).max(initial=0.0):
+    if np.abs(matrix - matrix.T).max(initial=0.0) > ROUNDING * np.abs(matrix).max(initial=0.0):
         raise ValueError(f"{name} must be symmetric")
     if size:
         try:

@@ -14,9 +14,6 @@ from mavdem.dem.engine.linalg import Array
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-STABILITY_TOLERANCE = 1e-9
-"""A mode that would grow by less than this of itself at each sample is one that is held, but for rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:

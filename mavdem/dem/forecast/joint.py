@@ -27,9 +27,6 @@ from mavdem.dem.record import FEWEST_MOTORS, Record
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 # likewise, precisions of the prior at lag 1, of channels of deviation 1
 RIDGES = (1e-4, 1e-3, 1e-2)
-# of the models whose F̄ chooses the turning combination
-MIXER_LAGS = 10
-MIXER_RIDGE = 1e-3
 # added to their innovations: how well an angle follows from its rate tells nothing of the motors
 MIXER_NOISE = 1e-5
 LEAST_FREEDOM = 3.0  # of Student's t, for which a variance is finite
@@ -70,8 +67,8 @@ def turning_combinations(record: Record) -> Array:
     known = known_combinations(r, record.effect_directions)
     if known is not None:
         return known
-    lags = min(MIXER_LAGS, max(1, record.longest // 4))
-    prior = var.lag_prior(lags, MIXER_RIDGE)
+    lags = min(int(np.median(LAGS)), max(1, record.longest // 4))
+    prior = var.lag_prior(lags, float(np.median(RIDGES)))
 
     def of_outputs(statistics: var.LagStatistics) -> var.Regression:
         return var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE)

@@ -14,7 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
-from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
+from mavdem.dem.engine.gauss_newton import (
+    CONVERGED_NATS,
+    RELATIVE_STEP,
+    Damping,
+    Quadratic,
+    gauss_newton,
+)
 from mavdem.dem.engine.generative import GenerativeModel
 from mavdem.dem.engine.linalg import Array, Indices, inverse, logdet
 from mavdem.dem.engine.model import discretize, unpack
@@ -39,13 +45,8 @@ SHORTEST_HORIZON = 0.05
 
 STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
 MAX_SEGMENTS = 500  # spread over the whole record, however long it is
-MAX_ITERATIONS = 40  # Gauss-Newton steps at most
-# the fit has converged when a step gains less: the effective sample size is small
-CONVERGED_NATS = 0.02
 
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
-
-RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
 
 
 def models_of(
@@ -296,7 +297,7 @@ def fit_simulation(
     if not np.isfinite(_mean_square(errors)):
         return None
     start = objective.quadratic(theta[free], errors)
-    trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS, CONVERGED_NATS)
+    trace, gained = gauss_newton(objective, start, DAMPING)
     best = theta.copy()
     best[free] = trace[-1].at
     samples = objective.effective_samples

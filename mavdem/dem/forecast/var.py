@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import ROUNDING, Array
 from mavdem.dem.record import Record, Spread
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -31,9 +31,6 @@ As a precision it does not grow with the number of samples."""
 CONSTANT_RIDGE = 1e-8  # likewise of the offset, which the prior leaves open
 # rows that are left for the innovations, where there are hardly more than coefficients
 LEAST_FREEDOM = 1.0
-
-INPUT_NOISE = 1e-9
-"""Variance added to the innovations of inputs: one that is constant, or depends on others, has none of its own."""
 
 
 class Forecast(NamedTuple):
@@ -157,7 +154,7 @@ def regress(
     rows: float,
     prior: Array,
     targets: int | None = None,
-    least: float = INPUT_NOISE,
+    least: float = ROUNDING,
 ) -> Regression:
     """Regresses samples of k channels on their lags, the first ``targets`` of them or all.
 
@@ -315,7 +312,7 @@ class Var(NamedTuple):
 
         They tell them from the sample's inputs, whose innovations they share, and from all before it; in ``units``.
         """
-        noise = self.covariance[m:, m:] + INPUT_NOISE * np.eye(len(self.covariance) - m)
+        noise = self.covariance[m:, m:] + ROUNDING * np.eye(len(self.covariance) - m)
         gain = np.linalg.solve(noise, self.covariance[m:, :m]).T
         across = self.across
         weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
@@ -331,7 +328,7 @@ class Var(NamedTuple):
         A[:m] = output_effect[:m]
         Q = np.zeros((n, n))
         S = np.zeros((n, r))
-        R = self.covariance[m:, m:] + INPUT_NOISE * np.eye(r)
+        R = self.covariance[m:, m:] + ROUNDING * np.eye(r)
         Q[:m, :m] = self.covariance[:m, :m]
         S[:m] = self.covariance[:m, m:]
         return KalmanFilter.of(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)

@@ -10,7 +10,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array, inverse, one_thread
+from mavdem.confidence import STRONG_EVIDENCE_NATS
+from mavdem.dem.engine.linalg import ROUNDING, Array, inverse, one_thread
 from mavdem.dem.forecast.joint import turning_combinations
 from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.dem.graybox.identifiability import (
@@ -30,9 +31,6 @@ from mavdem.facts.model import NoPhysical
 from mavdem.unit_slips import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
-MIN_GAIN_NATS = 3.0  # that a refinement's first step must promise
-SAME_SIZE = 1e-9  # of the motors of an X or plus, whose combination has length 1
-RANGE = 1.69  # of three values, in their standard deviations in the mean (Tippett 1925)
 # of the roll motion; its upper end in shares of the sampling rate
 BAND_HZ = (0.4, 6.0)
 MAX_BAND_SHARE = 0.125
@@ -71,7 +69,7 @@ def _mixer(record: Record) -> Array | None:
         return record.effect_directions
     turning = turning_combinations(record)[:, 0]
     sizes = np.abs(turning[turning != 0])
-    return turning if np.ptp(sizes) < SAME_SIZE else None
+    return turning if np.ptp(sizes) < ROUNDING else None
 
 
 def _estimated(
@@ -114,7 +112,7 @@ def _chosen(
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
         with suppress(np.linalg.LinAlgError):
-            refined = fitted(parameters, some, np.append(chosen.theta, 0.0), MIN_GAIN_NATS)
+            refined = fitted(parameters, some, np.append(chosen.theta, 0.0), STRONG_EVIDENCE_NATS)
             chosen = max(chosen, refined, key=lambda fit: fit.evidence)
     return fits, chosen
 
@@ -164,7 +162,8 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     alike = np.eye(r + 3)
     alike[:r, :r] = np.outer(effect, relative[0, :r])
     covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
-    varied = np.square(spectrum_range / RANGE)
+    # The range of three values is 3/√π of their standard deviations in the mean (Tippett 1925).
+    varied = np.pi * np.square(spectrum_range / 3)
     bias = 0.0
     if status["effect"] == Status.BIASED:
         bias = errors.lag_bias if figures.quick else errors.wind_bias

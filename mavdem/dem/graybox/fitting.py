@@ -7,18 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
+from mavdem.dem.engine.gauss_newton import (
+    MAX_STEPS,
+    RELATIVE_STEP,
+    Damping,
+    Quadratic,
+    gauss_newton,
+)
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
 
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
 """Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""
 
-# Gauss-Newton steps at most, and the gain below which they have converged
-MAX_ITERATIONS = 40
-CONVERGED_NATS = 5e-3
 LONGEST_STEP = 0.7  # of any logarithm, in one step
-RELATIVE_STEP = 1e-4  # of a parameter, or of 0.01 if that is more: for slopes by differences
 ALIKE = 0.05
 UNLIKE = 1.0
 """Standard deviation of a motor's effect from the mixer's direction, relative to the mean effect, beforehand: where the
@@ -117,8 +119,8 @@ def fitted(
     objective = LogJoint(parameters, windows)
     damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited)
     first = objective.quadratic(start, np.empty(0))
-    iterations = MAX_ITERATIONS if first.remaining >= promised else 0
-    trace, _ = gauss_newton(objective, first, damping, iterations, CONVERGED_NATS)
+    iterations = MAX_STEPS if first.remaining >= promised else 0
+    trace, _ = gauss_newton(objective, first, damping, iterations)
     last = trace[-1]
     levels = [
         np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance)

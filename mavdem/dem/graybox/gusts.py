@@ -23,7 +23,6 @@ THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
 END = 0.5  # of the threshold, within which a gust begins and ends
 # half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
 CERTAIN = 2.0
-NORMAL_MEDIAN = 0.6745  # absolute deviation of a normal distribution, in standard deviations
 
 
 class DetectedGust(NamedTuple):
@@ -75,11 +74,11 @@ def gusts(
     parts = np.split(torque, record.starts[1:])
     levels = [median_filter(part, min(len(part), width) | 1) for part in parts]
     away = torque - np.concatenate(levels)
-    sd = float(np.median(np.abs(away))) / NORMAL_MEDIAN
+    sd = float(np.median(np.abs(away))) / quantile(0.5)
     if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
         return Gusts((), THRESHOLD * sd, 0.0)
     # Likewise by the median, so that gusts and gaps do not count.
-    slope = float(np.median(np.abs(np.diff(away)))) / NORMAL_MEDIAN / record.dt
+    slope = float(np.median(np.abs(np.diff(away)))) / quantile(0.5) / record.dt
     false = 2 * 60 * slope / sd / (2 * np.pi) * float(np.exp(-(THRESHOLD**2) / 2))
     # A change of sign ends a gust, and so does a gap.
     signs = np.sign(away) * (np.abs(away) > END * THRESHOLD * sd)

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.confidence import LEVEL, half_width
+from mavdem.confidence import LEVEL, SURE_DEVIATIONS, half_width
+from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS
 from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
@@ -140,9 +141,6 @@ def wind_density(physical: Physical, frequency: Array) -> Array:
     return density
 
 
-RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
-
-
 def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:
     """Returns (k, …) the slopes of a ``function`` at θ (k,), where its ``value`` is known, by differences."""
     nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
@@ -150,13 +148,12 @@ def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) ->
 
 
 LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
-# standard deviations between two flights, beyond which the vehicle is not as it was
-CONTRADICTION = 3.0
 
 
 def updated(found: Physical, prior: Physical) -> Physical:
     """Returns what a flight and, as :func:`physical` says, the ``prior`` of an earlier one tell of the vehicle.
 
+    Beyond ``SURE_DEVIATIONS`` between the two, the vehicle is not as it was.
     A flight that does not identify the effect, on which the others depend, says nothing of any of them.
     """
     theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, found))
@@ -174,7 +171,7 @@ def updated(found: Physical, prior: Physical) -> Physical:
         both = covariance + found.covariance
         share = np.sign(alike)
         judged = found
-        if abs(share @ (now - theta)) > CONTRADICTION * np.sqrt(share @ both @ share):
+        if abs(share @ (now - theta)) > SURE_DEVIATIONS * np.sqrt(share @ both @ share):
             return found
         gain = np.linalg.solve(both, covariance).T
         theta = theta + gain @ (now - theta)

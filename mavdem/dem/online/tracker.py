@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import LEVEL
+from mavdem.confidence import ENOUGH_SAMPLES, LEVEL
 from mavdem.dem.engine.free_energy import SampleEnergy
 from mavdem.dem.engine.generative import taylor_weights
 from mavdem.dem.engine.linalg import Array
@@ -24,7 +24,6 @@ from mavdem.dem.online.memory import Memory
 
 BAND_SECONDS = 6.0
 """Of errors: fewer give no steady quantile, and a change of the vehicle widens bands for this long."""
-MIN_ERRORS = 20  # before a half width is reported
 MAX_MEDIANS = 12.0
 """Of a half width, in median errors. Of normal errors it is 2.4, where manoeuvres alternate with hover up to 12; a
 failure gives hundreds, by errors that say nothing of the model that follows it."""
@@ -181,7 +180,7 @@ class ErrorBands:
             np.take_along_axis(sizes, place, axis=-1) for place in (places, number // 2)
         )
         half = np.minimum(level, MAX_MEDIANS * median)
-        self.half_widths = np.where(number >= MIN_ERRORS, half, np.nan)[:, :, 0]
+        self.half_widths = np.where(number >= ENOUGH_SAMPLES, half, np.nan)[:, :, 0]
 
 
 class Surprise:
