@@ -177,6 +177,16 @@ class MotorAlarm(NamedTuple):
         return self.motor is not None and self.size > 0
 
     @property
+    def sound_share(self) -> tuple[float, float]:
+        """The share of its command by which a sound motor would give its thrust, and the half width of 90 %.
+
+        It hardly depends on the exponent: where thrust goes with a power of the command, a loss divides the command.
+        """
+        ends = zip(self.loss, THRUST_EXPONENTS, strict=True)
+        most, least = ((1 - lost) ** (1 / power) for lost, power in ends)
+        return (most + least) / 2, abs(most - least) / 2
+
+    @property
     def fact(self) -> Fact:
         """What changed since when, and what that means: bad where a motor lost thrust."""
         code, level = InFlight.MOTOR_RECOVERED, Level.GOOD

@@ -6,7 +6,11 @@ from collections import deque
 from collections.abc import Iterator
 from math import nan
 
+import numpy as np
+
 from mavdem.alignment.drive import Motors
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.online.wind import WeakMotors
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
@@ -18,14 +22,14 @@ MAX_ALARMS = 256  # that are kept
 class MotorAlarms:
     """Changes of the motors' balance: the ``latest``, those ``standing`` as ``alarm`` of a ``SessionStatus``.
 
-    ``landed``: on the ground since; ``weak_since``: s, since when a motor is weak.
+    ``landed``: on the ground since; ``changed``: s, since when the motors are as they are, NaN before a change.
     """
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_ALARMS)
         self.standing: tuple[Fact, ...] = ()
         self.landed = False
-        self.weak_since = nan
+        self.changed = nan
         self._watch: MotorWatch | None = None
         self._watched: object = None
         self._obstacle: Fact | None = None
@@ -41,6 +45,17 @@ class MotorAlarms:
         if self._watch.since is None:
             return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
+
+    def weak_motors(self, inputs: Array, low: float) -> WeakMotors | None:
+        """What weak motors do with ``inputs`` (k,), whose range begins at ``low``; None where none is weak."""
+        weak = {} if self._watch is None else self._watch.weak
+        if not weak:
+            return None
+        shares = np.ones(len(inputs))
+        errors = np.zeros(len(inputs))
+        for place, alarm in weak.items():
+            shares[place], errors[place] = alarm.sound_share
+        return WeakMotors(self.changed, low + shares * (inputs - low), errors * (inputs - low))
 
     def take(
         self, time: float, boot: int, motors: Motors, commands: list[float], heading: float
@@ -59,10 +74,10 @@ class MotorAlarms:
             self._watch = MotorWatch(layout, boot)
             self._watched = watched
         changes = self._watch.take(time, commands, heading)
-        self.weak_since = min((weak.since for weak in self._watch.weak.values()), default=nan)
         for change in changes:
             self.latest.append(change)
             if change.motor is not None:
+                self.changed = change.since
                 weak = [*self._watch.weak.values()] or [change]
                 self.standing = tuple(alarm.announced for alarm in weak)
             yield change.announced

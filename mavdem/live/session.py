@@ -384,10 +384,9 @@ class LiveSession:
         assert learner is not None
         self._settled = row.settled
         if row.settled:
+            weak = self.stream.alarms.weak_motors(row.inputs, setup.scale.low)
             try:
-                estimate = learner.update(
-                    row.time, row.outputs, row.inputs, self.stream.alarms.weak_since
-                )
+                estimate = learner.update(row.time, row.outputs, row.inputs, weak)
             except ValueError as error:
                 self._log(failure(Session.SAMPLE_SKIPPED, error))
             if learner.learned is not None and learner.learned is not self._newest:
@@ -585,7 +584,7 @@ class LiveSession:
         self._last_said[kind] = now
         self.say(fact)
         since = np.nan if fact.time is None else fact.time + self.history.shift
-        if self.stream.alarms.weak_since == fact.time:
+        if self.stream.alarms.changed == fact.time:
             self.history.disown_torque(since)
         self.history.events.append(Event(self.history.now, fact, since))
         if self._display is not None:

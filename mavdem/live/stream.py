@@ -505,7 +505,7 @@ class LiveStream:
         self._recent = Recent(boot)
         self._phase = Phase(self._recent)
         self.alarms.standing = ()
-        self.alarms.weak_since = nan
+        self.alarms.changed = nan
         self._watchdog = Watchdog(self._recent)
         self._grid.restart()
         self._reviewing = iter(())

@@ -95,11 +95,13 @@ class LiveWriter:
         self._draw(speed, [(0, wind.time + row.shift, wind.by_compass[:3]) for row, wind in winds])
         self._estimates([(row, row.estimate) for row in rows if row.estimate is not None])
 
-    def mark(self, since: float, is_motor: bool) -> None:
-        """Marks an alarm at the time ``since`` in every plot; NaN is none. A motor's torque is no wind from then on."""
-        if is_motor:
-            torques = [sample for sample in self._torques if sample[1] >= since]
-            self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), torques)
+    def disown(self, since: float) -> None:
+        """Marks the torque from the time ``since`` until now: it was that of a motor that changed."""
+        torques = [(int(since), at, torque) for _, at, torque in self._torques if at >= since]
+        self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), torques)
+
+    def mark(self, since: float) -> None:
+        """Marks an alarm at the time ``since`` in every plot; NaN is none."""
         for plot, (low, high) in self._seen.items() if np.isfinite(since) else ():
             line = Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True)
             line.send_style(self._recording)

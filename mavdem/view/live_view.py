@@ -134,10 +134,12 @@ class SinkThread(threading.Thread):
             self._writer.rows(same)
         for line in lines:
             log(recording, line.seconds, line.sentence, line.fact.level)
-            if self._writer is not None and line.is_alarm:
-                because = line.fact.figures.get("because")
-                lost = isinstance(because, Fact) and because.code is InFlight.MOTOR_LOST_THRUST
-                self._writer.mark(line.since, lost)
+            because = line.fact.figures.get("because", line.fact)
+            if self._writer is not None and isinstance(because, Fact):
+                if because.code in (InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED):
+                    self._writer.disown(line.since)
+                if line.is_alarm:
+                    self._writer.mark(line.since)
         if self._last and self._writer and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_SECONDS
             if new := self.dropped - self._reported_drops:

@@ -25,6 +25,7 @@ from mavdem.dem.online.wind import (
     DELAY_SECONDS,
     FILTER_SECONDS,
     OnlineWind,
+    WeakMotors,
     wind_filter,
 )
 from mavdem.dem.record import Record
@@ -247,15 +248,16 @@ def online_wind(
 
 
 def followed(
-    online: OnlineWind, memory: Memory, flight: Flight, weak_since: float = np.nan
+    online: OnlineWind, memory: Memory, flight: Flight, weak: np.ndarray | None = None
 ) -> np.ndarray:
-    """(T, 2) what each update returns."""
+    """(T, 2) what each update returns; inputs of sound motors that did as ``weak`` ones, by 2 more or less."""
     found = np.empty((len(flight), 2))
     for k, (time, inputs, outputs) in enumerate(
         zip(flight.time, flight.inputs, flight.outputs, strict=True)
     ):
         closed = memory.add(inputs, outputs, time)
-        found[k] = online.update(weak_since)
+        sound = None if weak is None else WeakMotors(flight.time[0], weak[k], 2.0 * np.eye(4)[0])
+        found[k] = online.update(inputs, sound)
         if closed:
             online.add(memory.blocks[-1])
     return found
@@ -296,7 +298,7 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
 
 @pytest.mark.slow
 def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
-    """Without wind: what is drawn is error. Nothing is of a vehicle whose motor is weak."""
+    """Without wind: what is drawn is error. A motor that is known to be weak adds what its loss is unsure by."""
     calm = steered(1, steering=0.0, samples=900, wind=0.0)
     steering = steered(2, steering=1.0, wind=0.0)
     assert np.isnan(followed(*online_wind(), calm)).all()
@@ -316,8 +318,13 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
             and not gusts(torque, band, record_of(len(torque))).found
         )
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
-    assert np.isnan(followed(online, memory, steering[:20], steering.time[-1])).all()
-    assert np.isfinite(followed(online, memory, steering[20:200])[BEGINS + 1 :]).all()
+    of = online.filter
+    told = Flight(steering.time, steering.inputs * [1.25, 1, 1, 1], steering.outputs)
+    for weak, (least, most) in ((steering.inputs, (0.85, 1.0)), (told.inputs, (0.0, 0.2))):
+        torque, band = followed(online, memory, told, weak)[BEGINS + 1 :].T
+        assert least <= np.mean(np.abs(torque) <= band) <= most
+        assert band.min() > 2 * abs(of.physical.effect[0])
+    assert online.filter is of, "nothing is fitted to weak motors"
 
 
 def test_a_fit_that_fails_leaves_the_last_one():

@@ -27,7 +27,7 @@ from mavdem.dem.online.tracker import (
     Surprise,
     Tracker,
 )
-from mavdem.dem.online.wind import OnlineWind
+from mavdem.dem.online.wind import OnlineWind, WeakMotors
 from mavdem.dem.record import (
     Record,
     is_number,
@@ -135,7 +135,7 @@ class OnlineLearner:
         time: float,
         outputs: ArrayLike,
         inputs: ArrayLike,
-        weak_since: float = np.nan,
+        weak: WeakMotors | None = None,
     ) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
 
@@ -147,7 +147,7 @@ class OnlineLearner:
 
         A time other than one step after the last, also one that goes back, begins a new segment: the model is kept, and
         nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` in a row, ``obstacle`` states that
-        samples do not come every ``dt``. While a motor is weak, since ``weak_since``, s, there is no wind torque.
+        samples do not come every ``dt``. While motors are ``weak``, the wind torque is by what they do.
 
         Returns:
             the estimate as of this sample, by the model before it.
@@ -169,7 +169,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(weak_since)
+        torque = self._wind.update(u, weak)
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],

@@ -36,6 +36,14 @@ LONGEST_PAUSE_SECONDS = 20.0
 FILTER_SECONDS = 1.0  # of samples, over which the filter finds the state
 
 
+class WeakMotors(NamedTuple):
+    """Commands by which sound motors would do what weak ones do, since a time, s; with half widths of 90 %."""
+
+    since: float
+    inputs: Array  # (r,)
+    band: Array  # (r,)
+
+
 class WindFilter(NamedTuple):
     """Physical parameters, and what smooths the latest samples by them."""
 
@@ -121,6 +129,7 @@ class OnlineWind:
         """
         self.filter: WindFilter | None = None  # of the last fit
         self._dt = memory.dt
+        self._lag = round(DELAY_SECONDS / memory.dt)
         self._memory = memory
         self._executor = executor
         self._prior = prior
@@ -128,25 +137,35 @@ class OnlineWind:
             maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block))
         )
         self._coming = deque[tuple[float, float]]()  # of the samples of the next block
+        # of sound motors, since the last gap or change of a motor
+        self._inputs: deque[Array] = deque(maxlen=round(FILTER_SECONDS / memory.dt) + self._lag)
+        self._weak: WeakMotors | None = None
         self._pending: Future[WindFilter] | None = None
         self._samples = 0
         self._next = round(FIRST_FIT_SECONDS / self._dt)
-        self._lag = round(DELAY_SECONDS / self._dt)
         # of the torque behind the latest sample, s
         self.delay = self._lag * self._dt
 
-    def update(self, weak_since: float = np.nan) -> tuple[float, float]:
-        """Counts a sample; returns the torque and its half width, rad/s², NaN while a motor is weak."""
-        if np.isfinite(weak_since):
+    def update(self, inputs: Array, weak: WeakMotors | None = None) -> tuple[float, float]:
+        """Takes a sample's inputs (r,); returns the torque and its half width, rad/s², or NaN.
+
+        Nothing is fitted to samples of ``weak`` motors.
+        """
+        before = self._weak
+        if (before and before.since) != (weak and weak.since):
             self.end_segment()
-            self.drop_since(weak_since)
-            return NOTHING
-        self._samples += 1
+        self._weak = weak
+        if weak is None:
+            self._samples += 1
+        else:
+            self.drop_since(weak.since)
+        self._inputs.append(inputs if weak is None else weak.inputs)
         return self._coming.popleft() if self._coming else NOTHING
 
     def end_segment(self) -> None:
-        """A gap follows."""
+        """A gap follows, or a motor has changed."""
         self._coming.clear()
+        self._inputs.clear()
 
     def add(self, block: MemoryBlock, fits: bool = True) -> None:
         """Keeps a block that was just closed; takes what was fitted meanwhile, and ``fits`` again when due."""
@@ -190,9 +209,14 @@ class OnlineWind:
         """What the samples of the next block bring."""
         self._coming.clear()
         block = self._memory.block
-        number = round(FILTER_SECONDS / self._dt) + self._lag
-        inputs, outputs = self._memory.latest(number)
-        if self.filter is None or not self.filter.physical.identifiable or len(outputs) < number:
+        number = self._inputs.maxlen or 0
+        _, outputs = self._memory.latest(number)
+        if self.filter is None or not self.filter.physical.identifiable:
             return
-        found = self.filter.torques(inputs, outputs)[-self._lag :][:block]
+        if min(len(self._inputs), len(outputs)) < number:
+            return
+        found = self.filter.torques(np.array(self._inputs), outputs)[-self._lag :][:block]
+        if self._weak is not None:
+            unsure = np.linalg.norm(self.filter.physical.effect * self._weak.band)
+            found[:, 1] = np.hypot(found[:, 1], unsure)
         self._coming.extend((float(torque), float(band)) for torque, band in found)
