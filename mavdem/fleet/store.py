@@ -1,12 +1,14 @@
 """The store of a fleet: which logs are known and what each says, in one SQLite file, and the table made of it.
 
 ``FLEET/fleet.sqlite`` is written a log at a time, each in a transaction of its own: a run may be killed at any moment,
-and two may write side by side. From it ``FLEET/flights/flights.parquet`` is written whole at the end of a run, for
-DuckDB, Polars and pandas, where pyarrow is installed.
+and two may write side by side, a server among them, whose library (``mavdem.serve.library``) is in the same file. From
+it ``FLEET/flights/flights.parquet`` is written whole at the end of a run, for DuckDB, Polars and pandas, where pyarrow
+is installed.
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
@@ -96,7 +98,7 @@ def opened(folder: Path) -> Iterator[Store]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         store = Store(folder)
-        with closing(store._db):
+        with closing(store.db):
             yield store
     except (OSError, sqlite3.OperationalError) as error:
         because = getattr(error, "strerror", None) or str(error)
@@ -107,39 +109,47 @@ def opened(folder: Path) -> Iterator[Store]:
 
 
 class Store:
-    """The store of a fleet's ``folder``; errors are those of SQLite, which :func:`opened` explains."""
+    """The store of a fleet's ``folder``; errors are those of SQLite, which :func:`opened` explains.
+
+    Attributes:
+        db: its connection, of one thread.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._db = sqlite3.connect(folder / STORE, timeout=BUSY_SECONDS, isolation_level=None)
-        if self._db.execute("pragma journal_mode = wal").fetchone()[0] != "wal":
+        self.db = sqlite3.connect(folder / STORE, timeout=BUSY_SECONDS, isolation_level=None)
+        self.db.row_factory = sqlite3.Row
+        if self.db.execute("pragma journal_mode = wal").fetchone()[0] != "wal":
             raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
-        self._db.execute("pragma synchronous = normal")
-        (version,) = self._db.execute("pragma user_version").fetchone()
+        self.db.executescript(TABLES)
+        (version,) = self.db.execute("pragma user_version").fetchone()
         if version != SCHEMA_VERSION:
             # What is known of a log stays, until it is read again for the other columns.
-            self._db.executescript(
-                f"""begin immediate; {TABLES} update logs set ended = 'source';
+            self.db.executescript(
+                f"""begin immediate; update logs set ended = 'source';
                 pragma user_version = {SCHEMA_VERSION}; commit;"""
             )
 
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        """All or nothing, while other runs wait."""
-        with self._db:
-            self._db.execute("begin immediate")
+    def transaction(self) -> Iterator[None]:
+        """All or nothing, while other runs wait; within another transaction a part of that."""
+        if self.db.in_transaction:
+            yield
+            return
+        with self.db:
+            self.db.execute("begin immediate")
             yield
 
     def knows(self, source: Source, limits: Limits) -> bool:
         """Returns whether a log is as it was, and another reading would end as the last one did."""
         query = f"""select 1 from logs where path = :path and version = :version and version <> '' and
             :size in (-1, size) and {ENDED_FOR_GOOD}"""
-        return self._db.execute(query, _values(source, limits)).fetchone() is not None
+        return self.db.execute(query, _values(source, limits)).fetchone() is not None
 
     def keys_to_try(self, source: Source, limits: Limits) -> tuple[str, ...]:
         """Returns keys of known logs that this one may be a copy of."""
         query = f"select distinct key from logs where size = :size and key <> '' and {ENDED_FOR_GOOD} order by key"
-        return tuple(key for (key,) in self._db.execute(query, _values(source, limits)))
+        return tuple(key for (key,) in self.db.execute(query, _values(source, limits)))
 
     def keeps(self, source: Source, outcome: Outcome) -> bool:
         """Returns whether what it has of a log stays, as this outcome says nothing of the content.
@@ -147,7 +157,7 @@ class Store:
         A source that cannot be reached now may be as it was; so may one that ended its reading, unless it has changed.
         """
         query = "select version from logs where path = ? and key <> ''"
-        entry = None if outcome.key else self._db.execute(query, [as_text(source.path)]).fetchone()
+        entry = None if outcome.key else self.db.execute(query, [as_text(source.path)]).fetchone()
         return entry is not None and (outcome.ended == "source" or source.version in ("", entry[0]))
 
     def add(self, source: Source, outcome: Outcome, limits: Limits) -> None:
@@ -158,58 +168,59 @@ class Store:
                 file.write(html.encode(errors="replace"))  # the name of a file need not be Unicode
         path = as_text(source.path)
         log = outcome.key or f"path:{path}"
-        with self._transaction():
+        with self.transaction():
             query = "select max(tracked) from logs where path = ?"
-            (tracked,) = self._db.execute(query, [path]).fetchone()
+            (tracked,) = self.db.execute(query, [path]).fetchone()
             if outcome.ended == "known":
-                names = self._db.execute("select path from logs where log = ?", [log]).fetchall()
-                self._db.execute(
+                names = self.db.execute("select path from logs where log = ?", [log]).fetchall()
+                self.db.execute(
                     """insert or replace into logs select ?, ?, size, key, log, ended, seconds, megabytes, time_limit,
                     memory_limit, mavdem_version, ? from logs where log = ? limit 1""",
                     [path, source.version, tracked, log],
                 )
                 gone = [name for name in names if not (is_url(name[0]) or os.path.lexists(name[0]))]
-                self._db.executemany("delete from logs where path = ?", gone)
+                self.db.executemany("delete from logs where path = ?", gone)
                 return
             size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
-            spent = round(outcome.seconds, 3), round(outcome.megabytes, 1)
-            read = outcome.key, log, outcome.ended, *spent, *limits, metadata.version("mavdem")
-            entry = path, source.version, size, *read, tracked
+            spent = outcome.seconds, outcome.megabytes, *limits, metadata.version("mavdem")
+            entry = path, source.version, size, outcome.key, log, outcome.ended, *spent, tracked
             places = ", ".join("?" * len(entry))
-            self._db.execute(f"insert or replace into logs values ({places})", entry)
+            self.db.execute(f"insert or replace into logs values ({places})", entry)
             self._delete_rows("log = ?", [log])
             rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
-            self._db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
-            self._judge_anew(row.vehicle for row in outcome.rows)
+            self.db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
 
     def remove(self, source: Source) -> None:
         """Removes what is known of a log by this name, and its rows where it has no other."""
-        with self._transaction():
-            self._db.execute("delete from logs where path = ?", [as_text(source.path)])
+        with self.transaction():
+            self.db.execute("delete from logs where path = ?", [as_text(source.path)])
             self._delete_rows("log not in (select log from logs)")
 
     def track(self, sources: Iterable[Source]) -> None:
         """Puts the flights of these logs, as far as they are known, into the table."""
-        with self._transaction():
+        with self.transaction():
             paths = [(as_text(source.path),) for source in sources]
-            self._db.executemany("update logs set tracked = 1 where path = ?", paths)
+            self.db.executemany("update logs set tracked = 1 where path = ?", paths)
+
+    def rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
+        """Yields the rows that a ``query`` for row and, in the table, file finds."""
+        return (_row(*found) for found in self.db.execute(query, values))
 
     def rows_of(self, sources: Iterable[Source]) -> list[FlightRow]:
         """Returns the rows of these logs."""
         query = "select row, path from flights join logs using (log) where path = ? order by flights.rowid"
-        logs = (self._db.execute(query, [as_text(source.path)]).fetchall() for source in sources)
-        return [_row(*values) for rows in logs for values in rows]
+        return [row for source in sources for row in self.rows(query, [as_text(source.path)])]
 
     @property
     def healthy(self) -> list[FlightRow]:
         """The rows of the baseline; none if there is none."""
-        return [_row(text) for (text,) in self._db.execute("select row from healthy order by row")]
+        return [*self.rows("select row from healthy order by row")]
 
     @healthy.setter
     def healthy(self, rows: Iterable[FlightRow]) -> None:
-        with self._transaction():
-            self._db.execute("delete from healthy")
-            self._db.executemany(
+        with self.transaction():
+            self.db.execute("delete from healthy")
+            self.db.executemany(
                 "insert into healthy values (?)", [(json.dumps(row.as_dict()),) for row in rows]
             )
 
@@ -217,51 +228,56 @@ class Store:
         """Judges vehicles of which anything is new, or whose baseline is, and writes the table if it changes."""
         healthy = self.healthy
         baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
-        with self._transaction():
-            before = self._db.total_changes
+        with self.transaction():
+            before = self.db.total_changes
             self._name_rows()
             query = "select distinct vehicle from flights where file is not null and judged is not ? order by vehicle"
-            for (vehicle,) in self._db.execute(query, [baseline]).fetchall():
+            for (vehicle,) in self.db.execute(query, [baseline]).fetchall():
                 query = """select rowid, row, file from flights where vehicle = ? and file is not null
                     order by file, log, rowid"""
-                numbers, *columns = zip(*self._db.execute(query, [vehicle]), strict=True)
+                numbers, *columns = zip(*self.db.execute(query, [vehicle]), strict=True)
                 rows = [*map(_row, *columns)]
                 own = [row for row in healthy if row.vehicle == vehicle]
                 judged = _assessed(rows, assess, own)
-                updates = [
-                    (json.dumps(new.as_dict()), baseline, at)
-                    for new, at in zip(judged, numbers, strict=True)
-                ]
-                self._db.executemany(
-                    "update flights set row = ?, judged = ? where rowid = ?", updates
-                )
-            if self._db.total_changes > before or not (self.folder / TABLE).is_file():
-                # In the transaction: of two runs that end together the later one has all rows.
-                query = "select row, file from flights where file is not null order by vehicle, file, log, rowid"
-                write_rows(self.folder, (_row(*values) for values in self._db.execute(query)))
+                for new, at in zip(judged, numbers, strict=True):
+                    self.db.execute(
+                        "update flights set row = ?, judged = ? where rowid = ?",
+                        [json.dumps(new.as_dict()), baseline, at],
+                    )
+            if self.db.total_changes > before or not (self.folder / TABLE).is_file():
+                self.db.execute("insert into unpublished values (null)")
+        folder = os.open(self.folder, os.O_RDONLY)
+        try:
+            # One after the other: of two runs that end together the later one has all rows. Others can go on.
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            self._write_table()
+        finally:
+            os.close(folder)
+
+    def _write_table(self) -> None:
+        """Writes the table as the rows are now, if it is not so."""
+        with self.db:
+            self.db.execute("begin")
+            (change,) = self.db.execute("select max(change) from unpublished").fetchone()
+            if change is None:
+                return
+            query = "select row, file from flights where file is not null order by vehicle, file, log, rowid"
+            write_rows(self.folder, self.rows(query))
+        self.db.execute("delete from unpublished where change <= ?", [change])
 
     def _name_rows(self) -> None:
         """Names rows by their log's first name, drops those of logs that are there no more under any name."""
         self._delete_rows("log not in (select log from logs)")
-        renamed = self._db.execute(
-            """select name, flights.rowid, vehicle from flights join
-            (select log, min(path) as name from logs where tracked group by log) using (log) where file is not name"""
-        ).fetchall()
-        self._db.executemany(
-            "update flights set file = ? where rowid = ?", [values[:2] for values in renamed]
+        self.db.execute(
+            """update flights set file = name, judged = null from
+            (select log as known, min(path) as name from logs where tracked group by log)
+            where log = known and file is not name"""
         )
-        self._judge_anew(vehicle for _, _, vehicle in renamed)
 
     def _delete_rows(self, where: str, values: Sequence[Any] = ()) -> None:
-        self._judge_anew(
-            name
-            for (name,) in self._db.execute(f"select vehicle from flights where {where}", values)
-        )
-        self._db.execute(f"delete from flights where {where}", values)
-
-    def _judge_anew(self, vehicles: Iterable[str]) -> None:
-        query = "update flights set judged = null where vehicle = ? and judged is not null"
-        self._db.executemany(query, [(vehicle,) for vehicle in sorted(set(vehicles))])
+        vehicles = f"select vehicle from flights where {where}"
+        self.db.execute(f"update flights set judged = null where vehicle in ({vehicles})", values)
+        self.db.execute(f"delete from flights where {where}", values)
 
 
 def _assessed(
@@ -275,8 +291,8 @@ def _assessed(
 
 
 def _values(source: Source, limits: Limits) -> dict[str, Any]:
-    values = {**source._asdict(), **limits._asdict(), "mavdem": metadata.version("mavdem")}
-    return values | {"path": as_text(source.path)}
+    own = {"path": as_text(source.path), "mavdem": metadata.version("mavdem")}
+    return {**source._asdict(), **limits._asdict(), **own}
 
 
 def _row(text: str, file: str | None = None) -> FlightRow:

@@ -6,6 +6,8 @@ create table if not exists logs (
 );
 -- Its rows; file, the name that they have in the table; judged, beside which baseline.
 create table if not exists flights (log text, vehicle text, file text, judged text, row text);
+-- Changes of the rows that the table does not have yet.
+create table if not exists unpublished (change integer primary key);
 -- Rows of the baseline.
 create table if not exists healthy (row text);
 create index if not exists logs_by_log on logs (log);

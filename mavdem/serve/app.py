@@ -242,8 +242,9 @@ class Server:
     def _flight_page(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
         known = self._known(request) | {"one": entry}
-        path = self._page_of(entry)
-        if entry.stage != Stage.DONE or path is None:
+        own = self.library.results_of(entry) / PAGE
+        path = own if entry.digest else self.library.folder / (entry.files or PAGE)
+        if entry.stage != Stage.DONE or not path.is_file():
             return HTMLResponse(served("flight", **known))
         can_open = self._show is not None and RECORDING in entry.file_names
         page = with_bar(
@@ -253,14 +254,6 @@ class Server:
             **known,
         )
         return HTMLResponse(page)
-
-    def _page_of(self, entry: Entry) -> Path | None:
-        path = (
-            self.library.results_of(entry) / PAGE
-            if entry.digest
-            else self.library.folder / (entry.files or PAGE)
-        )
-        return path if path.is_file() else None
 
     def _file(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
@@ -292,8 +285,7 @@ class Server:
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
         rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
         flights = vehicles_of(rows).get(name, [])
-        with self.library.store() as store:
-            healthy = [row for row in store.healthy if row.vehicle == name]
+        healthy = [row for row in self.library.store.healthy if row.vehicle == name]
         change = since_baseline(rows, healthy).get(name) if healthy else None
         page = vehicle_page(
             flights,
@@ -359,8 +351,8 @@ class Server:
 
     async def _receive(self, request: HttpRequest) -> Added:
         self.rights.need(request, Use.UPLOAD)
-        where, values = condition_of(f"stage:{Stage.WAITING}")
-        _, waiting = await run_in_threadpool(self.library.find, where, values, 0)
+        waits = "stage = ?", [Stage.WAITING]
+        _, waiting = await run_in_threadpool(self.library.find, *waits, 0)
         limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS), Crowd.LOGS: (waiting, MOST_WAITING)}
         for crowd, (count, most) in limits.items():
             if count >= most:

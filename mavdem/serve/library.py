@@ -1,7 +1,7 @@
-"""The library: which logs the server has, how far each is and who sees it, in one SQLite file beside the fleet's.
+"""The library: which logs the server has, how far each is and who sees it, in the store of the fleet.
 
-``FOLDER/library.sqlite`` is the index; what logs say is in the fleet's store, ``mavdem.fleet.store``. A log is
-``logs/DIGEST/NAME``, by the SHA-256 of its content, and ``results/DIGEST/`` is what was made of it. Each is
+The table ``entries`` of ``FOLDER/fleet.sqlite`` is the index; what logs say is in the tables of ``mavdem.fleet.store``.
+A log is ``logs/DIGEST/NAME``, by the SHA-256 of its content, and ``results/DIGEST/`` is what was made of it. Each is
 there whole or not at all, and an entry is acknowledged when both log and index are on the disk. Several processes may
 share a folder: each holds a lock on a file of its own, and what a dead one was doing is given to another.
 """
@@ -31,11 +31,11 @@ from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.fleet.row import OK, FlightRow
 from mavdem.fleet.sources import Source, source_of
-from mavdem.fleet.store import BUSY_SECONDS, Store, is_fleet, opened, read_rows
+from mavdem.fleet.store import Store
 from mavdem.fleet.workers import Limits, Outcome
 from mavdem.results import PAGE
 
-INDEX = "library.sqlite"
+EARLIER = "library.sqlite"  # where earlier versions have the index
 LOGS = "logs"
 RESULTS = "results"
 INCOMING = "incoming"
@@ -121,7 +121,6 @@ class Library:
         self.quota = quota
         self.name = secrets.token_hex(8)
         self._local = threading.local()
-        self._store_lock = threading.Lock()
         self.is_unpublished = threading.Event()
         try:
             for part in (LOGS, RESULTS, INCOMING, SERVERS):
@@ -138,14 +137,27 @@ class Library:
         self.recover()
 
     def _migrate(self) -> None:
-        """Makes the table, or adds the columns that an earlier version had not."""
+        """Makes the table, or adds the columns that an earlier version had not, and takes over an earlier index."""
         db = self._db
-        db.execute(f"create table if not exists entries ({', '.join(COLUMNS)})")
-        there = {row["name"] for row in db.execute("pragma table_info(entries)")}
-        for name in COLUMNS:
-            if name not in there:
-                db.execute(f"alter table entries add column {name} default ''")
+        columns = {name: f"{name} default ''" for name in COLUMNS}
+        db.execute(f"create table if not exists entries ({', '.join(columns.values())})")
+        for row in db.execute("pragma table_info(entries)"):
+            del columns[row["name"]]
+        for column in columns.values():
+            db.execute(f"alter table entries add column {column}")
         db.executescript(INDEXES)
+        earlier = self.folder / EARLIER
+        if earlier.is_file():
+            db.execute("attach ? as earlier", [str(earlier)])
+            there = db.execute("pragma earlier.table_info(entries)")
+            names = ", ".join(row["name"] for row in there)
+            with self._transaction():
+                db.execute(
+                    f"""insert into entries ({names}) select {names} from earlier.entries
+                    where id not in (select id from entries)"""
+                )
+            db.execute("detach earlier")
+            earlier.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Gives back what it was doing."""
@@ -155,24 +167,23 @@ class Library:
         self._lock.close()
 
     @property
+    def store(self) -> Store:
+        """The store, by a connection of this thread."""
+        if not hasattr(self._local, "store"):
+            self._local.store = Store(self.folder)
+            self._local.adopted = None
+        store: Store = self._local.store
+        return store
+
+    @property
     def _db(self) -> sqlite3.Connection:
-        """A connection of this thread."""
-        db: sqlite3.Connection | None = getattr(self._local, "db", None)
-        if db is None:
-            path = self.folder / INDEX
-            db = sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)
-            db.execute("pragma journal_mode = wal")
-            db.execute("pragma synchronous = full")
-            db.row_factory = sqlite3.Row
-            self._local.db = db
-        return db
+        return self.store.db
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
         """All or nothing; raises ``Refusal`` where the disk is full."""
-        with full_disk_refused(), self._db as db:
-            db.execute("begin immediate")
-            yield db
+        with full_disk_refused(), self.store.transaction():
+            yield self._db
 
     def path_of(self, entry: Entry) -> Path:
         """Where the log is."""
@@ -220,10 +231,10 @@ class Library:
         path = Path(LOGS, digest, file_name(name))
         with self._transaction() as db:
             known = db.execute("select * from entries where digest = ?", [digest]).fetchone()
-            if known is not None and known["stage"] != Stage.FAILED:
-                part.unlink()
-                return _entry(known)
             if known is not None:
+                if known["stage"] != Stage.FAILED:
+                    part.unlink()
+                    return _entry(known)
                 db.execute("delete from entries where digest = ?", [digest])
             now = datetime.now(UTC)
             entry = Entry(
@@ -253,8 +264,8 @@ class Library:
     def set_baseline(self, ids: Iterable[str]) -> None:
         """Makes these flights those that all others of their vehicles are compared with."""
         rows = self.rows_of([self.entry(id) for id in ids])
-        with self.store() as store:
-            store.healthy = [row for row in rows if row.status == OK]
+        with full_disk_refused():
+            self.store.healthy = [row for row in rows if row.status == OK]
         self.is_unpublished.set()
 
     def entry(self, id: str) -> Entry:
@@ -283,11 +294,11 @@ class Library:
     def change(self, id: str, **columns: Any) -> Entry:
         """Sets columns of an entry."""
         with self._transaction() as db:
-            places = ", ".join(f"{name} = :{name}" for name in ("id", *columns))
-            db.execute(f"update entries set {places} where id = :id", {**columns, "id": id})
-            row = db.execute("select * from entries where id = ?", [id]).fetchone()
-            if row is None:
-                raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            changed = ", ".join(f"{name} = :{name}" for name in ("id", *columns))
+            query = f"update entries set {changed} where id = :id returning *"
+            row = db.execute(query, {**columns, "id": id}).fetchone()
+        if row is None:
+            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
         return _entry(row)
 
     def claim(self) -> Entry | None:
@@ -307,16 +318,6 @@ class Library:
         columns = self.told(entry) | {"claimed": ""}
         if columns.get("date"):
             columns["sorted_by"] = columns["date"]
-        try:
-            self.entry(entry.id)
-        except Refusal:  # it was deleted meanwhile
-            shutil.rmtree(results, ignore_errors=True)
-            return
-        source = source_of(str(self.path_of(entry)))
-        with self.store() as store:
-            store.add(source, outcome, limits)
-            store.track([source])
-        self.is_unpublished.set()
         if (results / PAGE).is_file():
             (results / PROGRESS).unlink(missing_ok=True)
             files = sorted(results.iterdir())
@@ -325,39 +326,41 @@ class Library:
             columns["files"] = ",".join(path.name for path in files)
         else:
             columns |= {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
-            if not entry.keep:
-                self._forget(entry)
-                columns |= {"size": 0, "path": entry.id}
-        self.change(entry.id, **columns)
+        is_kept = bool(entry.keep) or columns["stage"] == Stage.DONE
+        if not is_kept:
+            columns |= {"size": 0, "path": entry.id}
+        source = source_of(str(self.path_of(entry)))
+        try:
+            with self._transaction():
+                self.change(entry.id, **columns)
+                self.store.add(source, outcome, limits)
+                self.store.track([source])
+                if not is_kept:
+                    self.store.remove(source)
+        except Refusal as error:
+            if error.fact.code is not Request.NO_SUCH_FLIGHT:
+                raise
+            shutil.rmtree(results, ignore_errors=True)  # it was deleted meanwhile
+            return
+        if not is_kept:
+            shutil.rmtree(self.path_of(entry).parent, ignore_errors=True)
+        self.is_unpublished.set()
 
     def delete(self, id: str) -> None:
-        """Removes log, results and row."""
+        """Removes log, results and row; a log that is not the server's stays on the disk."""
         entry = self.entry(id)
+        path = self.path_of(entry)
         with self._transaction() as db:
             db.execute("delete from entries where id = ?", [id])
-        self._forget(entry)
-        shutil.rmtree(self.results_of(entry), ignore_errors=True)
-
-    def _forget(self, entry: Entry) -> None:
-        """Removes a log from the fleet and, where it is the server's, from the disk."""
-        path = self.path_of(entry)
-        with self.store() as store:
-            store.remove(source_of(str(path)))
+            self.store.remove(source_of(str(path)))
         self.is_unpublished.set()
         if entry.digest:
             shutil.rmtree(path.parent, ignore_errors=True)
-
-    @contextmanager
-    def store(self) -> Iterator[Store]:
-        """Gives the fleet's store, to one thread at a time."""
-        with self._store_lock, opened(self.folder) as store:
-            yield store
+        shutil.rmtree(self.results_of(entry), ignore_errors=True)
 
     def rows_of(self, entries: Iterable[Entry]) -> list[FlightRow]:
         """Returns the fleet's rows of these logs."""
-        sources = [Source(str(self.path_of(entry)), -1, "") for entry in entries]
-        with self.store() as store:
-            return store.rows_of(sources)
+        return self.store.rows_of(Source(str(self.path_of(entry)), -1, "") for entry in entries)
 
     def dead_servers(self) -> list[str]:
         """Names of servers of this folder that have ended without saying so."""
@@ -372,31 +375,31 @@ class Library:
                 for part in (self.folder / INCOMING).glob(f"{server}-*"):
                     part.unlink(missing_ok=True)
                 (self.folder / SERVERS / server).unlink(missing_ok=True)
-            used = {digest for (digest,) in db.execute("select digest from entries")}
-            for path in (self.folder / LOGS).iterdir():
-                if path.name not in used:  # it was never acknowledged, or is deleted
-                    shutil.rmtree(path, ignore_errors=True)
-            query = "select '.' || digest from entries where claimed <> ''"
-            used |= {name for (name,) in db.execute(query)}
-            for path in (self.folder / RESULTS).iterdir():
-                if path.name not in used:
-                    shutil.rmtree(path, ignore_errors=True)
+            query = "select digest from entries union select '.' || digest from entries where claimed <> ''"
+            used = {name for (name,) in db.execute(query)}
+            for folder in (LOGS, RESULTS):
+                for path in (self.folder / folder).iterdir():
+                    if path.name not in used:  # it was never acknowledged, or is deleted
+                        shutil.rmtree(path, ignore_errors=True)
 
     def _release(self, db: sqlite3.Connection, server: str) -> None:
         query = "update entries set stage = ?, claimed = '' where claimed = ?"
         db.execute(query, [Stage.WAITING, server])
 
     def adopt(self) -> None:
-        """Enters the flights of the fleet that are not in the library, as of a fleet that `mavdem track` made."""
-        if not is_fleet(self.folder):
+        """Enters the flights that `mavdem track` has put into the fleet, if others have written since the last call."""
+        (version,) = self._db.execute("pragma data_version").fetchone()
+        if version == self._local.adopted:
             return
-        rows = dict[str, list[FlightRow]]()
-        for row in read_rows(self.folder):
-            rows.setdefault(row.file, []).append(row)
+        self._local.adopted = version
+        known = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
+        query = f"select row, file from flights where file is not null and log not in ({known}) order by rowid"
         with self._transaction() as db:
-            known = {str(self.folder / path) for (path,) in db.execute("select path from entries")}
-            for file in rows.keys() - known:
-                insert(db, _of_rows(file, rows[file]))
+            logs = dict[str, list[FlightRow]]()
+            for row in self.store.rows(query, [f"{self.folder}/"]):
+                logs.setdefault(row.file, []).append(row)
+            for file, rows in logs.items():
+                insert(db, _of_rows(file, rows))
 
 
 def new_id() -> str:

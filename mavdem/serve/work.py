@@ -75,9 +75,10 @@ class Work:
         reader.stop()
 
     def _wait(self) -> None:
-        """Waits for a log, and takes over what a dead server was doing."""
+        """Waits for a log, takes over what a dead server was doing, and enters what `mavdem track` has read."""
         if self._library.dead_servers():
             self._library.recover()
+        self._library.adopt()
         with self._has_come:
             self._has_come.wait(PAUSE_SECONDS)
 

@@ -175,6 +175,18 @@ def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, mon
     assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
 
 
+def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch):
+    def write(folder, rows):
+        with opened(folder) as other:
+            other.healthy = [FULL]
+        write_rows(folder, rows)
+
+    monkeypatch.setattr(store, "write_rows", write)
+    monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
+    fleet_of(tmp_path, [FULL])
+    assert table_of(tmp_path)
+
+
 def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
     (log,) = make_logs(tmp_path / "disk", 1)
     (tmp_path / "links").mkdir()

@@ -71,7 +71,7 @@ def test_an_uploaded_log_is_listed_with_its_review(served):
     assert found["flight"] == one and found["review"]["headline"] == "One."
     assert served.ask("GET", f"/f/{one['id']}/log").text == log("One.").decode()
     assert served.ask("GET", f"/f/{one['id']}/report.json").json == {"headline": "One."}
-    assert {"model.json", "../library.sqlite"}.isdisjoint(one["files"])
+    assert {"model.json", "../fleet.sqlite"}.isdisjoint(one["files"])
 
 
 def test_the_same_log_again_has_the_same_link(served):
@@ -151,8 +151,7 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     compared = served.ask("GET", f"/compare?a={a}&b={b}")
     assert compared.status == 200 and "<h1>One..ulg and Two..ulg</h1>" in compared.text
     assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
-    with served.library.store() as store:
-        assert {row.headline for row in store.healthy} == {"One."}
+    assert {row.headline for row in served.library.store.healthy} == {"One."}
     page = served.ask("GET", "/vehicle?name=quad%207").text
     assert "One." in page and "Two." in page
     damaged = served.add("c.ulg", "damaged")
@@ -254,12 +253,12 @@ def test_names_and_texts_of_logs_are_only_text(served):
 
 @pytest.mark.parametrize(
     "path",
-    ["/f/../../etc/passwd", "/f/%2e%2e%2f/log", "/f/x/..%2flibrary.sqlite", "/static/../app.py"],
+    ["/f/../../etc/passwd", "/f/%2e%2e%2f/log", "/f/x/..%2ffleet.sqlite", "/static/../app.py"],
 )
 def test_no_path_leads_elsewhere(served, path):
     id = served.add()
     assert served.ask("GET", path).status == 404
-    assert served.ask("GET", f"/f/{id}/..%2f..%2flibrary.sqlite").status == 404
+    assert served.ask("GET", f"/f/{id}/..%2f..%2ffleet.sqlite").status == 404
 
 
 def test_what_is_no_upload_is_refused(served):

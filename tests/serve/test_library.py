@@ -113,14 +113,18 @@ def test_a_log_that_is_deleted_while_it_is_read_leaves_nothing(tmp_path):
 
 def test_a_fleet_is_shown_as_it_is(tmp_path):
     rows = [FlightRow(file=f"/logs/{name}.bin", vehicle=name, axis="roll") for name in "abc"]
-    fleet_of(tmp_path, rows)
+    fleet_of(tmp_path, rows[:2])
     library = Library(tmp_path)
     library.adopt()
+    fleet_of(tmp_path, rows[1:])
     library.adopt()
     entries, total = library.find(*ALL, 100)
     assert total == 3 and {entry.name for entry in entries} == {"a.bin", "b.bin", "c.bin"}
     (one,), _ = library.find(*condition_of("vehicle:b"), 100)
     assert [row.vehicle for row in library.rows_of([one])] == ["b"]
+    library.delete(one.id)
+    library.adopt()
+    assert library.find(*ALL, 100)[1] == 2 and len(read_rows(tmp_path)) == 2
     with serving(tmp_path) as server:
         assert server.ask("GET", f"/f/{entries[0].id}").status == 200
 
@@ -145,6 +149,14 @@ def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(tmp_
     second = received(again, "Two.")
     assert [entry.id for entry in again.find(*ALL, 2)[0]] == [second.id, first.id]
     assert again.entry(first.id).next_step == ""
+    again._db.execute("attach ? as earlier", [str(tmp_path / "library.sqlite")])
+    again._db.execute("create table earlier.entries as select * from main.entries")
+    again._db.execute("detach earlier")
+    again._db.execute("drop table entries")
+    killed(again)
+    last = Library(tmp_path)
+    assert last.find(*ALL, 2) == ([last.entry(second.id), last.entry(first.id)], 2)
+    assert not (tmp_path / "library.sqlite").exists()
 
 
 def test_names_of_logs_lead_nowhere():
