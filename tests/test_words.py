@@ -26,9 +26,9 @@ PROSE = {
     "condition": 6,
     "dem": 25,
     "evaluate": 1,
-    "fleet": 45,
+    "fleet": 43,
     "mavdem": 17,
-    "serve": 32,
+    "serve": 33,
 }
 """Literals of words below `report` that say nothing of a flight: SQL, headers of HTTP, units, names of columns and of
 terms of F̄, titles of progress bars, what ``repr`` shows, and pydantic's own messages."""

@@ -43,6 +43,9 @@ not (ended = 'source' or ended = 'error' and mavdem_version <> :mavdem or
 """
 """Whether another reading would end as the last one did."""
 
+LOST = "log not in (select log from logs)"
+"""Whether a row's log is there no more under any name."""
+
 AssessRows = Callable[[Sequence[FlightRow], Sequence[FlightRow]], Sequence[FlightRow]]
 """From all rows of one vehicle, and those of its baseline, to the same rows with their health."""
 
@@ -194,7 +197,7 @@ class Store:
         """Removes what is known of a log by this name, and its rows where it has no other."""
         with self.transaction():
             self.db.execute("delete from logs where path = ?", [as_text(source.path)])
-            self._delete_rows("log not in (select log from logs)")
+            self._delete_rows()
 
     def track(self, sources: Iterable[Source]) -> None:
         """Puts the flights of these logs, as far as they are known, into the table."""
@@ -267,14 +270,14 @@ class Store:
 
     def _name_rows(self) -> None:
         """Names rows by their log's first name, drops those of logs that are there no more under any name."""
-        self._delete_rows("log not in (select log from logs)")
+        self._delete_rows()
         self.db.execute(
             """update flights set file = name, judged = null from
             (select log as known, min(path) as name from logs where tracked group by log)
             where log = known and file is not name"""
         )
 
-    def _delete_rows(self, where: str, values: Sequence[Any] = ()) -> None:
+    def _delete_rows(self, where: str = LOST, values: Sequence[Any] = ()) -> None:
         vehicles = f"select vehicle from flights where {where}"
         self.db.execute(f"update flights set judged = null where vehicle in ({vehicles})", values)
         self.db.execute(f"delete from flights where {where}", values)
