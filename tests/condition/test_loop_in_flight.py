@@ -152,14 +152,25 @@ def test_another_boot_at_the_same_stamps_does_not_count(log):
     assert np.array_equal(both.covariance, alone.covariance)
 
 
-def test_a_plant_that_cannot_be_drawn_is_not_found(log, monkeypatch):
-    def undrawable(axis):
-        found = identified(axis)
-        return found._replace(covariance=found.covariance * np.nan)
-
+def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most_half_a_turn(
+    log, monkeypatch
+):
     signals, flights = flown(thinned(log, 16))
-    monkeypatch.setattr(in_flight, "identified", undrawable)
-    assert refusal(signals, flights) is Loops.LOOP_NOT_FOUND
+
+    def refused_with(share):
+        def spread(axis):
+            found = identified(axis)
+            return found._replace(covariance=found.covariance * share)
+
+        monkeypatch.setattr(in_flight, "identified", spread)
+        with pytest.raises(NotLearnable) as refused:
+            plant_in_loop(signals, flights)
+        return refused.value.fact
+
+    assert refused_with(np.nan).code is Loops.LOOP_NOT_FOUND
+    uncertain = refused_with(1e5)
+    assert uncertain.code is Loops.MARGIN_UNCERTAIN
+    assert uncertain.figures["phase_margin_interval"][1] == 180.0
 
 
 def test_a_controller_without_gains_finds_no_plant(log):
@@ -167,15 +178,6 @@ def test_a_controller_without_gains_finds_no_plant(log):
     parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": 0.0}
     silent = replace(flight, provenance={**flight.provenance, "parameters": parameters})
     assert refusal(signals, [silent]) is Loops.LOOP_NOT_FOUND
-
-
-def test_an_unknown_margin_is_at_most_half_a_turn(log):
-    often = thinned(log, 4)
-    signals, flights = flown(with_setpoints(often, lambda c: rows_of(c, slice(None, None, 10))))
-    with pytest.raises(NotLearnable) as refused:
-        plant_in_loop(signals, flights)
-    assert refused.value.fact.code is Loops.MARGIN_UNCERTAIN
-    assert refused.value.fact.figures["phase_margin_interval"][1] == 180.0
 
 
 def test_a_controller_of_half_the_gain_does_not_move_the_plant(log):

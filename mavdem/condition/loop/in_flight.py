@@ -12,10 +12,8 @@ from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
-from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
-    LATE,
     NAMES,
     OUTPUT,
     PLANT,
@@ -76,11 +74,8 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
         if seen.rate < SLOW_MOTION_RATE:
             raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
         axis = Axis(_used(seen, known), known, rounding)
-        mean, sd = axis.prior
         try:
             found = identified(axis)
-            if np.any(np.abs(found.theta - mean)[[*LATE]] > SURE_DEVIATIONS * sd[[*LATE]]):
-                raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
             plant = _physical(found, directions)
             _check(plant, directions, controller)
         except np.linalg.LinAlgError:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.closed_loop.likelihood import PLANT, Axis
+from mavdem.dem.closed_loop.likelihood import MEAN, NAMES, PLANT, SD, Axis
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
     RELATIVE_STEP,
@@ -19,7 +19,7 @@ from mavdem.dem.engine.linalg import Array, inverse
 
 STARTS = tuple(product((3.0, 10.0), ((0.05, 0.009), (0.02, 0.005))))
 """Crossover, Hz, with lag and delay, s, to begin with: of large and of small vehicles."""
-FIRST_STEPS = 8  # from each start; the best goes on
+FIRST_STEPS = 8  # from each start, of which the two best go on
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
@@ -34,15 +34,19 @@ class Identified(NamedTuple):
 def identified(axis: Axis) -> Identified:
     """Returns the most probable parameters of an ``axis``; ``LinAlgError`` where there are none."""
     objective = _LogJoint(axis)
-    mean, _ = axis.prior
     begun = []
     for crossover, (lag, delay) in STARTS:
-        theta = mean.copy()
+        theta = MEAN.copy()
         back = abs(axis.known.back(np.array([crossover]))[0])
         effect, _, *late = PLANT
         theta[[effect, *late]] = np.log([2 * np.pi * crossover / back, lag, delay])
+        theta = objective.moved(theta)
         begun.append(objective.ascended(objective.quadratic(theta, theta), FIRST_STEPS))
-    best = objective.ascended(max(begun, key=lambda one: one.value), MAX_STEPS)
+    ended = []
+    for one in sorted(begun, key=lambda one: one.value)[-2:]:
+        theta = objective.moved(one.at)
+        ended.append(objective.ascended(objective.quadratic(theta, theta), MAX_STEPS))
+    best = max(ended, key=lambda one: one.value)
     if not np.isfinite(best.value):
         raise np.linalg.LinAlgError("nothing has a likelihood")
     return Identified(axis, best.at, inverse(best.curvature))
@@ -55,16 +59,14 @@ class _LogJoint(NamedTuple):
 
     def value(self, at: Array) -> tuple[float, Array]:
         """The value; of residuals there is no use."""
-        mean, sd = self.axis.prior
-        return self.axis.value(at) - 0.5 * float(np.sum(((at - mean) / sd) ** 2)), at
+        return self.axis.value(at) - 0.5 * float(np.sum(((at - MEAN) / SD) ** 2)), at
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """To second order, the information for the curvature."""
         del residuals
-        mean, sd = self.axis.prior
-        slope, information = self.axis.scores(at, RELATIVE_STEP * sd)
-        curvature = information + np.diag(sd**-2.0)
-        return Quadratic(at, self.value(at)[0], slope - (at - mean) / sd**2, curvature)
+        slope, information = self.axis.scores(at, RELATIVE_STEP * SD)
+        curvature = information + np.diag(SD**-2.0)
+        return Quadratic(at, self.value(at)[0], slope - (at - MEAN) / SD**2, curvature)
 
     def ascended(self, start: Quadratic, steps: int) -> Quadratic:
         """After so many damped steps, or where there is nothing to gain."""
@@ -72,7 +74,13 @@ class _LogJoint(NamedTuple):
         trace, _ = gauss_newton(self, start, damping, steps)
         return trace[-1]
 
+    def moved(self, theta: Array) -> Array:
+        """The most probable of parameters ``theta`` and those with steps at other times between messages."""
+        at = np.eye(len(theta))[NAMES.index("step_time")]
+        others = [theta + at * (MEAN + far * SD - theta) for far in (-2, -1, 1, 2)]
+        return max([theta, *others], key=lambda one: self.value(one)[0])
+
     def _limited(self, step: Array) -> Array:
         """A step that changes no parameter by more than ``LONGEST_STEP``."""
-        longest = np.minimum(self.axis.prior[1], LONGEST_STEP)
+        longest = np.minimum(SD, LONGEST_STEP)
         return step / max(1.0, float(np.abs(step / longest).max()))

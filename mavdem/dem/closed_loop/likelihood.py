@@ -4,10 +4,14 @@
     gyro = filters · (p + noise),    rate setpoint = angle gain · (asked − angle),
 
 The controller C runs once a cycle, and its response is known; so is that of the gyro's filters. What enters is Gaussian
-and stationary: what is asked, wind of two colours, and white noise of gyro and angle. A share of the output's own
-density stands for whatever else the output did, such as limits: the larger it is, the more the output counts as a known
-input. As the loop is closed in the model, noise that goes round it is not taken for wind. Whittle's likelihood of the
-spectra in bands has, at each frequency, all that folds onto it (Brillinger, Time Series, secs. 5.6 and 7.6).
+and stationary: what is asked, wind of two colours, and white noise before and behind the gyro's filters and of the
+angle. A share of the output's own density stands for whatever else the output did, such as limits: the larger it is,
+the more the output counts as a known input. As the loop is closed in the model, noise that goes round it is not taken
+for wind. Whittle's likelihood of the spectra in bands has, at each frequency, all that folds onto it (Brillinger, Time
+Series, secs. 5.6 and 7.6).
+
+Steps are asked at the cycles of an outer loop, which keep time with the messages: then what folds is of one phase, that
+of the time from a step to the next message, and not of any. How much of what is asked does so is a parameter too.
 """
 
 from __future__ import annotations
@@ -28,6 +32,9 @@ asked, that is the setpoint plus what the angle takes off it, of which the densi
 MODEL_SHARE = 0.02
 """Of the motors' torque, that a linear plant leaves out: a floor under the wind."""
 READ_SHARE = 0.01  # of an output or a setpoint, by which it is another than the controller's
+
+
+LEAST_ASKED = 0.05  # of the density that was seen, whatever of it is folded or noise
 
 
 class KnownController(NamedTuple):
@@ -53,22 +60,24 @@ PRIORS = {
     "lag": Prior(np.log(0.03), 1.0),
     "delay": Prior(np.log(0.006), 0.8),
     "controller": Prior(0.0, 0.1),
-    "output_late": Prior(0.0, 3e-4),
-    "setpoint_late": Prior(0.0, 1.5e-3),
+    "steps": Prior(0.0, 2.0),
+    "step_time": Prior(0.0, 1.5),
     "drift_size": Prior(np.log(3.0), 2.0),
     "drift_time": Prior(0.0, 1.0),
     "gust_size": Prior(np.log(3.0), 2.0),
     "gust_time": Prior(np.log(0.07), 1.0),
     "noise": Prior(np.log(0.005), 2.0),
+    "unfiltered": Prior(np.log(0.005), 2.0),
     "angle_noise": Prior(np.log(5e-4), 1.0),
     "actuation": Prior(np.log(0.03), 1.0),
 }
-"""Logarithms but for lateness: effect in rad/s² per demand, damping in 1/s, sizes in rad/s², noise of gyro and angle in
-rad/s and rad, all times in s. The controller's is its gain over the parameters'; ``actuation`` is a share of the
-output. Widths as of common multirotors and their autopilots; a message is at most a few milliseconds late."""
+"""Logarithms: effect in rad/s² per demand, damping in 1/s, sizes in rad/s², noise before and behind the gyro's filters
+and of the angle in rad/s and rad, all times in s. The controller's is its gain over the parameters'; ``steps`` is what
+of the asked are steps that keep time, over what is not; ``step_time`` the time from one to the next message, over the
+rest of that between messages; ``actuation`` a share of the output. Widths as of common multirotors and autopilots."""
 NAMES = tuple(PRIORS)
+MEAN, SD = np.array(list(PRIORS.values())).T
 PLANT = NAMES.index("effect"), NAMES.index("damping"), NAMES.index("lag"), NAMES.index("delay")
-LATE = NAMES.index("output_late"), NAMES.index("setpoint_late")
 
 
 class Axis:
@@ -104,59 +113,70 @@ class Axis:
         asked = mean[:, ASKED, ASKED].real
         self.asked = _unfolded(asked, size, folds == 0, self.inside)
         late = np.array(self.spectra.late)
-        turns = 2j * np.pi * spectra.rate * folds[:, None, None, None]
-        self.turned = np.exp(turns * (late[:, None] - late[None])).mean(axis=-1)
+        self.turns = 2j * np.pi * spectra.rate * folds
+        turns = self.turns[:, None, None]
+        self.turned = np.exp(turns[..., None] * (late[:, None] - late[None])).mean(axis=-1)
+        self.stamps = np.exp(turns * (late - late[SETPOINT])).mean(axis=-1)
+        self.asked_seen = asked
+        # the angle that is taken off is of another cycle than the controller's, with noise of its own
+        other = np.abs(late[SETPOINT] - late[RATE]) > known.cycle / 2
+        self.asked_noise = (
+            2 * other.mean() * known.angle**2 * np.array([known.cycle, 1 / spectra.rate])
+        )
+        self.between = max(1 / spectra.rate - known.cycle, 0.0)
+        self.step = self.inside / (1 - np.exp(-2j * np.pi * self.frequency * known.cycle))
 
     def densities(self, theta: Array, is_asked: bool = True) -> Complex:
         """Returns (J, C, C) of parameters θ; of a vehicle of which something ``is_asked``, or nothing."""
         values = dict(zip(NAMES, np.exp(theta), strict=True))
-        values |= {
-            name: float(theta[NAMES.index(name)]) for name in ("output_late", "setpoint_late")
-        }
         s = 2j * np.pi * self.frequency
         turned = 1 / (s + values["damping"])
         effect = values["effect"] / (values["lag"] * s + 1)
         acted = effect * np.exp(-s * values["delay"]) * turned
         forward = values["controller"] * self.forward
-        late = forward * np.exp(-s * values["setpoint_late"])
         back = values["controller"] * self.back
         corrects = self.known.angle / s
-        # The loop, opened at the true rate; and what each source makes of the rate: what was asked, wind, the gyro's
-        # noise, the angle's, and what the output did besides.
-        closed = 1 / (1 + acted * (self.gyro * back + late * corrects))
+        # The loop, opened at the true rate; and what each source makes of the rate: what was asked, wind, noise before
+        # and behind the gyro's filters, the angle's, and what the output did besides.
+        closed = 1 / (1 + acted * (self.gyro * back + forward * corrects))
+        noisy = -acted * back
+        asked = acted * forward
         rates = closed * np.array(
-            [
-                acted * late,
-                turned,
-                -acted * back * self.gyro,
-                -acted * late * self.known.angle,
-                acted,
-            ]
+            [asked, turned, noisy * self.gyro, noisy, -asked * self.known.angle, acted]
         )
-        own = np.zeros((5, 3, 1, 1))
-        own[2, 0] = own[0, 1] = own[4, 2] = 1.0
-        gyro = self.gyro * (rates + own[:, 0])
-        setpoint = own[:, 1] - corrects * rates
-        setpoint[3] -= self.known.angle
-        output = forward * setpoint - back * gyro + own[:, 2]
-        output *= np.exp(-s * values["output_late"])
+        gyro = self.gyro * rates
+        gyro[2] += self.gyro
+        gyro[3] += 1.0
+        setpoint = -corrects * rates
+        setpoint[0] += 1.0
+        setpoint[4] -= self.known.angle
+        output = forward * setpoint - back * gyro
+        output[5] += 1.0
+        seen = np.where(self.inside, np.array([gyro, output, setpoint]), 0.0)
         turn = np.abs(s)
         wind = _drift(turn, values["drift_size"], values["drift_time"])
         wind += _gusts(turn, values["gust_size"], values["gust_time"])
         wind += MODEL_SHARE**2 * np.abs(effect) ** 2 * self.output
-        cycle = self.known.cycle
+        white, noise = np.ones_like(turn), self.asked_noise * values["angle_noise"] ** 2
+        steps, late = (values[name] / (1 + values[name]) for name in ("steps", "step_time"))
         sources = np.array(
             [
-                self.asked * is_asked,
+                _without(self.asked, noise[0]) * (is_asked * (1 - steps)),
                 wind,
-                np.full_like(turn, values["noise"] ** 2 * cycle),
-                np.full_like(turn, values["angle_noise"] ** 2 * cycle),
+                *(
+                    white * values[name] ** 2 * self.known.cycle
+                    for name in ("noise", "unfiltered", "angle_noise")
+                ),
                 values["actuation"] ** 2 * self.output,
             ]
         )
-        seen = np.where(self.inside, np.array([gyro, output, setpoint]), 0.0)
         pairs = np.einsum("isjk,tsjk->itjk", seen * sources, seen.conj())
         whole = np.einsum("itjk,kit->jit", pairs, self.turned)
+        step = self.step * np.exp(self.turns * late * self.between)
+        step /= step.sum(axis=1, keepdims=True)
+        of_steps = np.einsum("ijk,jk,ki->ji", seen[:, 0], step, self.stamps)
+        size = _without(self.asked_seen, noise[1]) * (is_asked * steps)
+        whole += size[:, None, None] * of_steps[:, :, None] * of_steps[:, None].conj()
         diagonal = np.arange(len(seen))
         whole[:, diagonal, diagonal] += self.read.T
         return np.asarray(whole)
@@ -172,29 +192,20 @@ class Axis:
 
     def scores(self, theta: Array, steps: Array) -> tuple[Array, Array]:
         """Returns the slope (k,) of the log likelihood, and Fisher's information (k, k)."""
-        inverse = np.linalg.inv(self.densities(theta))
+        here = self.densities(theta)
+        inverse = np.linalg.inv(here)
         slopes = np.array(
             [
-                inverse @ (self.densities(theta + step) - self.densities(theta - step))
+                inverse @ (self.densities(theta + step) - here) / step.sum()
                 for step in np.diag(steps)
             ]
         )
-        slopes /= 2 * steps[:, None, None, None]
         unlike = inverse @ self.seen - np.eye(inverse.shape[-1])
         score = np.einsum("j,kjab,jba->k", self.weights, slopes, unlike).real
         weighted = slopes * self.weights[:, None, None]
         flat = weighted.reshape(len(steps), -1)
         other = np.swapaxes(slopes, 2, 3).reshape(len(steps), -1)
         return score, (flat @ other.T).real
-
-    @property
-    def prior(self) -> tuple[Array, Array]:
-        """Mean and standard deviation (k,); what messages bring at every cycle is not late."""
-        mean, sd = np.array(list(PRIORS.values())).T
-        between = max(1 / self.spectra.rate - self.known.cycle, 0.0)
-        at = NAMES.index("setpoint_late")
-        sd[at] = min(sd[at], between / 4 + 1e-4)
-        return mean, sd
 
     def steered_share(self, theta: Array) -> float:
         """Returns the share of the rate's variance that follows what was asked, by parameters θ."""
@@ -203,6 +214,11 @@ class Axis:
         )
         width = np.gradient(self.spectra.frequency)
         return 1 - float(width @ unasked) / float(width @ whole)
+
+
+def _without(seen: Array, noise: float) -> Array:
+    """A density of what was asked without that of ``noise`` which is in it."""
+    return np.maximum(seen - noise, LEAST_ASKED * seen)
 
 
 def _drift(turn: Array, size: float, time: float) -> Array:
@@ -233,5 +249,5 @@ def _unfolded(seen: Array, at: Array, first: Flags, inside: Flags) -> Array:
     found = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 600}).x
     whole = np.where(inside, law(found), 0.0)
     folded = whole[:, ~first].sum(axis=1)
-    whole[:, first] = np.maximum(seen - folded, 0.05 * seen)[:, None]
+    whole[:, first] = np.maximum(seen - folded, LEAST_ASKED * seen)[:, None]
     return whole
