@@ -17,7 +17,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameter_values
-from mavdem.ingest.telemetry import Array, Flags, Telemetry, selected
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Array, Flags, Telemetry, selected
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 MEDIAN_STEPS = 41
@@ -26,8 +26,6 @@ very step, and is not moved by the loss of a fifth of the messages."""
 STEP_TOLERANCE = 1.1
 """How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream. The
 verdict decides whether the mean rate of a segment is enough."""
-# Longest silence that is bridged: half a period of 5 Hz, a frequency at which roll still moves
-MAX_GAP_SECONDS = 0.1
 # Share of steps below which they are rare, and cycles of a scheduler that an interval may be.
 USUAL_SHARE = 0.02
 MAX_CYCLES = 3

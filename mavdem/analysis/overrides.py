@@ -8,13 +8,10 @@ from typing import Any
 
 from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.condition.condition import Condition, HoverFigures
-from mavdem.condition.oscillation import Oscillation
+from mavdem.condition.oscillation import LIMITED_SHARE, Oscillation
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.health.in_flight import MotorAlarm, losses_of
-
-# share of the time at full throttle, from which on no linear model describes the vehicle
-SATURATED = 0.05
 
 
 def overrides_of(
@@ -67,8 +64,8 @@ def _oscillation(found: Oscillation) -> Fact:
 
 
 def limited_motor(hover: HoverFigures) -> dict[str, Any] | None:
-    """Returns the motor most at its upper limit, if over ``SATURATED``, as a fact's ``subject`` and ``share``."""
+    """Returns the motor most at its upper limit, if over ``LIMITED_SHARE``, as a fact's ``subject`` and ``share``."""
     share = max(hover.at_upper_limit)
-    if share <= SATURATED:
+    if share <= LIMITED_SHARE:
         return None
     return {"subject": hover.motors[hover.at_upper_limit.index(share)], "share": share}

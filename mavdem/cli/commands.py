@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from click.shell_completion import shell_complete
 
 from mavdem.cli.output import (
     INTERRUPTED,
+    OF_SIGNAL,
     complain,
     ending_at_once,
     prepare_streams,
@@ -28,7 +30,7 @@ from mavdem.facts.command import End
 DONE = 0
 UNSUPPORTED = 1
 UNUSABLE = 2
-PIPE_CLOSED = 141
+PIPE_CLOSED = OF_SIGNAL + signal.SIGPIPE
 """Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
 shell reports SIGPIPE."""
 LOGS = (".tlog", ".mcap", ".bin", ".log", ".ulg")

@@ -38,7 +38,7 @@ from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import horizons
-from mavdem.live.link import Link
+from mavdem.live.link import PAUSE_SECONDS, Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.running import run
 from mavdem.live.session import LiveSession
@@ -46,9 +46,7 @@ from mavdem.report.flight_page import live_page
 from mavdem.report.live import watching
 from mavdem.report.words import advised, go_on, headline, section
 
-# between two status lines, and two of one in its place
-STATUS_SECONDS = 5.0
-PLACE_SECONDS = 1.0
+STATUS_SECONDS = 5.0  # between two status lines that are not in one place
 # m/s and degrees, of 90 %
 WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"
 
@@ -245,7 +243,7 @@ def live_command(
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
         with place or nullcontext():
-            every = STATUS_SECONDS if place is None else PLACE_SECONDS
+            every = STATUS_SECONDS if place is None else PAUSE_SECONDS
             run(session, asked, duration, every, partial(_say_status, place))
         account = session.account()
         status = session.status

@@ -26,10 +26,9 @@ from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.report.blocks import Block, Sentence, Table, brief
+from mavdem.report.review import LINES
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
-LINES = 15
-"""Of a screen without ``--verbose``, on a terminal that nobody has widened."""
 
 
 def prepare_streams() -> None:
@@ -229,9 +228,9 @@ def writing(*files: Path) -> Iterator[None]:
         raise Unreadable(Fact(Place.FILE_FAILED, path=names, because=because)) from None
 
 
-# exit codes as a shell reports them: of SIGINT; of any signal, less its number
-INTERRUPTED = 130
+# exit codes as a shell reports them: of any signal, less its number; of SIGINT
 OF_SIGNAL = 128
+INTERRUPTED = OF_SIGNAL + signal.SIGINT
 
 
 @contextmanager

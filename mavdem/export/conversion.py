@@ -18,6 +18,7 @@ from mavdem.alignment.align import align, longest_recorded
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
+from mavdem.condition.loop.from_flight import DRAWS
 from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned, Physical
@@ -148,9 +149,7 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
     )
 
 
-# of the delay, exact to 1° up to 0.3/delay Hz; plants from the posterior
-PADE_ORDER = 2
-PLANT_DRAWS = 100
+PADE_ORDER = 2  # of the delay, exact to 1° up to 0.3/delay Hz
 
 
 def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
@@ -177,7 +176,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     outputs = list(map(column_name, labels.output_names, labels.output_units))
     names: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
     if model == "physical":
-        draws = _identified(learned).draws(PLANT_DRAWS).tolist()
+        draws = _identified(learned).draws(DRAWS).tolist()
         plant, *plants = (_plant(draw, names) for draw in draws)
         vars(plant).update(delay=draws[0][-1], draws=plants)
         return plant

@@ -44,7 +44,7 @@ READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes row
 ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
 # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
 WAITING = 10
-LOOK_SECONDS = 0.5  # between looks whether a reading is to be given up
+LOOK_SECONDS = 0.5  # between looks how far a reading is, and whether it is to be given up
 
 _starting = Lock()  # one process after the other, each of which is the new one
 

@@ -20,6 +20,7 @@ from mavdem.facts.sources import Repair
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import (
+    MAX_GAP_SECONDS,
     Array,
     Columns,
     Facts,
@@ -73,8 +74,6 @@ SAMPLES = {
     "ACCEL": ("sensor_accel_fifo", "accelerometer_m_s2"),
 }
 """The topic of each sensor's samples before the filters, and the field of sensor_combined that has their means."""
-MAX_ATTITUDE_STEP = 0.1
-"""Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
 _GENERIC_MULTIROTOR: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
 _OF_WINGS = (
@@ -198,14 +197,12 @@ def _attitude_quaternion(topics: Topics) -> Fields:
     if len(q) < 2:
         return {}
     steps = np.diff(stamps)
-    if np.median(steps) > MAX_ATTITUDE_STEP:
+    if np.median(steps) > MAX_GAP_SECONDS:
         xyz = np.column_stack([np.interp(stamps, time, rate) for rate in xyz.T])
         time = stamps
     else:
         after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-        inside = (
-            (time >= stamps[0]) & (time <= stamps[-1]) & (steps[after - 1] <= MAX_ATTITUDE_STEP)
-        )
+        inside = (time >= stamps[0]) & (time <= stamps[-1]) & (steps[after - 1] <= MAX_GAP_SECONDS)
         xyz = xyz[inside]
         time = time[inside]
         turned = Slerp(stamps, Rotation.from_quat(q, scalar_first=True))

@@ -32,6 +32,9 @@ Beside the fields of the message definition, in the units of the definition, two
 Tables = Mapping[str, Columns]  # The columns of messages by the name of each
 FREQUENT_ENOUGH = 0.9
 """A preferred message gives way to another only when it comes less often than this share of the other's count."""
+MAX_GAP_SECONDS = (
+    0.1  # Longest silence that is bridged: half a period of 5 Hz, at which roll still moves
+)
 MAX_FIELDS = 2000
 """Numbers in a message, of which PX4's and MAVROS's have up to some hundreds: libraries lay out each."""
 

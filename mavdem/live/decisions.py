@@ -51,13 +51,12 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, out
 from mavdem.ingest.telemetry import Array, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.messages import Values
-from mavdem.live.recent import Recent
+from mavdem.live.recent import MAX_ROWS, Recent
 from mavdem.live.rows import KEPT_SECONDS, Samples
 
 LANDED = "EXTENDED_SYS_STATE"
 PHASES = ("HEARTBEAT", LANDED, *CLIMB_FIELDS)
 """The messages that show the phase, beside the motors."""
-MAX_ROWS = 1024  # Of each stream of outputs
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,10 @@ import numpy as np
 from mavdem.dem import Estimate
 from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.graybox.wind import CHANGE_SECONDS
+from mavdem.dem.online.wind import MEMORY_SECONDS
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
-
-GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 
 
 class LiveGusts:
@@ -22,7 +21,7 @@ class LiveGusts:
 
     def __init__(self, dt: float) -> None:
         self._dt = dt
-        self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / dt))
+        self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(MEMORY_SECONDS / dt))
         self._until = -np.inf
 
     def take(self, now: Estimate, changes: Sequence[float]) -> Iterator[Fact]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.alignment.signals import ROUNDING
 from mavdem.analysis.findings import Findings
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
 from mavdem.assessment.limits import worst
@@ -20,16 +21,14 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
-from mavdem.live.rows import STAMP_RESOLUTION_SECONDS
 from mavdem.live.wind import WindRow
 
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
 # Of the lines; when there are more, every second one is dropped, and from then on not kept
 MAX_ROWS = 20_000
-REBOOT_GAP_SECONDS = 1.0  # Shown between the last time before a reboot and the first after it
-# s between two learned samples from which on they belong to different parts of the flight
-SETTLED_GAP = 1.0
+GAP_SECONDS = 1.0
+"""Between two learned samples, from which on they belong to different parts of the flight; shown of a reboot."""
 
 
 def horizons(dt: float) -> tuple[int, ...]:
@@ -164,7 +163,7 @@ class LiveHistory:
         """Advances to a ``time`` of the vehicle's clock, s, in its boot of this number; to none if it is NaN."""
         if boot != self._boot:
             self._boot = boot
-            self.shift = self.now + REBOOT_GAP_SECONDS - time
+            self.shift = self.now + GAP_SECONDS - time
         if not time + self.shift <= self.now:
             self.now = time + self.shift
 
@@ -200,7 +199,7 @@ class LiveHistory:
                 self._stride = 2 * self._stride
         if estimate is None:
             return
-        joins = self.learned and not new and time - self.learned[-1][1] < SETTLED_GAP
+        joins = self.learned and not new and time - self.learned[-1][1] < GAP_SECONDS
         self.learned.append((self.learned.pop()[0] if joins else time, time))
         for ahead, values, width in zip(
             estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True
@@ -239,9 +238,9 @@ class LiveHistory:
         shown = (nan, nan)
         nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
         for seconds, waiting in self._pending.items():
-            while waiting and waiting[0][0] < time + STAMP_RESOLUTION_SECONDS:
+            while waiting and waiting[0][0] < time + ROUNDING:
                 ahead, predicted, band, last = waiting.popleft()
-                if ahead < time - STAMP_RESOLUTION_SECONDS:
+                if ahead < time - ROUNDING:
                     continue
                 error = outputs - predicted
                 sums = np.stack([error**2, (outputs - last) ** 2, np.abs(error) <= band])

@@ -19,6 +19,8 @@ import sys
 import time
 from typing import Any, NoReturn
 
+import numpy as np
+
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
@@ -28,20 +30,18 @@ from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 LOOPBACK = "127.0.0.1"
 SO_TIMESTAMPNS, SO_RXQ_OVFL = (35, 40) if sys.platform == "linux" else (0, 0)
 """When each datagram came, and how many found no room. Source: Linux, include/uapi/asm-generic/socket.h."""
-MAX_PIECE_BYTES = 1 << 16  # Of a datagram, and of a piece of a byte stream
+MAX_PIECE_BYTES = np.iinfo(np.uint16).max  # Of a datagram, and of a piece of a byte stream
 MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
 # How long an address that sent something is sent to, and how many are kept
 SENDER_SECONDS = 10.0
 MAX_PEERS = 16
-CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
-# After which a silent connection is probed
-SILENCE_SECONDS = 5
-# Between two probes, and probes without a reply until the connection is lost
-PROBE_SECONDS = 2
-MAX_PROBES = 3
-# Since an autopilot's first address was heard last, until another may take its place
-HEARD_SECONDS = 3.0
-PAUSE_SECONDS = 1.0  # Before a lost link is opened again
+CONNECT_SECONDS = (
+    5  # Time limit of a connection attempt; and of silence, after which a connection is probed
+)
+PROBE_SECONDS = 2  # Between two probes of a connection
+MAX_TRIES = 3  # Of what gets no answer
+SILENCE_SECONDS = 3.0  # Without what comes all the time, until its source counts as gone
+PAUSE_SECONDS = 1.0  # From one status, or from one attempt to open a lost link, to the next
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
 
@@ -235,7 +235,7 @@ class Link:
         if ids[1:] != bytes([AUTOPILOT_COMPONENT]):
             return True
         first, heard = self._first.get(ids, (self._from, now))
-        if first != self._from and now - heard <= HEARD_SECONDS:
+        if first != self._from and now - heard <= SILENCE_SECONDS:
             self._rivals.setdefault(ids, self._from)
             return False
         self._first[ids] = self._from, now
@@ -314,7 +314,7 @@ def _cannot_open(
             host=host,
             port=port,
             error=error,
-            duration=CONNECT_SECONDS,
+            duration=float(CONNECT_SECONDS),
         )
     )
 
@@ -323,9 +323,9 @@ def _probe(connection: socket.socket) -> None:
     """Makes the kernel probe a silent connection: a peer that lost power does not close it."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for option, value in {
-        "IDLE": SILENCE_SECONDS,
+        "IDLE": CONNECT_SECONDS,
         "INTVL": PROBE_SECONDS,
-        "CNT": MAX_PROBES,
+        "CNT": MAX_TRIES,
     }.items():
         if hasattr(socket, f"TCP_KEEP{option}"):
             connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, f"TCP_KEEP{option}"), value)

@@ -15,8 +15,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
 from mavdem.health.in_flight import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
-
-MAX_ALARMS = 256  # that are kept
+from mavdem.live.recent import MAX_EVENTS
 
 
 class MotorAlarms:
@@ -26,7 +25,7 @@ class MotorAlarms:
     """
 
     def __init__(self) -> None:
-        self.latest: deque[MotorAlarm] = deque(maxlen=MAX_ALARMS)
+        self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
         self.standing: tuple[Fact, ...] = ()
         self.landed = False
         self.changed = nan

@@ -20,7 +20,9 @@ from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender, definitions
 from mavdem.ingest.vocabulary import ACTIVE
+from mavdem.live.link import MAX_TRIES
 from mavdem.live.messages import Message
+from mavdem.live.rows import DECISION_SECONDS
 
 # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
 GROUND_STATION = FrameSender(255, 190)
@@ -41,13 +43,10 @@ EVIDENCE = (
 """What distinguishes flight from landing."""
 EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
 REPLY_SECONDS = 1.0  # Until a request without a reply is sent again
-MAX_TRIES = 3
 # Between two requests for parameters: a slow radio has other things to send
 PARAMETER_SECONDS = 0.2
-SILENCE_SECONDS = 3.0  # Without a byte, or without attitude and motors, until that is reported
 # Of arrival time, over which rates are measured
 WINDOW_SECONDS = 5.0
-MIN_WINDOW_SECONDS = 2.0
 SLOW = 0.7  # Share of the rate reached before, below which a message is asked for again
 PAUSE_SECONDS = 10.0
 """Between two requests of one message that was reached. Another ground station that sets rates back, MAVProxy every
@@ -62,12 +61,12 @@ class Arrivals:
 
     def rates(self, now: float, arrived: Mapping[int, int]) -> dict[int, float] | None:
         """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
-        if not self._window or now - self._window[-1][0] >= MIN_WINDOW_SECONDS / 4:
+        if not self._window or now - self._window[-1][0] >= DECISION_SECONDS / 4:
             self._window.append((now, dict(arrived)))
         while len(self._window) > 1 and self._window[1][0] <= now - WINDOW_SECONDS:
             self._window.popleft()
         start, before = self._window[0]
-        if now - start < MIN_WINDOW_SECONDS:
+        if now - start < DECISION_SECONDS:
             return None
         return {
             kind: (count - before.get(kind, 0)) / (now - start) for kind, count in arrived.items()

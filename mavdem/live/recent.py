@@ -10,7 +10,8 @@ import numpy as np
 from mavdem.ingest.telemetry import Columns
 from mavdem.live.messages import FIELDS, Values
 
-MAX_ROWS = 2048  # Of each; then every second of the older half is dropped
+MAX_ROWS = 2048  # Of each message; then every second of the older half is dropped. Of parameters there are up to 1500
+MAX_EVENTS = 256  # Of events, alarms and replies that wait, or are shown
 
 
 class Recent:

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import align
-from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE
+from mavdem.alignment.learnability import MAX_STEP_RATIO
+from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (
@@ -29,6 +30,7 @@ from mavdem.ingest.mavlink.clocks import (
     STEP_BACK,
     WRAP_GAP,
 )
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 from mavdem.live.messages import Message, Values
 
 # Of each stream: enough to decide rates and steps, also of hostile stamps
@@ -37,10 +39,6 @@ MAX_SAMPLES = 8192
 DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the sampling are decided
 # Duration of both streams after a gap, after which the grid starts again with the previous step
 RESUME_SECONDS = 0.25
-# The finest stamps: a point no further behind the latest sample coincides with it
-STAMP_RESOLUTION_SECONDS = 1e-6
-# A rate that differs by this factor from the one that decided the step is another rate
-OTHER_RATE_RATIO = 1.3
 
 
 class AlignedRow(NamedTuple):
@@ -170,7 +168,7 @@ class Samples:
             self.late += 1
             return False
         self.gap = 0.0
-        if 0 < row == len(self.time) and time - self.time[-1] > align.MAX_GAP_SECONDS:
+        if 0 < row == len(self.time) and time - self.time[-1] > MAX_GAP_SECONDS:
             self.gap = time - self.time[-1]
             self._start = time
         self.time.insert(row, time)
@@ -266,7 +264,7 @@ class Grid:
         """Starts a segment if the streams, attitude first, are long enough; returns whether it did."""
         first = max(stream.since for stream in streams)
         last = min((stream.time[-1] if stream.time else -inf) for stream in streams)
-        first = max(first, self._latest + STAMP_RESOLUTION_SECONDS, self._steady_from)
+        first = max(first, self._latest + ROUNDING, self._steady_from)
         if last < self._try_from or last - first < (
             DECISION_SECONDS if self.dt is None else RESUME_SECONDS
         ):
@@ -286,7 +284,7 @@ class Grid:
             quarters = np.array(
                 [np.histogram(time, bins=4, range=(first, last))[0] for time in times]
             )
-            if np.any(quarters.max(axis=1) >= OTHER_RATE_RATIO * quarters.min(axis=1)):
+            if np.any(quarters.max(axis=1) >= MAX_STEP_RATIO * quarters.min(axis=1)):
                 # A rate changes: decided from stamps of both, the step would be neither's, and stay.
                 self._steady_from = last
                 return False
@@ -297,7 +295,7 @@ class Grid:
         self._streams = tuple(streams)
         self.start = float(grid[0])
         # Only the end of the deciding seconds becomes rows: a learner must not start with seconds to catch up on.
-        self._next = int(np.searchsorted(grid, last - RESUME_SECONDS - STAMP_RESOLUTION_SECONDS))
+        self._next = int(np.searchsorted(grid, last - RESUME_SECONDS - ROUNDING))
         self.segment += 1
         self.running = True
         return True
@@ -330,7 +328,7 @@ class Grid:
         now = stream.steady_rate()
         return (
             before
-            if now is not None and not 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO
+            if now is not None and not 1 / MAX_STEP_RATIO < now / before < MAX_STEP_RATIO
             else None
         )
 
@@ -339,9 +337,7 @@ class Grid:
 
         Lost samples make the measured step a little longer, and the model learned so far has the earlier one.
         """
-        former = [
-            step for step in self._steps if 1 / OTHER_RATE_RATIO < new / step < OTHER_RATE_RATIO
-        ]
+        former = [step for step in self._steps if 1 / MAX_STEP_RATIO < new / step < MAX_STEP_RATIO]
         self._steps += [new] * (not former)
         return [*former, new][0]
 
@@ -361,9 +357,5 @@ def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> V
     until = time - align.STAMP_SECONDS if dt >= 3 * align.STAMP_SECONDS else time
     if kept and last >= until and (near := stream.nearest(time)) is not None:
         return near
-    ahead = (
-        align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS
-        if len(weights) > 1
-        else -STAMP_RESOLUTION_SECONDS
-    )
+    ahead = align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS if len(weights) > 1 else -ROUNDING
     return stream.weighted(time, weights, offsets) if last >= time + ahead else None

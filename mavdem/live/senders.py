@@ -17,8 +17,8 @@ from mavdem.ingest.mavlink.vehicles import missing_between
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.messages import Frame, Message
+from mavdem.live.recent import MAX_ROWS
 
-MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
 # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 ENOUGH_MESSAGES = 3
 MAX_LISTED = 8  # Vehicles named in one sentence
@@ -107,7 +107,7 @@ class Sender:
         """Keeps a PARAM_VALUE; takes type and autopilot of a HEARTBEAT."""
         first = message.values[0]
         if message.name == "PARAM_VALUE" and (
-            first in self.parameters or len(self.parameters) < MAX_PARAMETERS
+            first in self.parameters or len(self.parameters) < MAX_ROWS
         ):
             self.parameters[first] = message
         if message.name == "HEARTBEAT":

@@ -19,6 +19,7 @@ import numpy as np
 from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
+from mavdem.condition.said import AGAIN_SECONDS
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Code, Fact, Level
@@ -32,12 +33,17 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.decisions import Setup, judged
 from mavdem.live.gusts import LiveGusts
 from mavdem.live.history import LiveHistory, SessionStatus, horizons
-from mavdem.live.link import MAX_PIECES, Link, LinkLost
+from mavdem.live.link import (
+    MAX_PIECES,
+    MAX_TRIES,
+    PAUSE_SECONDS,
+    SILENCE_SECONDS,
+    Link,
+    LinkLost,
+)
 from mavdem.live.messages import Frame
 from mavdem.live.rate_request import (
-    MAX_TRIES,
     REPLY_SECONDS,
-    SILENCE_SECONDS,
     Arrivals,
     RateRequest,
     greeting,
@@ -47,11 +53,7 @@ from mavdem.live.shown import Display, ShownRow
 from mavdem.live.stream import LiveStream
 from mavdem.live.watchdog import not_watched
 
-# From one status to the next, and from one judgement to the next
-STATUS_SECONDS = 1.0
-JUDGING_SECONDS = 10.0
-# In which a fact about a subject is reported once, whatever its figures: a link may be at a limit
-REPEAT_SECONDS = 30.0
+JUDGING_SECONDS = 10.0  # From one judgement to the next
 MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 MAX_MODELS = 16
@@ -146,7 +148,7 @@ class LiveSession:
             self._log(fact)
         now = time.monotonic()
         self._request_rates()
-        if now - self._reported >= STATUS_SECONDS:
+        if now - self._reported >= PAUSE_SECONDS:
             self._judge(now)
             self._reported = now
             status = self.status
@@ -175,16 +177,16 @@ class LiveSession:
         waits = stream.obstacle is not None and stream.obstacle.code not in on_ground
         kinds = {
             Spent.LINK_LOST: self._lost,
-            Spent.SILENT: now - self._heard >= STATUS_SECONDS,
+            Spent.SILENT: now - self._heard >= PAUSE_SECONDS,
             Spent.NO_VEHICLE: stream.vehicle is None,
-            Spent.WAITING: waits or now - self._sampled >= STATUS_SECONDS,
+            Spent.WAITING: waits or now - self._sampled >= PAUSE_SECONDS,
             Spent.UNSETTLED: stream.flying,
             Spent.ON_GROUND: True,
         }
         # Samples count for the time that they span, not for that in which they were analysed.
         owed += (self._learned - learned) * (self._setup.dt if self._setup else 0.0)
         spent = min(owed, now - before)
-        self._accounted = now, self._learned, min(owed - spent, STATUS_SECONDS)
+        self._accounted = now, self._learned, min(owed - spent, PAUSE_SECONDS)
         self._account[Spent.LEARNED] += spent
         self._account[next(kind for kind, holds in kinds.items() if holds)] += now - before - spent
         return {**self._account, Spent.LEFT_OUT: time.monotonic() - now}
@@ -211,7 +213,7 @@ class LiveSession:
                     )
                 )
             self._late = now
-        elif self._late is not None and now - self._late >= REPEAT_SECONDS:
+        elif self._late is not None and now - self._late >= AGAIN_SECONDS:
             self._late = None
             self._log(
                 Fact(
@@ -225,7 +227,7 @@ class LiveSession:
     def _analyse(self) -> None:
         """Analyses what arrived first and waits."""
         first = self._waiting[0]
-        if first.arrival - self._accounted[0] >= STATUS_SECONDS:
+        if first.arrival - self._accounted[0] >= PAUSE_SECONDS:
             self.account()
         together = []
         while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
@@ -529,7 +531,7 @@ class LiveSession:
         if self.rate is None or self._lost or self._shed:
             self._arrivals = Arrivals()  # what comes now would be as fast as the analysis
             return
-        if self.link.speaks_first and now - max(self._heard, self._greeted) >= STATUS_SECONDS:
+        if self.link.speaks_first and now - max(self._heard, self._greeted) >= PAUSE_SECONDS:
             self._greeted = now
             self._send([greeting()])
         vehicle = self.stream.followed
@@ -577,7 +579,7 @@ class LiveSession:
         about = known["because"] if fact.code is Watch.OTHER_VEHICLE_ALARM else known.get("text")
         kind = fact.code, fact.subject, about
         self._last_said = {
-            before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS
+            before: at for before, at in self._last_said.items() if now - at < AGAIN_SECONDS
         }
         if kind in self._last_said and fact.time is None:
             return  # but each alarm and each recovery is reported

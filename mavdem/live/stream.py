@@ -52,14 +52,12 @@ from mavdem.live.messages import (
     parameters_of,
 )
 from mavdem.live.motor_alarms import MotorAlarms
-from mavdem.live.recent import Recent
+from mavdem.live.recent import MAX_EVENTS, Recent
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 from mavdem.live.watchdog import Watchdog
 from mavdem.live.wind import LiveWind
 
-# Events, and replies, kept until they are fetched
-MAX_EVENTS = 256
 REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of phase and inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two

@@ -21,6 +21,7 @@ from mavdem.assessment.reported import reported_events
 from mavdem.assessment.vibration import vibration_light
 from mavdem.condition.condition import Condition
 from mavdem.condition.oscillation import begun_oscillation
+from mavdem.dem.online.wind import MEMORY_SECONDS
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light
@@ -33,6 +34,7 @@ from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.decisions import LiveSignals, Motion, evidence_of
 from mavdem.live.messages import OF_ITSELF
 from mavdem.live.recent import Recent
+from mavdem.live.rows import DECISION_SECONDS
 
 LIGHTS = {
     Watched.OSCILLATION: Light.MARGINS,
@@ -40,9 +42,6 @@ LIGHTS = {
     Watched.VIBRATION: Light.VIBRATION,
     Watched.BATTERY: Light.POWER,
 }
-# s, of what vibration and warnings are judged by; a battery is judged by the whole flight
-RECENT_SECONDS = 60.0
-LIMIT_SECONDS = 2.0
 LIMITED_SHARE = 0.7
 """So much of the last seconds a motor is at its upper limit: sound vehicles that yaw or climb do half of it."""
 CALM_SECONDS = 10.0  # Without what an alarm was about, after which it is over
@@ -88,7 +87,7 @@ class Watchdog:
         before = self._phases[-1][1] if self._phases else state
         if not self._phases or before != state:
             self._phases += [(self._reviewed, before), (now, state)]
-        recent = self._signals(vehicle, now, now - RECENT_SECONDS)
+        recent = self._signals(vehicle, now, now - MEMORY_SECONDS)
         yield from self._reported(recent, now)
         yield None
         since = self._phases[-1][0]
@@ -148,8 +147,8 @@ class Watchdog:
                     turn_rate=radians(cycle.rate),
                 ),
             )
-        latest = motors.time >= now - LIMIT_SECONDS
-        if now - since < LIMIT_SECONDS or not latest.any():
+        latest = motors.time >= now - DECISION_SECONDS
+        if now - since < DECISION_SECONDS or not latest.any():
             return
         limited = upper[latest].mean(axis=0)
         motor = int(limited.argmax())
@@ -184,7 +183,7 @@ class Watchdog:
         self, found: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
     ) -> None:
         """Keeps since when each is watched, and why it is not."""
-        sent = set(self._recent.columns(OF_ITSELF, now - RECENT_SECONDS))
+        sent = set(self._recent.columns(OF_ITSELF, now - MEMORY_SECONDS))
         missing = dict[Watched, Fact]()
         if motion is None:
             missing = dict.fromkeys(

@@ -33,16 +33,15 @@ from mavdem.confidence import quantile
 from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
 from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.online.wind import FIRST_FIT_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind
+from mavdem.live.link import SILENCE_SECONDS
 
 SAMPLE = 0.05  # s between samples that are kept, at least
-# s: of free flight before a row, without velocity, of weighing sizes of gusts
-START = 8.0
-LOST = 3.0
-MEMORY = 300.0
+MEMORY = 300.0  # s, of weighing sizes of gusts
 # of drag and lean; m/s: what is faster is damaged
 DRAWS = 16
 FASTEST = 100.0
@@ -109,7 +108,7 @@ class LiveWind:
         self.flags = VELOCITY_KNOWN
         self._said = False
         self._last = -inf
-        kept = round(2 * START / SAMPLE)
+        kept = round(2 * FIRST_FIT_SECONDS / SAMPLE)
         self._attitudes = deque[Sequence[float]](maxlen=kept)
         self._velocities = deque[Sequence[float]](maxlen=kept)
         self._filter: Filter | None = None
@@ -127,7 +126,7 @@ class LiveWind:
         """Takes down, north and east of a message; returns the wind with the first row."""
         self._local = time if name == "LOCAL_POSITION_NED" else self._local
         # Of several messages that one alone
-        is_other = name != "LOCAL_POSITION_NED" and time - self._local < LOST
+        is_other = name != "LOCAL_POSITION_NED" and time - self._local < SILENCE_SECONDS
         if is_other or time - self._last < SAMPLE - 1e-3:
             return None
         self._last = time
@@ -135,13 +134,13 @@ class LiveWind:
         sure = velocity_known(self.flags)
         if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
             return None
-        if self._velocities and time - self._velocities[-1][0] > LOST:
+        if self._velocities and time - self._velocities[-1][0] > SILENCE_SECONDS:
             self._filter = None
             self.row = None
-            self._next_check = time + START
+            self._next_check = time + FIRST_FIT_SECONDS
         self._velocities.append((time, *level, down))
         if time >= self._next_check:
-            self._next_check = time + START
+            self._next_check = time + FIRST_FIT_SECONDS
             self._check(time)
         while self._end <= min(time, self._attitudes[-1][0] + SAMPLE):
             self._take(self._end)
@@ -168,8 +167,8 @@ class LiveWind:
 
     def _check(self, time: float) -> None:
         """Ends where the vehicle does not fly freely, and begins where it does."""
-        stamps, angles, speeds = self._table(time - START, time)
-        if len(stamps) < 10 or stamps[-1] - stamps[0] < START / 2:
+        stamps, angles, speeds = self._table(time - FIRST_FIT_SECONDS, time)
+        if len(stamps) < 10 or stamps[-1] - stamps[0] < FIRST_FIT_SECONDS / 2:
             return
         try:
             still = [np.ptp(angles[:, 2]), *np.ptp(speeds[:, :2], axis=0)]

@@ -13,18 +13,18 @@ from mavdem.report.words import headline, section
 
 COLUMNS = 80
 """Of a terminal that nobody has widened."""
-LINES = 13
-"""Of the screen: 15 with what is being read, and where the page is."""
+LINES = 15
+"""Of a screen without ``--verbose``: with what is being read, and where the page is."""
 
 
 def screen_of(assessment: Assessment) -> str:
-    """Returns the screen of an ``assessment``: at most ``LINES`` of ``COLUMNS``."""
+    """Returns the screen of an ``assessment``: of ``COLUMNS``, at most ``LINES`` but for two that are not its own."""
     lead = title_of(assessment)
     first = brief(f"{lead.lead} {lead.text}", COLUMNS)
     lights = [_light(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
     last = [*_wrapped(headline(assessment.headline)), *_wrapped(f"Next: {assessment.next_step}")]
-    room = LINES - 1 - len(lights) - len(last)
+    room = LINES - 3 - len(lights) - len(last)
     alarms = [*_alarms(assessment)][:room]
     return "\n".join([first, *lights, *alarms, *last])
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.condition.loop.from_flight import DRAWS
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 
 Complex = NDArray[np.complex128]
-
-DRAWS = 400
 
 
 def model_response(learned: Learned, motors: Array, frequency: Array, output: int) -> Complex:

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import cache, cached_property
+from http import HTTPStatus
 from pathlib import Path, PureWindowsPath
 from typing import Any, TypeVar
 from urllib.parse import parse_qs
@@ -36,6 +37,7 @@ from mavdem.facts import Fact
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
 from mavdem.fleet.row import vehicles_of
+from mavdem.fleet.workers import LOOK_SECONDS
 from mavdem.ingest.formats import format_of
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
@@ -55,31 +57,29 @@ from mavdem.serve.library import Entry, Library
 from mavdem.serve.openapi import openapi
 from mavdem.serve.rights import COOKIE, Rights
 from mavdem.serve.search import WORKING, Condition, condition_of
-from mavdem.serve.uploads import MOST_TEXT, Form, received
+from mavdem.serve.uploads import MOST_FILES, MOST_TEXT, Form, received
 from mavdem.serve.work import Work
 
 PAGE_LENGTH = 100  # flights
-MOST_LISTED = 1000  # that a program may ask for at once
 MOST_UPLOADS = 32  # at a time: each has a file open
-MOST_WATCHERS = 100  # of progress: each asks the index three times a second
+MOST_WATCHERS = 100  # of progress: each asks the index twice a second
 MOST_WAITING = 5000  # logs: hours of work
-LOOK_SECONDS = 0.3  # between looks at how far logs are
 POLICY = (
     "default-src 'none'; script-src 'self' {scripts}; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 """No script but the server's own and those of a flight's page, no frame, nothing from elsewhere."""
 STATUS = {
-    Request.NO_RIGHT: 401,
-    Request.OTHER_SITE: 403,
-    Request.NO_SUCH_FLIGHT: 404,
-    Request.UPLOAD_TOO_SLOW: 408,
-    Request.UPLOAD_TOO_LARGE: 413,
-    Request.UPLOADS_TOO_MANY: 503,
-    Request.DISK_FULL: 507,
-    Request.QUOTA_REACHED: 507,
-    Request.NOT_STARTED: 503,
-    Request.SESSION_FAILED: 503,
+    Request.NO_RIGHT: HTTPStatus.UNAUTHORIZED,
+    Request.OTHER_SITE: HTTPStatus.FORBIDDEN,
+    Request.NO_SUCH_FLIGHT: HTTPStatus.NOT_FOUND,
+    Request.UPLOAD_TOO_SLOW: HTTPStatus.REQUEST_TIMEOUT,
+    Request.UPLOAD_TOO_LARGE: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    Request.UPLOADS_TOO_MANY: HTTPStatus.SERVICE_UNAVAILABLE,
+    Request.DISK_FULL: HTTPStatus.INSUFFICIENT_STORAGE,
+    Request.QUOTA_REACHED: HTTPStatus.INSUFFICIENT_STORAGE,
+    Request.NOT_STARTED: HTTPStatus.SERVICE_UNAVAILABLE,
+    Request.SESSION_FAILED: HTTPStatus.SERVICE_UNAVAILABLE,
 }
 """Of what is refused; 400 of other requests, and 415 of what is no log."""
 
@@ -280,7 +280,7 @@ class Server:
     def _vehicle_page(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.READ)
         name = request.query_params.get("name", "")
-        entries, _ = self.library.find("vehicle = ?", [name], MOST_LISTED)
+        entries, _ = self.library.find("vehicle = ?", [name], MOST_FILES)
         if not entries:
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
         rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
@@ -399,7 +399,7 @@ class Server:
 
     def _flights(self, request: HttpRequest) -> Response:
         limit = _whole_number(request, "limit", PAGE_LENGTH)
-        entries, total, *_ = self._found(request, MOST_LISTED, limit)
+        entries, total, *_ = self._found(request, MOST_FILES, limit)
         return _answer(Flights.model_validate({"total": total, "flights": entries}))
 
     def _flight(self, request: HttpRequest) -> Response:
@@ -466,7 +466,7 @@ class Server:
         try:
             while not await request.is_disconnected():
                 values = *condition.values, json.dumps(watched)
-                entries, _ = await run_in_threadpool(self.library.find, where, values, MOST_LISTED)
+                entries, _ = await run_in_threadpool(self.library.find, where, values, MOST_FILES)
                 now = [self._progress_of(entry) for entry in entries]
                 watched = [entry.id for entry in entries if not entry.is_done]
                 changed = [one.as_dict() for one in now if one not in before]

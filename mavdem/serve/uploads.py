@@ -18,8 +18,7 @@ from mavdem.ingest.contents import MAX_BYTES
 from mavdem.serve.library import Library, full_disk_refused
 
 PATIENCE_SECONDS = 30.0  # for the next bytes: a link of a field's telephone has such gaps
-MOST_FILES = 1000  # of one request
-MOST_FIELDS = 100  # likewise
+MOST_FILES = 1000  # of one request, in it or in its answer
 MOST_TEXT = 1 << 16  # bytes of a field of a form
 CHECKED_BYTES = 1 << 24  # after which the room is looked at again: others upload too
 
@@ -36,7 +35,7 @@ class Form(MultiPartParser):
             request.headers,
             _pieces(request, library),
             max_files=MOST_FILES,
-            max_fields=MOST_FIELDS,
+            max_fields=MOST_FILES,
             max_part_size=MOST_TEXT,
         )
         self.files = dict[Path, UploadFile]()

@@ -24,9 +24,9 @@ MAX_ROWS = 50_000  # the viewer draws every one
 RATE = 50.0  # Hz, of what is drawn
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
-BODY = (210, 214, 220)
-NOSE = (255, 107, 107)
-TRAIL = (94, 214, 120)
+BODY = palette.channels(palette.BOUND)
+NOSE = palette.channels(palette.BAD)
+TRAIL = palette.channels(palette.COMMAND)
 
 
 @dataclass(frozen=True, eq=False)

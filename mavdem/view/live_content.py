@@ -19,6 +19,7 @@ from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.facts import Level
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
+from mavdem.live.rows import MAX_SAMPLES
 from mavdem.live.shown import ShownRow
 from mavdem.report.blocks import markdown
 from mavdem.report.live import watching
@@ -35,17 +36,15 @@ from mavdem.report.palette import (
 )
 from mavdem.report.screen import verdict_blocks
 from mavdem.report.words import advised, section
-from mavdem.view.plots import BOOT_CLOCK, Lines, blueprint, events_view, faint
+from mavdem.view.plots import BEYOND, BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view
 FLIGHT_SECONDS = 20.0
-MAX_TORQUES = 8192  # of 20 s at 400 Hz: motors that weaken are found within 5 s
 LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. Unexpected motion is an event; one in "
     f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
 )
-BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
 
 
 class Channels(NamedTuple):
@@ -77,7 +76,7 @@ class LiveWriter:
         # of each, the segment and the time, s, of the latest sample
         self._drawn: dict[Lines, tuple[int, float]] = {}
         # the latest samples of the wind torque: an alarm of a motor is about the last seconds
-        self._torques = deque[Sample](maxlen=MAX_TORQUES)
+        self._torques = deque[Sample](maxlen=MAX_SAMPLES)
 
     def rows(self, rows: list[ShownRow]) -> None:
         """Draws rows in the order of their times, and what happens in them."""

@@ -22,15 +22,13 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.live import Event, SessionStatus
+from mavdem.live.link import PAUSE_SECONDS
+from mavdem.live.rows import MAX_SAMPLES
 from mavdem.live.shown import ShownRow
 from mavdem.view.live_content import Channels, LiveWriter, figures, status_document
 from mavdem.view.plots import BOOT_CLOCK, log
-from mavdem.view.sinks import Sink
+from mavdem.view.sinks import CLOSING_SECONDS, Sink
 
-CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
-# that wait for a sink: rows of 20 s at 400 Hz, about 20 MB, and log lines
-MAX_ROWS = 8192
-STATUS_SECONDS = 1.0  # between two status documents, and two attempts to reach a viewer
 FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
 
 
@@ -41,8 +39,8 @@ class SinkThread(threading.Thread):
         super().__init__(name=f"to {sink.name}", daemon=True)
         self.sink = sink
         self._id = recording_id
-        self._rows: deque[tuple[Channels, ShownRow]] = deque(maxlen=MAX_ROWS)
-        self._lines: deque[Event] = deque(maxlen=MAX_ROWS)
+        self._rows: deque[tuple[Channels, ShownRow]] = deque(maxlen=MAX_SAMPLES)
+        self._lines: deque[Event] = deque(maxlen=MAX_SAMPLES)
         self.dropped = 0  # rows
         self.held = False  # whether rows wait until it closes or is let go
         self.status = SessionStatus()
@@ -107,7 +105,7 @@ class SinkThread(threading.Thread):
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
             return
-        self._next_try = wall.monotonic() + STATUS_SECONDS if self.sink.retried else inf
+        self._next_try = wall.monotonic() + PAUSE_SECONDS if self.sink.retried else inf
         recording = rr.RecordingStream("mavdem", recording_id=self._id)
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
@@ -141,7 +139,7 @@ class SinkThread(threading.Thread):
                 if line.is_alarm:
                     self._writer.mark(line.since)
         if self._last and self._writer and wall.monotonic() >= self._next_status:
-            self._next_status = wall.monotonic() + STATUS_SECONDS
+            self._next_status = wall.monotonic() + PAUSE_SECONDS
             if new := self.dropped - self._reported_drops:
                 words = f"{new} rows are not shown here: this view is too slow"
                 log(recording, self._last.clock, words, Level.WATCH)
@@ -203,13 +201,13 @@ class LiveView:
         return [thread.trouble for thread in self._threads if thread.trouble]
 
     def close(self) -> None:
-        """Sends what waits and closes the sinks; a sink that hangs is abandoned after ``CLOSE_SECONDS``."""
+        """Sends what waits and closes the sinks; a sink that hangs is abandoned after ``CLOSING_SECONDS``."""
         if self._closed:
             return
         self._closed = True
         for thread in self._threads:
             thread.closing.set()
-        deadline = wall.monotonic() + CLOSE_SECONDS
+        deadline = wall.monotonic() + CLOSING_SECONDS
         for each in self._threads:
             each.join(max(0.0, deadline - wall.monotonic()))
             if each.is_alive():

@@ -27,6 +27,9 @@ BOOT_CLOCK = "boot clock"
 LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN", Level.GOOD: "INFO", Level.UNKNOWN: "INFO"}
 # points: the viewer fills nothing, so an area is drawn as upright strokes that touch each other
 FILL_WIDTH = 2.5
+BEYOND = (
+    0.5  # how far forecasts and their bands are drawn beyond the measured values, in spans of these
+)
 MAX_STROKES = 20_000  # of an area, which is drawn at once
 
 

@@ -29,6 +29,7 @@ from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, se
 from mavdem.report.timeline import Timeline, timeline_of
 from mavdem.report.words import advised, headline
 from mavdem.view.plots import (
+    BEYOND,
     Target,
     blueprint,
     drawn,
@@ -37,9 +38,6 @@ from mavdem.view.plots import (
     range_of,
     recorded,
 )
-
-# how far forecasts and their bands are drawn beyond the measured values, in spans of these
-BEYOND = 0.5
 
 
 def write_recording(target: Target, assessment: Assessment) -> None:

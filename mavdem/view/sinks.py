@@ -23,7 +23,7 @@ from urllib.parse import quote
 import rerun as rr
 
 LOOPBACK = "127.0.0.1"
-CLOSING_SECONDS = 2.0  # how long a file that is closed may still be written
+CLOSING_SECONDS = 3.0  # how long a file, or any sink, that is closed may still be written
 SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
 STREAM_HEADER = 12  # bytes before the first message of an .rrd file
 STREAM_FOOTER = b"RRF2FOOT"  # ends, but for a version, a file that was completed

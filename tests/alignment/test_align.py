@@ -20,12 +20,13 @@ from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import MAX_GAP_SECONDS, align, settled_segments
+from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 from mavdem.ingest.vocabulary import OFF_GROUND, attitude_target, quaternion
 
 HOVER = Hover()

@@ -21,7 +21,7 @@ from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.ingest import read_log
 
 PATIENTLY = (
-    f"import mavdem.view.live_view; mavdem.view.live_view.CLOSE_SECONDS = {PATIENCE}; "
+    f"import mavdem.view.live_view; mavdem.view.live_view.CLOSING_SECONDS = {PATIENCE}; "
     "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
     f"mavdem.cli.live.ENDING_SECONDS = {PATIENCE}; "
 )

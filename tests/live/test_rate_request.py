@@ -12,12 +12,12 @@ from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender, messages_in
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import Message
 from mavdem.live.rate_request import (
     GET_INTERVAL,
     PAUSE_SECONDS,
     SET_INTERVAL,
-    SILENCE_SECONDS,
     STOPPED,
     Arrivals,
     RateRequest,

@@ -26,11 +26,13 @@ from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
+from mavdem.live.rows import MAX_SAMPLES
 from mavdem.live.shown import ShownRow
 from mavdem.live.stream import Pose
 from mavdem.live.wind import WindRow
 from mavdem.view.live_content import Channels, figures, status_document
-from mavdem.view.live_view import MAX_ROWS, LiveView, SinkThread
+from mavdem.view.live_view import LiveView, SinkThread
+from mavdem.view.plots import BEYOND
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
 
 # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
@@ -128,7 +130,7 @@ def showing(*sinks, channels=CHANNELS):
 def patience():
     """A file is waited for as long as a busy machine takes."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("CLOSE_SECONDS", "FLUSH_SECONDS"):
+        for name in ("CLOSING_SECONDS", "FLUSH_SECONDS"):
             patch.setattr(f"mavdem.view.live_view.{name}", PATIENCE)
         yield
 
@@ -173,7 +175,9 @@ def test_angles_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_th
     centre, half = (
         np.array([getattr(e, part)[1, column] for e in TOLD]) for part in ("ahead", "ahead_band")
     )
-    sight = measured.min() - 0.3 * np.ptp(measured), measured.max() + 0.3 * np.ptp(measured)
+    sight = np.array([measured.min(), measured.max()]) + BEYOND * np.ptp(measured) * np.array(
+        [-1, 1]
+    )
     assert_allclose(values[20:, 0], np.clip(np.degrees(centre), *sight))
     times, edges = lines[f"axes/{name}/0_band"]
     assert_allclose(times, np.repeat(TIME + 25 * DT, 2), atol=1e-8)
@@ -313,7 +317,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path)
     stalled = Held(tmp_path / "stalled.rrd")
     other = RecordingFile(tmp_path / "other.rrd")
     known = estimate(20, 50.0)
-    rows = MAX_ROWS + 1000
+    rows = MAX_SAMPLES + 1000
     with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.

@@ -45,7 +45,7 @@ STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
 FLOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 RATES = (50.0, 100.0, 200.0)  # Hz
 QUICK = "multisine, 3°"
-RATE = 200.0  # Hz of the Crazyflie
+*_, RATE = RATES  # of the Crazyflie
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
 

@@ -26,7 +26,7 @@ from mavdem.condition.loop.loop import (
     scores_of,
 )
 from mavdem.condition.loop.margins import transfer
-from mavdem.condition.oscillation import Oscillation
+from mavdem.condition.oscillation import LIMITED_SHARE, Oscillation
 from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
@@ -50,8 +50,6 @@ PRICES = np.array([30.0, 30.0, 1.0, 1.0])
 PASSES = (0.4, 80), (-0.4, 80), (0.3, 80), (-0.1, 60)
 """First steps of each search, as logarithms of gains, and how many gains it tries."""
 LOWERED = 2 / 3  # times the gains by which a vehicle oscillates: 3.5 dB
-SATURATED = 0.05
-"""Share of the samples with an input at a limit, from which on no linear loop describes the vehicle."""
 # 1/s, that PX4 takes; ArduPilot recommends 12 for all
 LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
 # times the crossover, and Hz: what is faster in the gyro is noise, not motion
@@ -238,7 +236,7 @@ def _refusals(loop: Loop) -> tuple[Fact, ...]:
     limited = _limited_share(loop.controller, loop.record)
     if changed := changed_in(loop.record, loop.controller):
         return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
-    if limited > SATURATED:
+    if limited > LIMITED_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):
         return (Fact(Gains.LOOP_UNSTABLE),)

@@ -20,6 +20,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from enum import IntEnum, auto
 from typing import Any
 
 import numpy as np
@@ -53,12 +54,19 @@ SIGNATURE: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
 HEADER_1: int = dialect.HEADER_LEN_V1
 HEADER: int = dialect.HEADER_LEN_V2
 CHECKSUM = 2
-LONGEST_FRAME = HEADER + 255 + CHECKSUM + SIGNATURE
+LONGEST_FRAME = HEADER + np.iinfo(np.uint8).max + CHECKSUM + SIGNATURE
 BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
-GOOD = 0
-UNKNOWN = 1
-FAILED = 2
-"""A frame's verdict: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
+
+
+class Verdict(IntEnum):
+    """Of a frame: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
+
+    GOOD = auto()
+    UNKNOWN = auto()
+    FAILED = auto()
+
+
+GOOD, UNKNOWN, FAILED = Verdict
 
 
 @dataclass(frozen=True, eq=False)
