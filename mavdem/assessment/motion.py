@@ -98,9 +98,10 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
             if loss.level is Level.BAD:
                 lost = loss
                 break
-        yield from _fall(signals, boot, flight, lost)
+        fall = [*_fall(signals, boot, flight, lost)]
+        yield from fall
     last = float(error.time[-1])
-    if flights and flights[-1][1] == inf:
+    if flights and flights[-1][1] == inf and all(one.code is not MotionEvent.HIT for one in fall):
         height = height_above(signals, boot, flights[-1], last)
         if height is not None and height > GROUND_HEIGHT:
             code = MotionEvent.LOG_ENDED_IN_AIR

@@ -36,8 +36,14 @@ OF_POWER = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BOARD_VO
 def power_light(evidence: Evidence) -> Fact:
     """Returns the worse of battery and supply in flight; unknown where neither was measured."""
     found = [*_battery(evidence), *_supply(evidence), *evidence.reported(OF_POWER)]
-    airborne = evidence.verdict.figures.airborne
-    return worst(found) if found else Fact(PowerLight.POWER_UNMEASURED, airborne=airborne)
+    if found:
+        return worst(found)
+    voltage = evidence.signals.voltage
+    return Fact(
+        PowerLight.POWER_UNMEASURED,
+        airborne=evidence.verdict.figures.airborne,
+        voltage=None if voltage is None else voltage.values.max(initial=0.0),
+    )
 
 
 def _battery(evidence: Evidence) -> Iterator[Fact]:

@@ -1,13 +1,13 @@
-"""Tracking: the light on how roll and pitch follow what was asked of them, at any rate."""
+"""Tracking: how the axes follow what was asked of them, at any rate, and the light on roll and pitch."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from mavdem.alignment.align import Segment, within
-from mavdem.alignment.drive import TILT_AXES, Signal
+from mavdem.alignment.drive import AXES, TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.assessment.limits import Limits, worst
@@ -33,28 +33,35 @@ WATCHED_OVERSHOOT = 0.3
 
 def tracking_light(evidence: Evidence) -> Fact:
     """Returns the light on tracking: the worse of roll and pitch, or what to log."""
-    signals = evidence.signals
+    axes = tracking_of(evidence)
+    tilts = [axes[axis] for axis in TILT_AXES]
+    known = [fact for fact in tilts if fact.code is not TrackingLight.TRACKING_UNKNOWN]
+    return worst(sorted(known or tilts[:1], key=lambda fact: -fact.figures.get("angle_error", 0.0)))
+
+
+def tracking_of(evidence: Evidence) -> Mapping[str, Fact]:
+    """Returns how roll, pitch and yaw follow their setpoints in settled flight, by axis."""
     parts = evidence.settled(INJECTED | FREE_MODES)
-    axes = (_tracking(signals.about(axis), parts) for axis in TILT_AXES)
-    found = [fact for fact in axes if fact is not None]
-    if not found:
-        return Fact(
-            TrackingLight.TRACKING_UNKNOWN,
-            asked=signals.about(TILT_AXES[0]).asked is not None,
-            recorder=signals.telemetry.translated_from,
-        )
-    return worst(sorted(found, key=lambda fact: -fact.figures["angle_error"]))
+    return {axis: _tracking(evidence.signals.about(axis), parts) for axis in AXES}
 
 
-def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact | None:
-    """How one axis follows its setpoint in settled flight, by the setpoint ``delay`` s before; None where not shown."""
+def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact:
+    """How one axis follows its setpoint, by the setpoint ``delay`` s before; or the error of its rate alone."""
     asked = signals.asked
+    rate_error = _rate_error(signals, parts)
+    unknown = Fact(
+        TrackingLight.TRACKING_UNKNOWN,
+        axis=signals.axis,
+        asked=asked is not None,
+        recorder=signals.telemetry.translated_from,
+        rate_error=rate_error,
+    )
     if signals.attitude is None or asked is None:
-        return None
+        return unknown
     angle = signals.attitude.angles
     setpoint, errors = _errors(asked, angle, parts, DELAYS)
     if len(setpoint) < ENOUGH_SAMPLES:
-        return None
+        return unknown
     sizes = np.sqrt(np.mean(np.square(errors), axis=1))
     best = int(np.argmin(sizes))
     error = float(sizes[best])
@@ -76,7 +83,7 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact | None:
         offset_angle=float(np.mean(errors[best])),
         delay=float(DELAYS[best]),
         overshoot=overshoot,
-        rate_error=_rate_error(signals, parts),
+        rate_error=rate_error,
     )
 
 

@@ -27,13 +27,14 @@ from scipy.special import softmax
 
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
+from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
     LEAST_COHERENCE,
+    TINY,
     USUAL_ANGLE_GAIN,
     Spectra,
     evenly_sampled,
@@ -192,12 +193,14 @@ def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepRespons
 def _response(
     signals: Signals, loop: str, used: Sequence[Signal], parts: Sequence[Segment], least: float
 ) -> StepResponse | Fact:
-    """That of the second of ``used`` to the first; or that the messages are too slow, or too little was asked."""
+    """That of the second of ``used`` to the first; or that messages are too slow, too few, or too little was asked."""
     subject = f"{signals.axis} {loop}"
     seconds = SECONDS[loop]
+    if min(map(usual_rate, used)) < least:
+        return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=least)
     found = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
     if found is None:
-        return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=least)
+        return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=4 * seconds)
     sampled, pieces = found
     pieces = [piece for piece in pieces if np.ptp(piece[0])]
     if sum(piece.shape[1] for piece in pieces) < 2 * FEWEST_WINDOWS * seconds * sampled:
@@ -236,20 +239,18 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
     lags = np.arange(1, taps + 1) / taps
     weights = np.exp(-5 * lags) / np.exp(-5 * lags).sum()
     asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
-    whitening = np.array([1.0, -1.0])
-    emphasis = np.ones(len(seen))
     with one_thread():
         for _ in range(PASSES):
             driver = asked
             if angle_gain:
                 clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
                 driver = _windows(clean, taps, size)
-            fit = _step(asked, seen, driver, whitening, emphasis)
-            weights = fit.weights
             left = seen[:, taps:] - _regressors(asked, taps) @ weights
             whitening = _autoregression(left)
-            variance = _filtered(left, whitening).var(axis=1)
-            emphasis = np.median(variance) / np.maximum(variance, np.finfo(np.float64).tiny)
+            scale = np.maximum(_filtered(left, whitening).std(axis=1), TINY)[:, None]
+            r, p, z = (_filtered(one, whitening) / scale for one in (asked, seen, driver))
+            fit = _step(r, p, z, taps)
+            weights = fit.weights
     return fit
 
 
@@ -296,32 +297,26 @@ def _autoregression(left: Array) -> Array:
     return np.convolve(np.append(1.0, -own), [1.0, -1.0])
 
 
-def _step(asked: Array, seen: Array, driver: Array, whitening: Array, emphasis: Array) -> _Fit:
-    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``."""
-    taps = seen.shape[1] // 3
-    root = np.sqrt(emphasis)[:, None]
-    r, p, z = (root * _filtered(one, whitening) for one in (asked, seen, driver))
-    measured, instruments = (_regressors(one, taps) for one in (r, z))
-    target = p[:, taps:]
+def _step(asked: Array, seen: Array, driver: Array, taps: int) -> _Fit:
+    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``; errors are white."""
+    measured, instruments = (_regressors(one, taps) for one in (asked, driver))
+    target = seen[:, taps:]
     normal, own = (
         np.tensordot(instruments, one, axes=((0, 1), (0, 1))) for one in (instruments, measured)
     )
     moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
-    ridge = 1e-3 * np.trace(normal) / taps * np.eye(taps)
-    first = target - measured @ np.linalg.solve(normal + ridge, moment)
-    variance = float(np.mean(first**2))
     steady = np.full(taps, 1 / STEADY)
     known = np.outer(steady, steady)
-    prior = _prior(normal / variance + known, moment / variance + steady / STEADY)
-    inverse = np.linalg.solve(np.eye(taps) + prior @ (own / variance + known), prior)
-    weights = inverse @ (moment / variance + steady / STEADY)
+    prior = _prior(normal + known, moment + steady / STEADY)
+    inverse = np.linalg.solve(np.eye(taps) + prior @ (own + known), prior)
+    weights = inverse @ (moment + steady / STEADY)
     left = target - measured @ weights
-    scores = np.einsum("wbk,wb->wk", instruments, left) / variance @ inverse.T
-    used = float(np.trace(inverse @ own)) / variance
+    scores = np.einsum("wbk,wb->wk", instruments, left) @ inverse.T
+    used = float(np.trace(inverse @ own))
     windows = len(seen)
     # As a jackknife has it: each window draws the estimate towards itself.
     scatter = scores.T @ scores * windows / max(windows - used, windows / 4)
-    missed = np.eye(taps) - inverse @ (own / variance + known)
+    missed = np.eye(taps) - inverse @ (own + known)
     by_steady = inverse @ steady
     covariance = scatter + missed @ prior @ missed.T + np.outer(by_steady, by_steady)
     return _Fit(weights, covariance, windows)
@@ -407,14 +402,22 @@ def _described(
 
 def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> tuple[float, ...]:
     """Those of ``FIGURES`` of one step (K,) and |T| (F,)."""
-    tenth, half, most = (
-        time[np.argmax(step > level)] if step.max() > level else time[-1]
-        for level in (0.1, 0.5, 0.9)
-    )
+    tenth, half, most = (_reached(time, step, level) for level in (0.1, 0.5, 0.9))
+    rise = most - tenth if most < time[-1] else most
     off = np.flatnonzero(np.abs(step - 1) > SETTLED)
     settled = time[off.max(initial=0)]
     top = np.argmax(gain)
-    return max(step.max() - 1, 0.0), most - tenth, settled, half, gain[top], hertz[top]
+    return max(step.max() - 1, 0.0), rise, settled, half, gain[top], hertz[top]
+
+
+def _reached(time: Array, step: Array, level: float) -> float:
+    """When a step (K,) first has a ``level``, between its values; the last time where it never has."""
+    above = np.append(False, step > level)
+    after = int(np.argmax(above))
+    if not above[after]:
+        return float(time[-1])
+    rows = slice(after - 1, after + 1)
+    return float(np.interp(level, np.append(0.0, step)[rows], np.append(0.0, time)[rows]))
 
 
 def step_of(frequency: Array, closed: Complex, time: Array) -> Array:

@@ -27,7 +27,7 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published(Review, 6, "report.json of review, and `--json` of review"),
+    "review": Published(Review, 7, "report.json of review, and `--json` of review"),
     "learn": Published(Report, 7, "report.json, and `--json` of learn and open"),
     "info": Published(Inventory, 3, "`--json` of info"),
     "wind": Published(Wind, 3, "`--json` of wind"),

@@ -8,6 +8,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop
 from mavdem.assessment.responses import LoopResponse
+from mavdem.assessment.tracking import tracking_of
 from mavdem.condition import spectra as measured
 from mavdem.condition.peaks import Peak
 from mavdem.condition.spectra import thinned
@@ -162,6 +163,8 @@ class Axis(Document):
     """response of the angle to its setpoint"""
     resonance: Resonance | None
     """the strongest resonance of the rate"""
+    tracking: OneFact
+    """how angle and rate follow their setpoints: RMS errors (rad, rad/s), delay (s), overshoot"""
 
 
 class Review(Document):
@@ -221,7 +224,9 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
 
 def axes_of(assessment: Assessment) -> dict[str, Any]:
     """Returns what is known of each axis."""
-    margins = () if assessment.evidence is None else assessment.evidence.margins
+    evidence = assessment.evidence
+    margins = () if evidence is None else evidence.margins
+    tracking = {} if evidence is None else tracking_of(evidence)
     resonances = {one.axis: one.response or one.peak for one in margins}
     axes = {}
     nothing = LoopResponse(assessment.headline)
@@ -233,6 +238,7 @@ def axes_of(assessment: Assessment) -> dict[str, Any]:
             "loop": None if refusal else loop,
             "refusal": refusal,
             "resonance": resonances.get(axis),
+            "tracking": tracking.get(axis),
             "step_response": drawn["rate"]["measured"],
             **drawn,
         }

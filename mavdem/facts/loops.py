@@ -88,4 +88,5 @@ class StepResponses(Code):
     MEASUREMENT_DOUBTED = auto()
     NO_SETPOINT = auto()
     TOO_SLOW = auto()
+    TOO_LITTLE_FLIGHT = auto()
     TOO_LITTLE_ASKED = auto()

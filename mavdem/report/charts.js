@@ -11,7 +11,8 @@
   };
   // Of a logarithmic axis 1, 2 and 5 of each power of ten, or where these are many the powers alone.
   const plain = (_, splits) => {
-    const known = splits.filter(value => value > 0), decades = Math.log10(known.at(-1) / known[0]);
+    const known = splits.filter(value => value > 0), crowded = root.classList.contains("printing") ? 2 : 1;
+    const decades = crowded * Math.log10(known.at(-1) / known[0]);
     const kept = decades > 6 ? [0] : decades > 2 ? [1] : [1, 2, 5];
     return splits.map(value => {
       const power = Math.floor(Math.log10(value) + 1e-9), size = value / 10 ** power, digit = Math.round(size);
@@ -174,7 +175,7 @@
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
         { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: none } : {}) },
-        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: 50 },
+        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: 50, space: figure.dataset.flat != null ? 20 : 30 },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, grid: { show: false }, label: data.beside.label }] : []),
       ],
       legend: { show: !strip && !data.picture && data.lines.filter(line => line.name).length > 1, markers: { width: 2 } },

@@ -167,7 +167,10 @@ class Chart(NamedTuple):
         thinned = self.thinned(points)
         lines: list[dict[str, Any]] = [
             line._asdict()
-            | {key: _packed(getattr(line, key), self.y.log) for key in ("y", "low", "high")}
+            | {
+                key: _packed(getattr(line, key), self.y.log and not line.right)
+                for key in ("y", "low", "high")
+            }
             | {"x": None}
             for line in thinned.lines
         ]

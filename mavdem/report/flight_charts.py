@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from mavdem.assessment.noise import BEFORE, GYRO, Noise, Responses
+from mavdem.assessment.noise import GYRO, Noise, Responses
 from mavdem.assessment.responses import LoopResponse
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.loop import TARGETS, Loop
@@ -20,8 +20,8 @@ from mavdem.report.model_charts import banded
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
 
 LOWEST = 0.2  # Hz shown of a loop
-SHOWN = (BEFORE, "before the filters", MEASURED), (GYRO, "behind the filters", PREDICTED)
-"""Name and colour of a spectrum."""
+SHOWN = ("{}_before", "before the filters", MEASURED), ("{}", "behind the filters", PREDICTED)
+"""Name and colour of the spectra of a sensor."""
 BINS = 400
 """Of a spectrum and of a spectrogram that are drawn."""
 SHARE = Axis("share of the step")
@@ -90,19 +90,26 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, 
     )
 
 
-def spectrum_chart(noise: Noise, loop: Loop | None = None) -> Chart | None:
-    """Returns the gyro's spectra with their lines, and what the filters of a ``loop`` pass; None without one."""
+def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> Chart | None:
+    """Returns the spectra of the gyro, or what ``name`` says, with their lines; None without one.
+
+    With those of the gyro is what the filters of a ``loop`` pass.
+    """
     lines = list[Line]()
+    peaks = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     marks = [
         Mark(line.frequency, "?" if line.kind is PeakKind.UNNAMED else str(line.kind))
-        for line in noise.lines
+        for line in peaks
     ]
-    for key, name, colour in SHOWN:
-        if (spectrum := noise.spectra.get(key)) is not None:
+    unit = "1/Hz"
+    for key, where, colour in SHOWN:
+        if (spectrum := noise.spectra.get(key.format(name))) is not None:
+            if spectrum.unit != "1":
+                unit = f"({spectrum.unit})²/Hz"
             frequency, density = thinned(
                 spectrum.frequency[1:], spectrum.mean.sum(axis=0)[1:], BINS
             )
-            lines.append(Line(name, colour, frequency, np.maximum(density, 1e-12)))
+            lines.append(Line(where, colour, frequency, np.maximum(density, 1e-12)))
     if not lines:
         return None
     highest = max(line.x[-1] for line in lines)
@@ -116,11 +123,10 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None) -> Chart | None:
         lines.append(filters)
         beside = Axis("filters (dB)", ends=(-80.0, 3.0))
         marks.append(Mark(loop.crossover, "crossover", BAD))
-    density_axis = Axis("power ((rad/s)²/Hz)", log=True)
     return Chart(
-        "Gyro, power ((rad/s)²/Hz)",
+        f"{name.capitalize()}, power ({unit})",
         Axis("frequency (Hz)", ends=(0.0, highest)),
-        density_axis,
+        Axis(f"power ({unit})", log=True),
         tuple(lines),
         marks=tuple(marks),
         beside=beside,
@@ -133,11 +139,12 @@ def spectrogram(spectrum: Spectrum) -> tuple[Chart, ...]:
     levels, over_levels = spectrum.by_throttle
     over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.whole[order])
     hertz = Axis("frequency (Hz)")
-    charts = [Chart("Gyro over time (Hz)", TIME, hertz, heat=over_time, group="flight")]
+    name = spectrum.name.removesuffix("_before").capitalize()
+    charts = [Chart(f"{name} over time (Hz)", TIME, hertz, heat=over_time, group="flight")]
     if len(levels) > 1:
         over_throttle = _heat(100 * levels, spectrum.frequency, over_levels)
         throttle = Axis("throttle (%)")
-        charts.append(Chart("Gyro over throttle (Hz)", throttle, hertz, heat=over_throttle))
+        charts.append(Chart(f"{name} over throttle (Hz)", throttle, hertz, heat=over_throttle))
     return tuple(charts)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from math import nan
+from itertools import chain
+from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,8 @@ from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.noise import BEFORE, GYRO, Responses
+from mavdem.assessment.noise import GYRO, Noise, Responses
+from mavdem.assessment.tracking import tracking_of
 from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.advice import Advice, advise
 from mavdem.condition.loop.filters import gyro_filters
@@ -24,6 +26,7 @@ from mavdem.dem import Learned
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.event import Event
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import Spent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
@@ -39,7 +42,7 @@ from mavdem.report.flight_charts import (
 )
 from mavdem.report.labels import Labels
 from mavdem.report.loops import gain_blocks, margin_tables
-from mavdem.report.numbers import listed, rounded
+from mavdem.report.numbers import listed, readable, rounded, with_unit
 from mavdem.report.page import Chapter, Head, document
 from mavdem.report.plans import flown_path, frame_plan, rose_of_wind
 from mavdem.report.review import title_of
@@ -54,7 +57,7 @@ from mavdem.report.screen import (
 )
 from mavdem.report.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import begin, section
+from mavdem.report.words import begin, section, together
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory, SessionStatus
@@ -71,6 +74,16 @@ FIGURES = {
     "peak_frequency": ("at (Hz)", 1.0),
 }
 """Header and scale of the figures of a step response."""
+ERRORS = {
+    "angle_error": "angle error, RMS without the delay",
+    "delay": "delay",
+    "rate_error": "rate error, RMS",
+}
+"""Header of the figures of tracking."""
+DURATIONS = "rise_time", "settling", "delay"
+"""Those that end with what is seen of a step, or later."""
+OTHERS = "accelerometer", "demand"
+"""Names of spectra beside those of the gyro."""
 
 
 def review_page(assessment: Assessment) -> str:
@@ -128,15 +141,35 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
         columns = tuple(
             tuple(map(timeline.marked, charts)) for charts in timeline.axes.values() if charts
         )
-        tracking = Sentence(str(assessment.lights["tracking"]), "Tracking:")
-        yield Chapter("Three axes", [tracking], [Group(columns)])
+        yield Chapter(
+            "Three axes",
+            [*_tracking(assessment.lights["tracking"], tracking_of(evidence))],
+            [Group(columns)],
+        )
     yield _responses(assessment.responses)
     advice = _advice(evidence) if whole else {}
     yield _loops(evidence, advice)
     yield _noise(assessment, timeline, whole)
+    others = (_spectra(assessment.noise, name, timeline, whole) for name in OTHERS)
+    yield Chapter("Spectra of accelerometer and motors' demand", (), [*chain(*others)], folded=True)
     yield _motors(assessment, evidence)
     yield _wind(assessment, timeline)
     yield _parameters(evidence.signals.telemetry)
+
+
+def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
+    """What is said of the worst axis, and the errors of all of which there are any."""
+    yield Sentence(str(light), "Tracking:")
+    rows = list[list[str]]()
+    for axis, fact in axes.items():
+        values = {key: fact.figures.get(key) for key in ERRORS}
+        shown = [
+            "" if one is None else with_unit(one, readable(fact.units[key]))
+            for key, one in values.items()
+        ]
+        rows.append([axis, *shown])
+    if any(any(row[1:]) for row in rows):
+        yield Table(["tracking", *ERRORS.values()], rows)
 
 
 def _responses(responses: Responses) -> Chapter:
@@ -161,7 +194,7 @@ def _responses(responses: Responses) -> Chapter:
     if rows:
         header = ["step response (90 % interval)", *(name for name, _ in FIGURES.values())]
         blocks.insert(0, Table(header, rows))
-    caption = "Grey: measured, with its 90 % band. Blue: predicted by the identified loop."
+    caption = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
     columns = step_charts(responses)
     return Chapter("Step response", blocks, [Group(columns, caption)] if columns else [])
 
@@ -169,8 +202,9 @@ def _responses(responses: Responses) -> Chapter:
 def _estimate(found: StepResponse, key: str) -> str:
     estimate: Estimate = getattr(found, key)
     _, scale = FIGURES[key]
-    value, low, high = (rounded(scale * one) for one in estimate)
-    return f"{value} ({low} to {high})"
+    last = found.time[-1] if key in DURATIONS else inf
+    value, low, high = ("over " * (one >= last) + rounded(scale * one) for one in estimate)
+    return value if estimate.low >= last else f"{value} ({low} to {high})"
 
 
 def _advice(evidence: Evidence) -> dict[str, Advice]:
@@ -185,16 +219,16 @@ def _advice(evidence: Evidence) -> dict[str, Advice]:
 
 def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
-    said = dict[str, list[str]]()
+    said = list[tuple[str, Fact]]()
     for one in evidence.margins:
-        facts = [fact.but(names=(one.axis,)) for fact in one.facts]
+        facts = [
+            fact if fact.code is MarginsLight.LOOP_MARGINS else fact.but(names=(one.axis,))
+            for fact in one.facts
+        ]
         if not facts and isinstance(one.loop, Fact):
             facts = [one.loop]
-        for fact in facts:
-            said.setdefault(str(fact), []).append(one.axis)
-    blocks: list[Block] = [
-        Sentence(sentence, f"{listed(axes).capitalize()}:") for sentence, axes in said.items()
-    ]
+        said += [(one.axis, fact) for fact in facts]
+    blocks: list[Block] = [*together(said)]
     for axis, gains in advice.items():
         blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
         blocks += gain_blocks(gains)
@@ -207,7 +241,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
         if axis in advice and advice[axis].parameters:
             shown["advised"] = advice[axis].after
         columns.append(loop_charts(shown))
-    caption = "Open loops with 90 % bands. Dotted: the phase margin where the gain is 1."
+    caption = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     groups = [Group(tuple(columns), caption)]
     return Chapter("Control loops", [*margin_tables(known), *blocks], groups)
 
@@ -221,14 +255,22 @@ def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Ch
     if first is not None:
         filters = gyro_filters(first.controller, first.crossover)
         blocks += section("loop_filters", filters=filters, crossover=first.crossover)
-    groups = [Group.of([spectrum_chart(noise, first)])] if noise.spectra else []
-    shown = noise.spectra.get(BEFORE, noise.spectra.get(GYRO))
-    if shown is not None and whole:
+    return Chapter("Spectra", blocks, [*_spectra(noise, GYRO, timeline, whole, first)])
+
+
+def _spectra(
+    noise: Noise, name: str, timeline: Timeline | None, whole: bool, loop: Loop | None = None
+) -> Iterator[Group]:
+    """Yields the spectrum of a sensor, before its filters and behind them, and if ``whole`` its spectrograms."""
+    shown = noise.spectra.get(f"{name}_before", noise.spectra.get(name))
+    if shown is None:
+        return
+    yield Group.of([spectrum_chart(noise, loop, name)])
+    if whole:
         charts = spectrogram(shown)
         if timeline is not None:
             charts = (timeline.marked(charts[0])._replace(spans=()), *charts[1:])
-        groups.append(Group.of(charts, "Darker: more power."))
-    return Chapter("Spectra", blocks, groups)
+        yield Group.of(charts, "More blue: more power.")
 
 
 def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:

@@ -74,8 +74,9 @@ def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
 
 def _interval(loop: OpenLoop, name: str, scale: float) -> str:
     value = getattr(loop, name)
-    (low, high) = getattr(loop, f"{name}_interval")
-    return f"{rounded(scale * value)} ({rounded(scale * low)} to {rounded(scale * high)})"
+    ends = [rounded(scale * end) for end in getattr(loop, f"{name}_interval")]
+    shown = rounded(scale * value)
+    return shown if "-" in ends else f"{shown} ({ends[0]} to {ends[1]})"
 
 
 def gain_blocks(advice: Advice) -> list[Block]:

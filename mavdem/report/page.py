@@ -116,9 +116,7 @@ def _prose(text: str) -> Markup:
 
 def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
-    said = (
-        "Gain, phase and sensitivity of the open loops, with 90 % bands; dotted, the phase margin."
-    )
+    said = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     chapters = list[Chapter]()
     for axis, one in found.items():
         if isinstance(one, Advice):

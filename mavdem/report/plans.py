@@ -18,7 +18,6 @@ from mavdem.report.charts import Plan
 from mavdem.report.numbers import listed
 from mavdem.report.page import environment
 from mavdem.report.timeline import Timeline
-from mavdem.report.words import interval
 
 REACH = 100.0
 """Of the farthest motor, the largest petal, or the path, in the units of a plan."""
@@ -42,13 +41,16 @@ def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | Non
             "x": round(right, 1),
             "y": round(-forward, 1),
             "share": hover.trim_of_range[number] ** 0.5,
-            "deviation": interval(hover.trim_share[number] - 1, halves[number]),
+            "deviation": f"{100 * (hover.trim_share[number] - 1):+.1f} %".replace("-", "−"),
+            "half": "" if half is None else f"± {100 * half:.1f} %",
             "headroom": f"{100 * hover.headroom[number]:.0f} % left",
             "level": Level.WATCH if abs(hover.imbalance[number]) > 100 * FAULT_RISE else Level.GOOD,
         }
-        for number, (forward, right) in enumerate(at.tolist())
+        for number, ((forward, right), half) in enumerate(zip(at.tolist(), halves, strict=True))
     ]
-    told = [f"motor {one['name']} {one['deviation']}, {one['headroom']}" for one in drawn]
+    told = [
+        f"motor {one['name']} {one['deviation']} {one['half']}, {one['headroom']}" for one in drawn
+    ]
     drawing = _drawn("frame", motors=drawn, size=150.0 / len(drawn) ** 0.9)
     return Plan("From above", f"Trim deviation and headroom: {listed(told)}.", drawing)
 

@@ -43,7 +43,7 @@ from mavdem.report.numbers import (
     rounded,
 )
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import PARAMETERS, advised, headline, section
+from mavdem.report.words import PARAMETERS, advised, headline, section, together
 
 # beside the baselines
 ROWS: dict[str, str] = {
@@ -231,13 +231,12 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> li
     if known:
         blocks.append(Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"))
         blocks.append(Table(header, [[name, *row] for name, row in known.items()]))
+    refused = [(name, one.reason) for name, one in axes.items() if one.reason]
     for name, one in axes.items():
         reasons = parameter_reasons(one.physical, doubted)
-        if one.reason:
-            reasons = [(str if doubted else advised)(one.reason)]
-        if reasons:
+        if reasons and not one.reason:
             blocks.append(Sentence(" ".join(reasons), f"{name.capitalize()}:"))
-    return blocks
+    return blocks + together(refused, str if doubted else advised)
 
 
 def _axis_row(axis: AxisFigures) -> list[str]:

@@ -9,6 +9,7 @@ lists as "a, b and c".
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.resources import files
 from math import degrees, tau
@@ -146,6 +147,15 @@ def comma(loop: Any, more: bool = False) -> str:
     if loop.first:
         return ""
     return " and " if loop.last and not more else ", "
+
+
+def together(said: Iterable[tuple[str, Fact]], told: Callable[[Fact], str] = str) -> list[Sentence]:
+    """Returns what is ``said`` of axes, in one sentence of all of which the same is said."""
+    axes = dict[Fact, list[str]]()
+    for axis, fact in said:
+        axes.setdefault(fact.but(axis=""), []).append(axis)
+    named = [(listed(names), fact) for fact, names in axes.items()]
+    return [Sentence(told(fact.but(axis=names)), f"{names.capitalize()}:") for names, fact in named]
 
 
 def interval(value: float, half: float | None, unit: str = " %") -> str:

@@ -13,7 +13,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
 from mavdem.assessment.margins import margins_light
-from mavdem.assessment.tracking import ERROR, tracking_light
+from mavdem.assessment.tracking import ERROR, tracking_light, tracking_of
 from mavdem.condition.condition import settled_parts
 from mavdem.condition.oscillation import Oscillation
 from mavdem.condition.resonance import response_of
@@ -184,6 +184,9 @@ def test_tracking_has_the_error_without_the_delay():
     figures = tracking_light(following(0.1, late=0.0, error=0.02)).figures
     assert figures["offset_angle"] == approx(0.02, rel=0.05)
     assert figures["angle_error"] == approx(0.02, rel=0.05)
+    axes = tracking_of(following(0.1, error=0.02))
+    assert axes["roll"] == tracking_light(following(0.1, error=0.02))
+    assert axes["pitch"].figures["angle_error"] < 0.01 and "angle_error" not in axes["yaw"].figures
 
 
 def test_tracking_has_the_error_of_the_rate():

@@ -115,10 +115,12 @@ def test_why_there_is_no_step_response():
     telemetry = flight(rate, rate)
     stamps = TIME[every_tenth]
     slow = measured(only(telemetry, lambda time: np.isin(time, stamps), "ATTITUDE_TARGET"))
-    codes = [one.code for one in (without, slow, still)]
+    unflown = rate_response(Signals(telemetry), ())
+    codes = [one.code for one in (without, slow, unflown, still)]
     assert codes == [
         StepResponses.NO_SETPOINT,
         StepResponses.TOO_SLOW,
+        StepResponses.TOO_LITTLE_FLIGHT,
         StepResponses.TOO_LITTLE_ASKED,
     ]
     assert measured(HOVER.telemetry(), attitude_response).code is StepResponses.NO_SETPOINT

@@ -15,6 +15,8 @@ from mavdem.condition.inventory import inventory
 from mavdem.evaluate import compare, windows
 from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
+from mavdem.facts import Fact
+from mavdem.facts.margins import TrackingLight
 from mavdem.ingest import read_log
 from mavdem.report import palette
 from mavdem.report.blocks import Sentence, Table, markdown, text_of
@@ -24,6 +26,7 @@ from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks
 from mavdem.report.truth import truth_blocks
+from mavdem.report.words import together
 
 NAN = float("nan")
 
@@ -169,3 +172,9 @@ def test_colours_are_read_on_light_and_on_dark():
         seen = luminance(colour)
         assert min(light / seen, seen / dark) >= 3
     assert light / luminance(palette.INK_ON_LIGHT) >= 7
+
+
+def test_what_is_said_of_several_axes_is_said_once():
+    large, small = (Fact(TrackingLight.OVERSHOOTS_SETPOINT, overshoot=one) for one in (0.4, 0.3))
+    said = together([(axis, large.but(axis=axis)) for axis in ("roll", "yaw")] + [("pitch", small)])
+    assert [one.lead for one in said] == ["Roll and yaw:", "Pitch:"]
