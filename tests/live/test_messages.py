@@ -7,7 +7,7 @@ import pytest
 from mavlink_streams import flight, frame, frames_in, heartbeat, message
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN
+from mavdem.ingest.mavlink.framing import FAILED, GOOD, HEADER, HEADER_1, MARKER_2, UNKNOWN
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
 from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, message_of
 
@@ -28,14 +28,15 @@ def by_the_file_reader(content: bytes) -> list[Frame]:
     table = frames_in(content)
     columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
     headers = zip(*(column.tolist() for column in columns), strict=True)
-    places = zip(
-        *(part.tolist() for part in (table.payload, table.length, table.start, table.end)),
-        strict=True,
-    )
+    places = zip(table.start.tolist(), table.end.tolist(), strict=True)
     return [
-        Frame(*header, content[payload : payload + length], content[start:end])
-        for header, (payload, length, start, end) in zip(headers, places, strict=True)
+        Frame(*header, payload_of(content[start:end]), content[start:end])
+        for header, (start, end) in zip(headers, places, strict=True)
     ]
+
+
+def payload_of(content: bytes) -> bytes:
+    return content[HEADER if content[0] == MARKER_2 else HEADER_1 :][: content[1]]
 
 
 def mixed(seed: int, count: int = 300) -> list[bytes]:

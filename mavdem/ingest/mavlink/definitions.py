@@ -66,8 +66,8 @@ def definition_named(name: str) -> MessageDefinition | None:
 
 @cache
 def seeds() -> Seeds:
-    """Returns CRC_EXTRA by message id; -1 where the dialect has no such message."""
-    table = np.full(max(definitions()) + 1, -1, dtype=np.int32)
+    """Returns CRC_EXTRA by message id; -1 where the dialect has no such message, as at the last, which is too large."""
+    table = np.full(max(definitions()) + 2, -1, dtype=np.int32)
     for message_id, definition in definitions().items():
         table[message_id] = definition.seed
     return table
@@ -82,8 +82,11 @@ def columns(data: Bytes, start: NDArray[np.integer], definition: MessageDefiniti
     """
     width = definition.wire.itemsize
     payload = start.astype(np.int64) + np.where(data[start] == MARKER_1, HEADER_1, HEADER)
-    beyond = int(payload.max(initial=0)) + width - len(data)
-    table = rows_of(np.pad(data, (0, beyond)) if beyond > 0 else data, payload, width)
+    table = np.empty((len(payload), width), np.uint8)
+    # What was not sent of the last frames may lie beyond the end.
+    is_last = payload + width > len(data)
+    table[~is_last] = rows_of(data, payload[~is_last], width)
+    table[is_last] = data.take(payload[is_last, None] + np.arange(width), mode="clip")
     table[np.arange(width) >= data[start + 1][:, None]] = 0
     messages = table.view(definition.wire)[:, 0]
     return {name: np.ascontiguousarray(messages[name]) for name in definition.fields}
@@ -191,5 +194,4 @@ def composed_frames(
     data = np.frombuffer(b"".join(contents), dtype=np.uint8)
     end = np.cumsum([len(frame) for frame in contents], dtype=np.int64)
     start = np.concatenate([[0], end])[:-1].astype(np.int64)
-    header = data[np.minimum(start[:, None] + np.arange(HEADER), len(data) - 1)]
-    return data, framing.headed_frames(start, header)
+    return data, framing.frames_at(data, start)

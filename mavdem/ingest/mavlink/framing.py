@@ -40,6 +40,10 @@ def frame_checksum(content: bytes, seed: int) -> int:
     return mcrf4xx(content + bytes((seed,)))
 
 
+CRC_STEPS = np.array([mcrf4xx(bytes((byte,)), 0) for byte in range(256)])
+"""What a byte adds to a checksum, by that byte and the checksum's lower one: seeds of many frames at once."""
+
+
 def rows_of(data: Bytes, start: Places, width: int) -> Bytes:
     """Returns the ``width`` bytes from each ``start`` (N,) on, as a table (N, width)."""
     everywhere = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
@@ -73,14 +77,12 @@ GOOD, UNKNOWN, FAILED = Verdict
 class Frames:
     """A table of frames in stream order; every column has shape (N,).
 
-    ``start`` is the place of the marker in the bytes, ``end`` that after the last byte; ``payload`` begins at its place
-    and has ``length`` bytes on the wire. ``verdict`` is ``GOOD``, ``UNKNOWN`` or ``FAILED``.
+    ``start`` is the place of the marker in the bytes, ``end`` that after the last byte. ``verdict`` is ``GOOD``,
+    ``UNKNOWN`` or ``FAILED``.
     """
 
     start: Places
     end: Places
-    payload: Places
-    length: Places
     message_id: Places
     system: Bytes
     component: Bytes
@@ -152,9 +154,7 @@ def gathered(
     ):
         data += contents[number][start:end]
     moved = np.cumsum(frames.end - frames.start) - frames.end
-    frames = replace(
-        frames, start=frames.start + moved, end=frames.end + moved, payload=frames.payload + moved
-    )
+    frames = replace(frames, start=frames.start + moved, end=frames.end + moved)
     return np.frombuffer(data, dtype=np.uint8), frames
 
 
@@ -189,50 +189,50 @@ class _FrameBlock:
 
     def _good(self, wanted: Flags) -> Frames:
         rows = np.flatnonzero(wanted & (self.end <= self._size))
-        frames = headed_frames(self.start[rows], self._header[rows])
-        seeds = _seeds_of(frames, self._seeds)
+        frames = _headed(self.start[rows], self._header[rows])
+        seeds = self._seeds.take(frames.message_id, mode="clip")
         known = seeds >= 0
         frames = frames[known]
         seeds = seeds[known]
-        behind = frames.payload + frames.length - self._begin
+        behind = frames.start + _covered(self._header[rows[known]]) - self._begin
         sent = self._bytes[behind] | self._bytes[behind + 1].astype(np.uint16) << 8
-        covered = (frames.start - self._begin + 1, behind, seeds)
-        expected = [
-            frame_checksum(self._content[first:last], seed)
-            for first, last, seed in zip(*(each.tolist() for each in covered), strict=True)
-        ]
-        return frames[sent == np.array(expected, dtype=np.uint16)]
+        covered = zip((frames.start - self._begin + 1).tolist(), behind.tolist(), strict=True)
+        sums = [mcrf4xx(self._content[first:last]) for first, last in covered]
+        before = np.array(sums, dtype=np.uint16)
+        return frames[sent == before >> 8 ^ CRC_STEPS[(before ^ seeds) & 0xFF]]
+
+
+def _covered(header: Bytes) -> Places:
+    """Bytes of the frame before its checksum, from headers (N, ``HEADER``)."""
+    before = np.where(header[:, 0] == MARKER_2, HEADER, HEADER_1)
+    return np.add(before, header[:, 1], dtype=np.int64)
 
 
 def _lengths(header: Bytes) -> Places:
-    """Bytes of the whole frame, from headers (N, ``HEADER``)."""
-    second = header[:, 0] == MARKER_2
-    signature = np.where(second & (header[:, 2] == SIGNED), SIGNATURE, 0)
-    return np.asarray(
-        np.where(second, HEADER, HEADER_1) + header[:, 1] + CHECKSUM + signature, dtype=np.int64
-    )
+    """Bytes of the whole frame."""
+    signed = (header[:, 0] == MARKER_2) & (header[:, 2] == SIGNED)
+    return _covered(header) + np.where(signed, CHECKSUM + SIGNATURE, CHECKSUM)
 
 
-def headed_frames(start: Places, header: Bytes) -> Frames:
-    """Returns the frames that begin at ``start`` with these headers (N, ``HEADER``), all with the verdict ``GOOD``."""
+def frames_at(data: Bytes, start: Places) -> Frames:
+    """Returns the frames that begin at ``start`` (N,), all with the verdict ``GOOD``."""
+    # A header at the very end may be shorter than ``HEADER``; the bytes read instead are no part of it.
+    return _headed(start, data.take(start[:, None] + np.arange(HEADER), mode="clip"))
+
+
+def _headed(start: Places, header: Bytes) -> Frames:
+    """The frames that begin at ``start`` with these headers (N, ``HEADER``)."""
     second = header[:, 0] == MARKER_2
     low, middle, high = (header[:, 7 + byte].astype(np.int64) for byte in range(3))
     return Frames(
         start=start,
         end=start + _lengths(header),
-        payload=start + np.where(second, HEADER, HEADER_1),
-        length=header[:, 1].astype(np.int64),
         message_id=np.where(second, low | middle << 8 | high << 16, header[:, 5]),
         sequence=np.where(second, header[:, 4], header[:, 2]),
         system=np.where(second, header[:, 5], header[:, 3]),
         component=np.where(second, header[:, 6], header[:, 4]),
         verdict=np.full(len(start), GOOD, dtype=np.uint8),
     )
-
-
-def _seeds_of(frames: Frames, seeds: Seeds) -> Seeds:
-    inside = frames.message_id < len(seeds)
-    return np.where(inside, seeds[np.where(inside, frames.message_id, 0)], -1)
 
 
 def _apart(frames: Frames, free: int) -> Frames:
@@ -262,10 +262,8 @@ def _explained(
     for row in np.flatnonzero(after > before).tolist():
         starts.extend(_chain(content, int(before[row]), int(after[row]), gap))
     filling = np.frombuffer(starts, dtype=np.int64)
-    # A header at the very end may be shorter than ``HEADER``; the bytes read instead are no part of it.
-    header = data[np.minimum(filling[:, None] + np.arange(HEADER), len(data) - 1)]
-    frames = headed_frames(filling, header)
-    frames.verdict[:] = np.where(_seeds_of(frames, seeds) < 0, UNKNOWN, FAILED)
+    frames = frames_at(data, filling)
+    frames.verdict[:] = np.where(seeds.take(frames.message_id, mode="clip") < 0, UNKNOWN, FAILED)
     return frames[frames.end <= len(data)]
 
 
