@@ -36,12 +36,11 @@ from mavdem.flight import Flight
 
 FEWEST_WINDOWS = 4
 MOST_LIMITED = 0.1  # of a window's outputs, at a limit
-OWN = 2.5
 MODEL_ERRORS = {"effect": 0.08, "damping": 0.3, "lag": 0.08, "delay": 0.12}
-"""Times the likelihood's standard deviation, and of the logarithm of each parameter: winds differ from window to
-window, rotors spin up faster than they slow down, and what is sampled does not change evenly between its stamps. Chosen
-on half of the flights of ``tools/validation/loops.py``."""
-BETWEEN = 1 / 8
+"""Standard deviations of the logarithm of each parameter, beside the likelihood's: rotors spin up faster than they slow
+down, and what is sampled does not change evenly between its stamps. Chosen on half of the flights of
+``tools/validation/loops.py``."""
+BETWEEN = 1 / 16
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
 there, and of the delay by itself."""
 WIDEST = 20.0  # degrees, of the phase margin's 90 % interval to each side
@@ -180,7 +179,7 @@ def _plant(found: Identified) -> tuple[Array, Array]:
     """The logarithms (4,) of effect, damping, lag and delay, and their covariance (4, 4) with what the model lacks."""
     chosen = np.array(PLANT)
     errors = np.diag(np.square(list(MODEL_ERRORS.values())))
-    return found.theta[chosen], OWN**2 * found.covariance[np.ix_(chosen, chosen)] + errors
+    return found.theta[chosen], found.covariance[np.ix_(chosen, chosen)] + errors
 
 
 def _physical(found: Identified, directions: Array) -> Physical:

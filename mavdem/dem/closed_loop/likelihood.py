@@ -32,6 +32,9 @@ asked, that is the setpoint plus what the angle takes off it, of which the densi
 MODEL_SHARE = 0.02
 """Of the motors' torque, that a linear plant leaves out: a floor under the wind."""
 READ_SHARE = 0.01  # of an output or a setpoint, by which it is another than the controller's
+DEPENDENT = 6.25
+"""Values of the spectra that count as one: winds differ from window to window, and no flight is linear or stationary.
+What is known beforehand counts whole, so that slow logs, which leave lag and delay open, keep to it."""
 
 
 LEAST_ASKED = 0.05  # of the density that was seen, whatever of it is folded or noise
@@ -57,8 +60,8 @@ class Prior(NamedTuple):
 PRIORS = {
     "effect": Prior(np.log(300.0), 2.0),
     "damping": Prior(np.log(2.0), 1.0),
-    "lag": Prior(np.log(0.03), 1.0),
-    "delay": Prior(np.log(0.006), 0.8),
+    "lag": Prior(np.log(0.03), 0.5),
+    "delay": Prior(np.log(0.006), 0.6),
     "controller": Prior(0.0, 0.1),
     "steps": Prior(0.0, 2.0),
     "step_time": Prior(0.0, 1.5),
@@ -96,7 +99,7 @@ class Axis:
         size = np.abs(self.frequency)
         mean = spectra.mean
         self.seen = mean[:, :ASKED, :ASKED]
-        self.weights = spectra.counts * len(spectra.densities)
+        self.weights = spectra.counts * len(spectra.densities) / DEPENDENT
         seen = mean[:, OUTPUT, OUTPUT].real
         self.output = np.interp(size, spectra.frequency, seen)
         asked_for = mean[:, SETPOINT, SETPOINT].real
