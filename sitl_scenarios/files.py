@@ -66,9 +66,8 @@ def load(name_or_path: str | Path) -> Scenario:
         label = Path(name_or_path).name
         source = _content(Path(name_or_path))
     else:
-        known = ", ".join(names())
         raise ValueError(
-            f"there is no scenario {shortened(given)!r}; there are {known}, and .toml files"
+            f"there is no scenario {shortened(given)!r}: `mavdem fly --list` names them, or give a .toml file"
         )
     try:
         # TOML is UTF-8 by its specification; some editors put a byte order mark before it.

@@ -23,9 +23,9 @@ CLIPS = Limits(0, 100)
 def vibration_light(evidence: Evidence) -> Fact:
     """Returns the largest mean vibration in settled flight, else in the air, of all IMUs, and how often they clip."""
     signals = evidence.signals
-    autopilot = signals.telemetry.autopilot
-    limits = PX4 if autopilot == "PX4" else ARDUPILOT
-    unknown = Fact(VibrationLight.VIBRATION_UNKNOWN, autopilot=autopilot)
+    telemetry = signals.telemetry
+    limits = PX4 if telemetry.autopilot == "PX4" else ARDUPILOT
+    unknown = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
     measured = vibration_of(signals)
     if measured is None:
         return unknown

@@ -75,8 +75,8 @@ def _no_option(context: click.Context, parameter: click.Parameter, value: Any) -
 
 
 def is_log(word: str) -> bool:
-    """Returns whether a first ``word`` names a file, there or not, that is to be reviewed, and no command."""
-    return os.path.isfile(word) or word.lower().removesuffix(".xz").endswith(LOGS)
+    """Returns whether a first ``word`` is a log's name, there or not, or that of any file or folder: no command."""
+    return os.path.exists(word) or word.lower().removesuffix(".xz").endswith(LOGS)
 
 
 class _Commands(click.Group):
@@ -104,22 +104,22 @@ class _Commands(click.Group):
 )
 @click.version_option(package_name="mavdem")
 def mavdem() -> None:
-    """Learns what a multirotor does in wind from its flight logs.
+    """What happened in this flight, may I fly again, what do I change?
 
-    mavdem reports what happened in a flight, how sound the vehicle is, what its motors do, which margins its loops have
-    and how strong the wind was, each with its interval or the reason why it is not identifiable.
+    mavdem answers from the flight log of a multirotor, or from its MAVLink stream. Each figure has its 90 % interval,
+    or the reason why it is not known.
 
     \b
-    1. What happened, and is the vehicle sound? Read the screen, then the page.
+    1. What happened, and may I fly again? Read the screen, then the page.
          mavdem flight.tlog
          xdg-open flight/report.html
-    2. What would a model of it need?
+    2. Do the control loops have enough margin, and which gains suit them?
+         mavdem tune flight.tlog --out tuned
+    3. What does the log hold, and what does a model still need?
          mavdem info flight.tlog
-    3. Which margins have the control loops, and which gains suit the vehicle?
-         mavdem tune flight.tlog --out tune
     4. Which of many flights or vehicles is different?
          mavdem track logs/ --out fleet
-    5. Who else wants to see the flights? Drop logs in a browser, share pages.
+    5. Who else should see the flights? Drop logs in a browser, share pages.
          mavdem serve
     6. What does the vehicle do while it flies?
          mavdem live udpin:127.0.0.1:14550
@@ -128,7 +128,8 @@ def mavdem() -> None:
     No log at hand? Simulate a flight in wind:
       mavdem fly hover_blower --out flight.tlog
 
-    A log needs attitude, and motor outputs or the controller's demand, at 40 Hz or more, better 100 Hz.
+    Any log shows what happened. Models and margins need attitude, and motor outputs or the controller's demand, at
+    40 Hz or more, better 100 Hz.
 
     With --json every command prints one JSON document on standard output. Exit codes: 0 done; 1 the data cannot support
     the request; 2 bad usage or unreadable input. A command ended by Ctrl-C (130), SIGTERM (143) or a closed pipe (141)

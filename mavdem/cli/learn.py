@@ -43,7 +43,7 @@ from mavdem.results import PAGE, RECORDING
 start_option = click.option(
     "--start",
     metavar="SECONDS",
-    type=Number(0, 1e9),
+    type=Number(0, 86400),
     default=0.0,
     show_default=True,
     help="Nothing before it is used: seconds into the settled flight.",

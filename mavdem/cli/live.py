@@ -206,6 +206,7 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550
       mavdem live udpin:127.0.0.1:14550 --request-rate 100 --record flight.tlog
       mavdem live /dev/ttyUSB0,57600 --rrd flight.rrd
+
     \b
     Without a vehicle, in two terminals:
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd

@@ -36,7 +36,7 @@ LEAST_BAND = 2.0
 STILL = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
 PROMINENT = 3.0
 SIDES = 1.5
-"""Times the straight line between the frequencies so many times lower and higher: a largest sensitivity of up to 2.3
+"""Times the straight line between the frequencies so many times lower and higher: a maximum sensitivity of up to 2.3
 makes at most 2.5 of it, one of 4.9 makes 5 and more."""
 # Hz: rate loops of multirotors cross over below, motors and propellers turn above
 FASTEST_LOOP = 40.0
@@ -55,7 +55,7 @@ class Resonance:
 
     axis: str
     peak: float
-    """The largest |T|; or how many times a straight line under it, about the largest sensitivity."""
+    """The largest |T|; or how many times a straight line under it, about the maximum sensitivity."""
     frequency: float
     """Hz, of the peak."""
     coherence: float
@@ -63,7 +63,7 @@ class Resonance:
     highest: float
     """Hz up to which it was looked for."""
     ms_interval: tuple[float, float] | None = None
-    """The 90 % interval of the largest sensitivity; None without setpoint."""
+    """The 90 % interval of the maximum sensitivity; None without setpoint."""
     whole: bool = False
     """Whether the response was seen to fall below −3 dB, so that no peak comes after it."""
 

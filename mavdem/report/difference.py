@@ -99,7 +99,7 @@ def _change(change: QuantityChange, found: VehicleDifference) -> str:
     half = scale * change.half_width
     if change.before is None or change.after is None:
         decimals = 0 if half >= 3 else 1
-        return f"{name} {_signed(f'{more:.{decimals}f}')} % ± {half:.{decimals}f} %"
+        return f"{name} {_signed(f'{more:z.{decimals}f}')} % ± {half:.{decimals}f} %"
     values = f"{rounded(scale * change.before)} → {rounded(scale * change.after)} {unit}"
     return f"{name} {values} ({_signed(plus_minus(more, half))})"
 

@@ -18,7 +18,7 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "phase_margin": ("phase margin (°)", 1.0),
     "gain_margin": ("gain margin (dB)", 1.0),
     "delay_margin": ("delay margin (ms)", 1e3),
-    "ms": ("largest sensitivity Ms", 1.0),
+    "ms": ("maximum sensitivity Ms", 1.0),
     "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
     "rejection": ("motion per 100 °/s² torque (°/s, °)", 100.0),
 }

@@ -50,7 +50,6 @@ ROWS: dict[str, str] = {
     FORECAST: "forecast, motors recorded",
     PREDICTION: "prediction, motors unknown",
 }
-INTERVAL = "± is the half width of the 90 % interval."
 
 
 def screen(learned: Learned) -> list[Block]:
@@ -224,12 +223,11 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
 def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> list[Block]:
     """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
     unit = next((one.flights[0].input_units[0] for one in axes.values() if one.flights), "")
-    header = ["axis", f"mean effectiveness ({per(TORQUE, unit)})"]
+    header = ["all settled flight", f"mean effectiveness ({per(TORQUE, unit)})"]
     header += ["rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)"]
     known = {name: row for name, one in axes.items() if {*(row := _axis_row(one))} != {"-"}}
     blocks = list[Block]()
     if known:
-        blocks.append(Sentence(f"all settled flight of the log; {INTERVAL}", "Vehicle:"))
         blocks.append(Table(header, [[name, *row] for name, row in known.items()]))
     refused = [(name, one.reason) for name, one in axes.items() if one.reason]
     for name, one in axes.items():

@@ -52,6 +52,7 @@ class Form(MultiPartParser):
         super().on_headers_finished()
         file = self._current_part.file
         if file is not None:
+            file.file.close()
             path = self._library.new_part()
             file.file = path.open("xb")
             self.files[path] = file

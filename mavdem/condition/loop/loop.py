@@ -30,7 +30,7 @@ from mavdem.facts.loops import Loops, Responses
 
 
 class Target(NamedTuple):
-    """Margins that a loop is to have: degrees and dB at least, and the largest sensitivity at most."""
+    """Margins that a loop is to have: degrees and dB at least, and the maximum sensitivity at most."""
 
     phase_margin: float
     gain_margin: float

@@ -63,7 +63,7 @@ class Margins:
     """Seconds."""
     delay_margin_interval = FigureInterval("delay_margin")
     ms = Figure("ms")
-    """The largest sensitivity."""
+    """The maximum sensitivity."""
     ms_interval = FigureInterval("ms")
     bandwidth = Figure("bandwidth")
     """Hz, up to which the closed loop is at least -3 dB."""
