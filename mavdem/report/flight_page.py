@@ -146,7 +146,7 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
             [*_tracking(assessment.lights["tracking"], tracking_of(evidence))],
             [Group(columns)],
         )
-    yield _responses(assessment.responses)
+    yield responses_chapter(assessment.responses)
     advice = _advice(evidence) if whole else {}
     yield _loops(evidence, advice)
     yield _noise(assessment, timeline, whole)
@@ -172,8 +172,8 @@ def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
         yield Table(["tracking", *ERRORS.values()], rows)
 
 
-def _responses(responses: Responses) -> Chapter:
-    """Step responses as measured and predicted, their figures, and which of them is doubted."""
+def responses_chapter(responses: Responses) -> Chapter:
+    """Returns step responses as measured and predicted, their figures, and which of them is doubted."""
     rows = list[list[str]]()
     blocks = list[Block]()
     refusals = dict[Fact, list[str]]()
@@ -202,7 +202,7 @@ def _responses(responses: Responses) -> Chapter:
 def _estimate(found: StepResponse, key: str) -> str:
     estimate: Estimate = getattr(found, key)
     _, scale = FIGURES[key]
-    last = found.time[-1] if key in DURATIONS else inf
+    last = float(found.time[-1]) if key in DURATIONS else inf
     value, low, high = ("over " * (one >= last) + rounded(scale * one) for one in estimate)
     return value if estimate.low >= last else f"{value} ({low} to {high})"
 

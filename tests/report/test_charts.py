@@ -28,6 +28,7 @@ from mavdem.report import model_charts
 from mavdem.report.charts import TIME, Axis, Chart, Kind, Line
 from mavdem.report.figures import Plots
 from mavdem.report.flight_charts import spectrogram, spectrum_chart, step_charts
+from mavdem.report.flight_page import responses_chapter
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.systems import model_response, plant_response
 
@@ -110,6 +111,9 @@ def test_steps_of_known_loops_have_band_and_prediction():
     assert_allclose(seen.high - seen.low, 0.1)
     assert predicted.kind is Kind.DASHES and gain.y.log and (gain.lines[0].low > 0).all()
     assert step_charts({"yaw": {"rate": none}}) == ()
+    never = replace(measured, settling=Estimate(0.5, 0.5, 0.5), delay=Estimate(0.1, 0.05, 0.5))
+    figures, _ = responses_chapter({"roll": {"rate": LoopResponse(never), "attitude": none}}).blocks
+    assert figures.rows[0][3:5] == ["over 0.50", "100 (50 to over 500)"]
 
 
 def test_spectra_have_their_lines_and_the_filters_over_them():
