@@ -64,12 +64,13 @@ def series(columns: Columns, values: Array, rows: Flags | None = None) -> Signal
 
 
 def recorded(telemetry: Telemetry, message: str, *fields: str) -> Signal | None:
-    """Returns a field of a message (N,), or several (N, k), as :func:`series` does; None where one was not sent."""
+    """Returns a field of a message (N,), or several (N, k), as :func:`series` does; None where none was finite."""
     columns = telemetry.messages.get(message, {})
     if not all(field in columns for field in fields):
         return None
     table = np.column_stack([floats(columns, field) for field in fields])
-    return series(columns, table if len(fields) > 1 else table[:, 0])
+    found = series(columns, table if len(fields) > 1 else table[:, 0])
+    return found if len(found.time) else None
 
 
 def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, int]:

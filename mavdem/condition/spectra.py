@@ -135,7 +135,7 @@ def _spectrum(
 
     steps = np.diff(sampled.time)
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
-    if usual > 1 / SLOWEST:
+    if usual > 1 / SLOWEST or len(sampled.time) * usual < SECONDS / 2:
         return None
     size = int(2 ** np.round(np.log2(SECONDS / usual)))
     times = []

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Mapping
 from contextlib import redirect_stdout
 from functools import cache
@@ -68,7 +69,7 @@ def read_ulog(path: PathName) -> Log:
             np.array([getattr(one, name) for one in texts]) for name in ("log_level", "timestamp")
         )
         made["STATUSTEXT"] = {
-            "severity": severity - ord("0"),
+            "severity": (severity - ord("0")).astype(np.uint8),
             "text": np.array([one.message for one in texts], dtype=object),
             "time": stamps / 1e6,
             "boot": np.zeros(len(texts), dtype=np.int64),
@@ -97,7 +98,7 @@ def read_ulog(path: PathName) -> Log:
         earlier={
             name: old
             for _, name, old in sent[: len(log.initial_parameters)]
-            if parameters.get(name, old) != old
+            if isfinite(old) and parameters[name] != old
         },
         names=names,
         firmware=_firmware(log.msg_info_dict),
@@ -109,6 +110,10 @@ def read_ulog(path: PathName) -> Log:
     return log_of_vehicles((telemetry,), frames, bytes_skipped=0)
 
 
+_FILL = re.compile(rb"\0{3,}|\xff{3,}")
+"""What a card holds where nothing was written: no header begins so, and the library would take it byte by byte."""
+
+
 class _Content(io.BytesIO):
     """A file for the library, which goes back too far, and for ever, where a damaged length goes beyond the end."""
 
@@ -116,9 +121,11 @@ class _Content(io.BytesIO):
     _is_cut = False
 
     def read(self, size: int | None = -1) -> bytes:
-        if size == HEADER_BYTES:
-            self._message = self.tell()
         content = super().read(size)
+        if size == HEADER_BYTES:
+            if fill := _FILL.match(self.getbuffer(), self.tell() - len(content)):
+                super().seek(fill.end())
+            self._message = self.tell() - len(content)
         self._is_cut = len(content) < (size or 0)
         return content
 
@@ -173,7 +180,8 @@ def _topics(log: ULog) -> tuple[dict[str, dict[int, Columns]], Facts]:
     """The topics that are read, by name and number of the instance, and what was left out."""
     parts: dict[tuple[str, int], list[Columns]] = {}
     for topic in log.data_list:
-        if topic.name in NEEDED and "timestamp" in topic.data:
+        stamps = topic.data.get("timestamp", np.zeros(0))
+        if topic.name in NEEDED and stamps.dtype == np.uint64:
             # A topic that was subscribed to twice continues under another number.
             parts.setdefault((topic.name, topic.multi_id), []).append(topic.data)
     topics: dict[str, dict[int, Columns]] = {}

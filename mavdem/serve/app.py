@@ -369,7 +369,7 @@ class Server:
     def _enter_logs(self, form: Form, is_flight_review: bool) -> Added:
         """Enters the logs of a form, which are then in the library; raises ``Refusal`` if there is none."""
         fields = form.fields
-        columns: dict[str, Any] = {"note": fields.get("description", "")[:4000]}
+        columns: dict[str, Any] = {"note": _unicode(fields.get("description", ""))[:4000]}
         columns["keep"] = int(fields.get("keep", "true").lower() != "false")
         if is_flight_review:
             is_public = fields.get("public", "").lower() in ("true", "1", "on")
@@ -381,7 +381,7 @@ class Server:
                 if not file.size:
                     continue
                 # What some browsers send as name is a path of their machine.
-                name = PureWindowsPath(file.filename or "").name[:200] or "log"
+                name = PureWindowsPath(_unicode(file.filename or "")).name[:200] or "log"
                 try:
                     format_of(path)
                     flights.append(self.library.entered(path, name, **columns))
@@ -519,6 +519,11 @@ def _answer(document: Document) -> Response:
 def _whole_number(request: HttpRequest, name: str, default: int) -> int:
     text = request.query_params.get(name, "")
     return int(text) if text.isdecimal() and len(text) < 10 else default
+
+
+def _unicode(text: str) -> str:
+    """A text of a form without halves of characters: what its own charset says may be anything."""
+    return text.encode(errors="replace").decode()
 
 
 async def _body(request: HttpRequest) -> bytes:

@@ -230,7 +230,7 @@ class Library:
         """
         path = Path(LOGS, digest, file_name(name))
         with self._transaction() as db:
-            known = db.execute("select * from entries where digest = ?", [digest]).fetchone()
+            known = _known(db, digest)
             if known is not None:
                 if known["stage"] != Stage.FAILED:
                     part.unlink()
@@ -337,13 +337,13 @@ class Library:
                 self.store.track([source])
                 if not is_kept:
                     self.store.remove(source)
+                    shutil.rmtree(self.path_of(entry).parent, ignore_errors=True)
         except Refusal as error:
             if error.fact.code is not Request.NO_SUCH_FLIGHT:
                 raise
-            shutil.rmtree(results, ignore_errors=True)  # it was deleted meanwhile
+            with self._transaction() as db:  # it was deleted meanwhile
+                self._remove_files(db, entry)
             return
-        if not is_kept:
-            shutil.rmtree(self.path_of(entry).parent, ignore_errors=True)
         self.is_unpublished.set()
 
     def delete(self, id: str) -> None:
@@ -353,10 +353,15 @@ class Library:
         with self._transaction() as db:
             db.execute("delete from entries where id = ?", [id])
             self.store.remove(source_of(str(path)))
+            self._remove_files(db, entry)
         self.is_unpublished.set()
-        if entry.digest:
-            shutil.rmtree(path.parent, ignore_errors=True)
-        shutil.rmtree(self.results_of(entry), ignore_errors=True)
+
+    def _remove_files(self, db: sqlite3.Connection, entry: Entry) -> None:
+        """Removes the server's files of a log within a transaction, unless it was received again meanwhile."""
+        if _known(db, entry.digest) is None:
+            shutil.rmtree(self.results_of(entry), ignore_errors=True)
+            if entry.digest:
+                shutil.rmtree(self.path_of(entry).parent, ignore_errors=True)
 
     def rows_of(self, entries: Iterable[Entry]) -> list[FlightRow]:
         """Returns the fleet's rows of these logs."""
@@ -460,6 +465,14 @@ def full_disk_refused() -> Iterator[None]:
         if number in (errno.ENOSPC, errno.EDQUOT) or code == sqlite3.SQLITE_FULL:
             raise Refusal(Fact(Request.DISK_FULL)) from None
         raise
+
+
+def _known(db: sqlite3.Connection, digest: str) -> sqlite3.Row | None:
+    """The row of a log."""
+    row: sqlite3.Row | None = db.execute(
+        "select * from entries where digest = ?", [digest]
+    ).fetchone()
+    return row
 
 
 def _entry(row: sqlite3.Row) -> Entry:

@@ -128,6 +128,7 @@ def test_charge_that_the_autopilot_estimates():
         (SUPPLY.bad - 0.1, SUPPLY.bad - 0.2, PowerLight.SUPPLY_LOW, Level.WATCH),
         # It never changes: it is not measured.
         (5.0, 5.0, PowerLight.POWER_UNMEASURED, Level.UNKNOWN),
+        (np.nan, np.nan, PowerLight.POWER_UNMEASURED, Level.UNKNOWN),
     ],
 )
 def test_levels_of_the_supply(usual, least, code, level):

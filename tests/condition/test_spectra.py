@@ -84,6 +84,13 @@ def test_density_has_the_power_of_what_was_measured():
     assert by_throttle.shape == (12, len(spectrum.frequency))
 
 
+def test_stamps_that_hardly_differ_have_no_spectrum():
+    telemetry = shaken()
+    time = np.linspace(8.0, 9.0, len(telemetry.messages["GYRO_BEFORE"]["time"])) * 1e-308
+    signals = Signals(changed(telemetry, "GYRO_BEFORE", time=time))
+    assert "gyro_before" not in spectra_of_flight(signals, FLOWN)
+
+
 def test_nothing_by_throttle_is_thinned_to_nothing():
     frequency, density = thinned(np.arange(6.0), np.zeros((0, 6)), 3)
     assert list(frequency) == [0.5, 2.5, 4.5] and density.shape == (0, 3)

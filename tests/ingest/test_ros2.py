@@ -231,6 +231,7 @@ HOSTILE = {
     "dunder": "uint64 timestamp\nfloat32[4] __class__\n",
     "another type": "uint64 timestamp\nDragon q\n",
     "a huge array": "uint64 timestamp\nfloat32[999999999] q\n",
+    "a huge array with a sign": "uint64 timestamp\nstring[+99999999] q\n",
     "in a circle": "uint64 timestamp\nA q\n===\nMSG: px4_msgs/A\nB b\n===\nMSG: px4_msgs/B\nA a\n",
     "thousands of millions": "uint64 timestamp\nA[4000000000] q\n===\nMSG: px4_msgs/A\nuint8[1] a\n",
     "of nothing": "uint64 timestamp\nA[400000000] q\n===\nMSG: px4_msgs/A\n",

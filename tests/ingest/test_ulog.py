@@ -3,6 +3,7 @@
 import lzma
 import random
 import struct
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from ulog_files import (
 
 from mavdem.alignment.align import recorded_parts
 from mavdem.alignment.signals import Signals, setpoints
+from mavdem.condition.said import said
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files
@@ -267,6 +269,25 @@ def test_parameters_are_the_last_that_were_set(tmp_path):
     changed = [parameter("GAIN", 0.25, "float"), parameter("GAIN", float("inf"), "float")]
     vehicle = vehicle_of(log(*flight(TIMES[:9]), *changed, parameters=initial), tmp_path)
     assert vehicle.parameters == {"MAV_SYS_ID": 7.0, "GAIN": 0.25} and vehicle.system == 7
+    assert vehicle.earlier == {"GAIN": 0.5}
+
+
+def test_damaged_levels_of_texts_and_stamps_of_another_type_are_left_out(tmp_path):
+    texts = [message("L", struct.pack("<BQ", level, 21_000_000) + b"odd") for level in (3, 51, 255)]
+    topic = b"vehicle_torque_setpoint:"
+    right, wrong = topic + b"uint64_t timestamp", topic + b"double timestamp  "
+    vehicle = vehicle_of(log(*flight(TIMES), *texts).replace(right, wrong), tmp_path)
+    assert "ACTUATOR_CONTROL_TARGET" not in vehicle.messages and WANTED in vehicle.messages
+    assert [fact.figures["severity"] for fact in said(vehicle)] == ["error"]
+
+
+def test_bytes_that_nobody_wrote_are_skipped_at_once(tmp_path, monkeypatch):
+    """As a card has them, for which the library took seconds a megabyte."""
+    headers = Mock(wraps=ULog._MessageHeader.initialize)
+    monkeypatch.setattr(ULog._MessageHeader, "initialize", lambda *given: headers(*given))
+    for fill in (b"\0", b"\xff"):
+        assert stamps_of(vehicle_of(log(*flight(TIMES), 100_000 * fill), tmp_path)) == INTACT
+    assert headers.call_count < 10_000
 
 
 WANTED = "HIL_ACTUATOR_CONTROLS"

@@ -231,6 +231,13 @@ def test_another_site_is_refused(served):
     assert served.ask("DELETE", f"/api/flights/{id}", **same).status == 204
 
 
+def test_half_a_character_in_a_name_or_a_text_is_a_question_mark(served):
+    body = form([("\\ud800.ulg", log("One."))], [("description", "\\udfff")])
+    kind = f"multipart/form-data; charset=unicode_escape; boundary={BOUNDARY}"
+    (flight,) = served.ask("POST", "/api/logs", body, Content_Type=kind).json["flights"]
+    assert (flight["name"], flight["note"]) == ("?.ulg", "?")
+
+
 def test_names_and_texts_of_logs_are_only_text(served):
     name = f"../../{HOSTILE}/../x.ulg".replace('"', "%22")
     id = served.upload((name, log(HOSTILE))).json["flights"][0]["id"]

@@ -1,6 +1,7 @@
 """The library: what is acknowledged stays, whatever ends a server, and several may share a folder."""
 
 import shutil
+import threading
 import time
 from pathlib import Path
 from unittest.mock import Mock
@@ -109,6 +110,30 @@ def test_a_log_that_is_deleted_while_it_is_read_leaves_nothing(tmp_path):
     with pytest.raises(Refusal) as refused:
         library.entry(entry.id)
     assert refused.value.fact.code is Request.NO_SUCH_FLIGHT
+
+
+def test_a_log_that_comes_again_while_it_is_deleted_stays(tmp_path, monkeypatch):
+    library = Library(tmp_path)
+    first = received(library)
+    claimed = library.claim()
+    outcome = outcome_of(Job(str(library.path_of(claimed))), read_made_up)
+    again = threading.Thread(target=received, args=(library,))
+    remove = shutil.rmtree
+
+    def late(path, **how):
+        if again.ident is None:
+            again.start()
+            again.join(1.0)
+        remove(path, **how)
+
+    monkeypatch.setattr(shutil, "rmtree", late)
+    library.delete(first.id)
+    again.join()
+    (entry,), _ = library.find(*ALL, 10)
+    assert library.path_of(entry).is_file()
+    AtOnce(library).run()
+    library.finish(claimed, outcome, LIMITS)
+    assert (library.results_of(entry) / PAGE).is_file()
 
 
 def test_a_fleet_is_shown_as_it_is(tmp_path):

@@ -47,7 +47,7 @@ def decoder(schema: Schema) -> Decoder | None:
     if schema.encoding != DEFINITION or len(text) > MAX_CHARACTERS:
         return None
     try:
-        if sum(map(int, re.findall(r"\[(\d+)\]", text))) > MAX_FIELDS:
+        if sum(map(int, re.findall(r"\[\+?(\d+)\]", text))) > MAX_FIELDS:
             return None
         # The one that recorders may leave out.
         stamps = get_types_from_msg("int32 sec\nuint32 nanosec", "builtin_interfaces/msg/Time")
