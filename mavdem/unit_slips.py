@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from mavdem.facts import Fact, Level
 from mavdem.facts.sources import Arrays, Slip
 
+# s, one period of 5 Hz, over which an angle and its rate are compared: sensor noise averages out, roll dynamics do not
+CONSISTENCY_SPAN = 0.2
 SLIPS = {
     1.0: Slip.BOTH_IN_DEGREES,
     57.3: Slip.ANGLE_IN_DEGREES,

@@ -17,7 +17,7 @@ from mavdem.alignment.drive import (
     Motors,
     motors_or_obstacle,
 )
-from mavdem.alignment.quality import CONSISTENCY_SPAN, QualityFigures
+from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, usual_rate
 from mavdem.facts import Fact, Level
@@ -26,6 +26,7 @@ from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.telemetry import Facts, Parameters
+from mavdem.unit_slips import CONSISTENCY_SPAN
 
 NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
 REFUSED_SNR = 1.0

@@ -13,9 +13,8 @@ from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Array, Flags
+from mavdem.unit_slips import CONSISTENCY_SPAN
 
-# Seconds: one period of 5 Hz, so that sensor noise averages out and roll dynamics do not
-CONSISTENCY_SPAN = 0.2
 OUTLIER_SHARE = 0.01
 """Share of those spans, the worst explained, that the consistency leaves out, and at least as many as one sample is in:
 it is of the whole segment, and a single outlier must not decide it."""

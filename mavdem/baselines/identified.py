@@ -141,7 +141,7 @@ def identified(
     return Identified(method, model, record, fitted.starts, iterations=fitted.iterations)
 
 
-RANK_TOLERANCE = 1e-8
+RANK_TOLERANCE = np.sqrt(np.finfo(np.float64).eps)
 """Singular values of the regressors below this of the largest count as zero: of all solutions the smallest is taken."""
 
 

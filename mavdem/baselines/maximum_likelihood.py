@@ -26,7 +26,7 @@ from mavdem.dem.engine.gauss_newton import (
     gauss_newton,
 )
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import ROUNDING, Array
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import UniformRecord, required_number
 from mavdem.errors import NotLearnable
@@ -35,8 +35,6 @@ from mavdem.facts.forecasts import Forecasts
 
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=8)
 MAX_ITERATIONS = 300  # of PEM, and of EM: in a flat valley many small steps follow
-# of the largest curvature, added to all: the choice of states changes no error
-UNDETERMINED = 1e-10
 
 
 def pem(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
@@ -108,7 +106,8 @@ class PredictionErrors(NamedTuple):
         root = np.linalg.cholesky(np.linalg.inv(_covariance(residuals)))
         jacobian = (slopes @ root).reshape(len(at), -1)
         curvature = jacobian @ jacobian.T
-        curvature += UNDETERMINED * curvature.diagonal().max() * np.eye(len(at))
+        # The choice of states changes no error.
+        curvature += ROUNDING * curvature.diagonal().max() * np.eye(len(at))
         slope = -jacobian @ (residuals @ root).ravel()
         return Quadratic(at, _likelihood(residuals), slope, curvature)
 
@@ -118,7 +117,7 @@ def _likelihood(errors: Array) -> float:
 
 
 def _covariance(errors: Array) -> Array:
-    return errors.T @ errors / len(errors) + RANK_TOLERANCE**2 * np.eye(errors.shape[1])
+    return np.asarray(errors.T @ errors / len(errors) + RANK_TOLERANCE**2 * np.eye(errors.shape[1]))
 
 
 def _minimised(segments: Segments, order: int) -> Fitted:
@@ -132,10 +131,6 @@ def _minimised(segments: Segments, order: int) -> Fitted:
 
 # least variance of w at the start: EM converges slowly from a motion that is taken to be exact
 START_NOISE = 0.1
-
-
-# smallest variance of w and v in any direction, states and outputs being of size 1
-LEAST_NOISE = 1e-8
 
 
 def em(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
@@ -171,7 +166,7 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
     )
     R = errors.T @ errors / len(errors)
     noise = K @ R @ K.T + START_NOISE * np.eye(order)
-    R += LEAST_NOISE * np.eye(len(C))
+    R += ROUNDING * np.eye(len(C))
     model = GaussianModel(found.A, found.B, found.offset, C, found.output_trim, noise, R)
     likelihoods = list[float]()
     for _ in range(iterations):
@@ -218,7 +213,7 @@ def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array,
     """Coefficients of so many ``targets``, the last columns, on those before; and the covariance of what they leave.
 
     ``products`` are the segments' expected sums over a ``number`` of rows, of which the upper right is not used. The
-    covariance is no smaller in any direction than the least noise: the likeliest such.
+    covariance is no smaller in any direction than ``ROUNDING``: the likeliest such, states and outputs being of size 1.
     """
     total = np.sum(products, axis=0)
     zz = total[:-targets, :-targets]
@@ -228,7 +223,7 @@ def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array,
     explained = coefficients @ yz.T
     left = (yy - explained - explained.T + coefficients @ zz @ coefficients.T) / number
     variances, axes = np.linalg.eigh((left + left.T) / 2)
-    return coefficients, (axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
+    return coefficients, (axes * np.maximum(variances, ROUNDING) @ axes.T)
 
 
 def _fitted(segments: Segments, order: int) -> Fitted:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mavdem.confidence import ENOUGH_SAMPLES, quantile
 from mavdem.dem.airflow.identification import (
+    GUST_SECONDS,
     STEPS,
     checked,
     courses,
@@ -24,8 +25,7 @@ from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
 from mavdem.ingest.telemetry import Array
 
-# of a gust's mean (WMO-No. 8, vol. I, ch. 5); after which noise is new
-GUST_SECONDS = 3.0
+# after which noise is new
 INDEPENDENT_SECONDS = 10.0
 # m of height of which a mean is shown; m/s
 LAYER = 10.0

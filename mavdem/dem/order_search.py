@@ -50,7 +50,7 @@ LAMBDA_PRECISION = 0.1
 the states' rates, within a factor of five."""
 
 # P̃ᵛ of recorded inputs, as in ``Settings``, and of others, as in the paper
-KNOWN_INPUT = e**12
+KNOWN_INPUT = Settings.input_precision
 UNKNOWN_INPUT = e**2
 
 

@@ -28,8 +28,7 @@ Result = TypeVar("Result")
 # up to this many jobs are sooner done in this process than by workers, which take about a second to start
 FEW = 8
 
-AHEAD = 16  # jobs per own worker that are sent ahead of the result that is waited for
-AHEAD_ELSEWHERE = 256  # jobs for a given executor, whose number of workers cannot be asked
+AHEAD = 256  # jobs that are sent ahead of the result that is waited for: a given executor may have many workers
 # niceness, 0 to 19, of a process that learns beside samples: they do not wait for a core
 LOW_PRIORITY = 10
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
@@ -48,7 +47,7 @@ def parallel_map(
     """
     jobs = iter(jobs)
     if executor is not None:
-        yield from _map_on(executor, work, jobs, AHEAD_ELSEWHERE)
+        yield from _map_on(executor, work, jobs)
         return
     first = list(islice(jobs, FEW + 1))
     workers = spare_cores() if len(first) > FEW else 1
@@ -56,21 +55,20 @@ def parallel_map(
         yield from map(work, chain(first, jobs))
         return
     with pool(workers) as executor:
-        yield from _map_on(executor, work, chain(first, jobs), AHEAD * workers)
+        yield from _map_on(executor, work, chain(first, jobs))
 
 
 def _map_on(
     executor: Executor,
     work: Callable[[Job], Result],
     jobs: Iterable[Job],
-    ahead: int,
 ) -> Generator[Result, None, None]:
-    """At most ``ahead`` jobs are on their way."""
+    """At most ``AHEAD`` jobs are on their way."""
     sent: deque[Future[Result]] = deque()
     try:
         for job in jobs:
             sent.append(executor.submit(partial(_unless_stopped, work), job))
-            while sent and (len(sent) >= ahead or sent[0].done()):
+            while sent and (len(sent) >= AHEAD or sent[0].done()):
                 yield sent[0].result()
                 sent.popleft()
         while sent:

@@ -12,6 +12,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel, pack, unpack
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings, Gaussian, Settings
+from mavdem.unit_slips import CONSISTENCY_SPAN
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +113,11 @@ KINEMATIC_SHARE = 0.5
 """An output counts as the derivative of another when it explains more than this share of its changes."""
 
 # over which the changes are compared: long enough to average noise, short against the motion
-KINEMATIC_SECONDS = 0.2
 
 
 def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     """Pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
-    span = max(1, round(KINEMATIC_SECONDS / record.dt))
+    span = max(1, round(CONSISTENCY_SPAN / record.dt))
     moved = []
     for _, outputs in record.segments:
         integral = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)

@@ -83,9 +83,9 @@ _OF_WINGS = (
     dialect.MAV_TYPE_GROUND_ROVER,
 )
 """MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors: a multirotor, a fixed wing, a rover."""
-_OUTPUTS = 16
+_OUTPUTS = max(dialect.MAVLink_hil_actuator_controls_message.array_lengths)
 _MOTORS = 12
-_CONTROLS = 8
+_CONTROLS = max(dialect.MAVLink_actuator_control_target_message.array_lengths)
 
 
 def mav_type(topics: Topics, parameters: Parameters) -> int | None:

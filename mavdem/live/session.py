@@ -32,7 +32,7 @@ from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.decisions import Setup, judged
 from mavdem.live.gusts import LiveGusts
-from mavdem.live.history import LiveHistory, SessionStatus, horizons
+from mavdem.live.history import MAX_ROWS, LiveHistory, SessionStatus, horizons
 from mavdem.live.link import (
     MAX_PIECES,
     MAX_TRIES,
@@ -54,14 +54,12 @@ from mavdem.live.stream import LiveStream
 from mavdem.live.watchdog import not_watched
 
 JUDGING_SECONDS = 10.0  # From one judgement to the next
-MAX_LATENCIES = 10_000  # Of the latest rows, whose percentiles are in the status
 # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 MAX_MODELS = 16
 # Of the last fit; where it takes longer, the model before is kept, or twice as long without one
 FIT_SECONDS = 3.0
 # Of analysis between two looks at the link, and of arrival that is analysed at once
 STEP_SECONDS = 0.02
-TOGETHER_SECONDS = 0.01
 # What waits, from so many s behind on: fits first, then pictures, never rows
 SHED = {
     Task.PHYSICAL_FITS: 0.5,
@@ -111,7 +109,7 @@ class LiveSession:
         self._arrivals = Arrivals()
         self._greeted = -np.inf
         # of the latest rows, and the largest, s
-        self._latencies = deque[float](maxlen=MAX_LATENCIES)
+        self._latencies = deque[float](maxlen=MAX_ROWS)
         self._largest = 0.0
         self._learned = 0
         self._shown = 0
@@ -230,7 +228,7 @@ class LiveSession:
         if first.arrival - self._accounted[0] >= PAUSE_SECONDS:
             self.account()
         together = []
-        while self._waiting and self._waiting[0].arrival - first.arrival <= TOGETHER_SECONDS:
+        while self._waiting and self._waiting[0].arrival - first.arrival <= STEP_SECONDS:
             together.append(self._waiting.popleft())
         resumed = {Missing.MESSAGES: first.arrival - self._heard}
         self._arrival = first.arrival

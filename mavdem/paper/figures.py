@@ -11,7 +11,7 @@ from scipy.stats import norm
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.window import Window
 from mavdem.report.figures.style import legend_above, not_blown_up, picture
-from mavdem.report.palette import BOUND, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
+from mavdem.report.palette import BAND_OPACITY, BOUND, MEASURED, PREDICTED, distinct
 
 SHOWN_BEFORE = 100  # samples of training that are shown before a forecast
 ROW_HEIGHT = 1.7  # inches
@@ -61,7 +61,7 @@ def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> 
                 axes.axvspan(
                     *(test.time[[0, -1]] - train.time[0]),
                     color=MEASURED,
-                    alpha=HELD_OUT_OPACITY,
+                    alpha=BAND_OPACITY,
                     linewidth=0,
                 )
                 axes.plot(time, measured, color=MEASURED, label="measured")

@@ -20,7 +20,7 @@ from mavdem.report.numbers import named, rounded
 from mavdem.report.palette import MEASURED
 
 GAP_STEPS = 3.0  # usual steps of a line without a sample, beyond which it breaks
-NO_VALUE = -(2**15)
+NO_VALUE = np.iinfo(np.int16).min
 POINTS = 12_000
 FEW_POINTS = 2_000
 """Of a line: ten minutes with all that autopilots log stay within two megabytes; of a small page."""

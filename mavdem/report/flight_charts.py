@@ -11,6 +11,7 @@ from mavdem.assessment.responses import LoopResponse
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.loop.response import LOWEST
 from mavdem.condition.peaks import PeakKind
 from mavdem.condition.spectra import Spectrum, thinned
 from mavdem.condition.step_response import StepResponse
@@ -19,7 +20,6 @@ from mavdem.report.charts import AFTER, FREQUENCY, TIME, Axis, Chart, Heat, Kind
 from mavdem.report.model_charts import banded
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
 
-LOWEST = 0.2  # Hz shown of a loop
 SHOWN = ("{}_before", "before the filters", MEASURED), ("{}", "behind the filters", PREDICTED)
 """Name and colour of the spectra of a sensor."""
 BINS = 400

@@ -40,8 +40,7 @@ INK_ON_LIGHT = "#24292f"
 PAPER_LIGHT = "#ffffff"
 PAPER_DARK = "#0d1117"
 
-BAND_OPACITY = 0.22
-HELD_OUT_OPACITY = 0.13  # of ``MEASURED`` behind what is held out
+BAND_OPACITY = 0.22  # also of ``MEASURED`` behind what is held out
 
 
 def distinct(index: int) -> str:

@@ -17,7 +17,9 @@ from mavdem.facts.serve import Request
 from mavdem.ingest.contents import MAX_BYTES
 from mavdem.serve.library import Library, full_disk_refused
 
-PATIENCE_SECONDS = 30.0  # for the next bytes: a link of a field's telephone has such gaps
+PATIENCE_SECONDS = (
+    30.0  # for the next bytes, as a field's telephone has gaps; for a viewer to start
+)
 MOST_FILES = 1000  # of one request, in it or in its answer
 MOST_TEXT = 1 << 16  # bytes of a field of a form
 CHECKED_BYTES = 1 << 24  # after which the room is looked at again: others upload too

@@ -13,11 +13,10 @@ from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.serve import Request
 from mavdem.results import RECORDING
+from mavdem.serve.uploads import PATIENCE_SECONDS
 
 if TYPE_CHECKING:
     from mavdem.view import WebServer
-
-PATIENCE_SECONDS = 20.0  # for a viewer to start, which takes one
 
 
 class Viewers:

@@ -18,9 +18,8 @@ from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts import Chart, Line, over_time
-from mavdem.view.plots import BOOT_CLOCK, blueprint, drawn, recorded
+from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, drawn, recorded
 
-MAX_ROWS = 50_000  # the viewer draws every one
 RATE = 50.0  # Hz, of what is drawn
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
@@ -75,7 +74,7 @@ class Pose:
         """Rows of the flight, evenly, at about ``RATE``, and fewer of a long flight."""
         step = float(np.median(np.diff(self.time)))
         count = len(self.time)
-        return np.arange(0, count, max(round(1 / RATE / step), ceil(count / MAX_ROWS)))
+        return np.arange(0, count, max(round(1 / RATE / step), ceil(count / MAX_STROKES)))
 
 
 def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:

@@ -30,7 +30,7 @@ FILL_WIDTH = 2.5
 BEYOND = (
     0.5  # how far forecasts and their bands are drawn beyond the measured values, in spans of these
 )
-MAX_STROKES = 20_000  # of an area, which is drawn at once
+MAX_STROKES = 20_000  # of an area, which is drawn at once, or of a path: the viewer draws every one
 
 
 @dataclass(frozen=True)

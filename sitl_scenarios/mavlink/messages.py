@@ -35,19 +35,19 @@ SENSORS = sum(
 )
 FENCE = number_of("MAV_SYS_STATUS_GEOFENCE")  # which is not breached
 UNUSED = np.iinfo(np.uint16).max  # a channel that is not there
-# Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
-RC_CHANNELS = 18
 UNKNOWN_RSSI = np.iinfo(np.uint8).max
 # PX4's in its simulators; on a sphere of 6371 km
 HOME = (47.397742, 8.545594, 488.0)
 METRES_PER_DEGREE = 111_195.0
-CHANNELS = 16  # of SERVO_OUTPUT_RAW and PX4's other output messages
 
 
 @cache
 def named(name: str) -> MessageDefinition:
     """The definition of a message."""
     return next(message for message in definitions().values() if message.name == name)
+
+
+CHANNELS: int = named("HIL_ACTUATOR_CONTROLS").wire["controls"].shape[0]  # of all output messages
 
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
@@ -112,10 +112,11 @@ def written(
             asked = "body_roll_rate body_pitch_rate body_yaw_rate"
             fields |= by_column(asked, motion.rates_setpoint) | {"thrust": motion.demands[:, 3]}
         case "RC_CHANNELS":
+            # 1 roll, 2 pitch, 3 throttle, 4 yaw.
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
             middle = pulse(0.5)
             moved = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
-            fields |= {f"chan{n}_raw": UNUSED for n in range(1, RC_CHANNELS + 1)}
+            fields |= {one: UNUSED for one in named(name).fields if one.endswith("_raw")}
             fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
             fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
         case "LOCAL_POSITION_NED":

@@ -23,11 +23,11 @@ from mavdem import Flight, Forecaster, baselines
 from mavdem.baselines import StateSpace, maximum_likelihood, subspace_identification
 from mavdem.baselines.identified import Units
 from mavdem.baselines.maximum_likelihood import (
-    LEAST_NOISE,
     PredictionErrors,
     iterated,
 )
 from mavdem.dem.engine.kalman import GaussianModel, smoothed
+from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.dem.record import Record
 from mavdem.facts.forecasts import Forecasts
 
@@ -148,7 +148,7 @@ def test_the_likelihood_rises_and_covariances_stay_positive(train):
     likelihoods = np.array(fitted.log_likelihoods)
     assert np.diff(likelihoods).min() > -1e-8 * np.abs(likelihoods).max()
     for covariance in (fitted.model.Q, fitted.model.R):
-        assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
+        assert np.linalg.eigvalsh(covariance).min() > 0.99 * ROUNDING
 
 
 def test_a_breakdown_is_an_error(monkeypatch):

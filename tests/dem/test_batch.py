@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
-from mavdem.dem.parallel import AHEAD_ELSEWHERE, FEW
+from mavdem.dem.parallel import AHEAD, FEW
 from mavdem.errors import NotLearnable
 
 
@@ -116,7 +116,7 @@ def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
     answers = learn_many(repeat(JOBS[0]), executor)
     for taken in range(3):
         assert isinstance(next(answers), Learned)
-        assert len(executor.futures) == AHEAD_ELSEWHERE + taken
+        assert len(executor.futures) == AHEAD + taken
     answers.close()
     # The first two jobs are over, and the third has been asked for.
     assert all(future.cancelled() for future in executor.futures[3:])

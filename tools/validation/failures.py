@@ -19,7 +19,7 @@ from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, te
 
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.ending import ending_of
-from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motion import HIT_SPEED, motion_events
 from mavdem.facts import Fact
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
 from sitl_scenarios.motion import Motion, joined
@@ -27,7 +27,6 @@ from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 
-LOST_SPEED = 3.0  # m/s at which a flight that was lost hits the ground, at least; autopilots land at 1 and less
 SLOWED_SECONDS = 0.1  # within which the ground stops it
 NOTHING_LEFT = 1e-3  # of its thrust
 
@@ -46,7 +45,7 @@ def to_the_ground(flight: Scenario, begin: float) -> tuple[Motion, bool]:
     stands = (motion.time > begin) & (motion.position[:, 2] > -0.05)
     hit = int(np.argmax(stands)) if stands.any() else len(motion) - 1
     sinking = motion.velocity[max(hit - round(SLOWED_SECONDS * second), 0) : hit + 1, 2]
-    if stands.any() and sinking.max() <= LOST_SPEED:
+    if stands.any() and sinking.max() <= HIT_SPEED:
         return motion, False
     return rows_of_motion(motion, slice(0, hit + second // 2)), True
 

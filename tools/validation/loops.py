@@ -27,7 +27,12 @@ from physical import Case, scenario, varied
 
 from mavdem.analysis import Options
 from mavdem.assessment.assess import NoLoop, assess
-from mavdem.condition.loop.controllers import LOOP_RATES, Controller, controller_of
+from mavdem.condition.loop.controllers import (
+    LOOP_RATES,
+    USUAL_RATES,
+    Controller,
+    controller_of,
+)
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.margins import OpenLoop, attitude_loop, rate_loop
 from mavdem.confidence import ENDS
@@ -48,7 +53,7 @@ from sitl_scenarios.vehicles import airframe
 
 GIVEN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}  # seeds
-RATE = 400.0  # Hz of the simulated autopilots' loops, and of their messages
+RATE = USUAL_RATES["ardupilot"]  # of the simulated autopilots' loops, and of their messages
 AT_LIMIT = 0.15  # share of the time in the air with a motor at a limit, at most
 LEAST_PHASE = 15.0  # ° of the loops that are flown
 KINDS = ("type_mask", "axis", "port")  # fields by which messages of one name are of several kinds

@@ -32,8 +32,9 @@ LEAST_SECONDS = 15.0  # of motion with attitude and velocity
 # s, or the samples' own step; longer flights have so many longer steps, half of them to identify the drag
 STEP = 0.5
 STEPS = 1200
-# of means, where the wind was measured beside the vehicle: only its slow part is the same air
-BESIDE_SECONDS = 3.0
+GUST_SECONDS = 3.0
+"""Of a gust's mean (WMO-No. 8, vol. I, ch. 5); and of means where the wind was measured beside the vehicle: only its
+slow part is the same air."""
 STEERED_SECONDS = 2.0
 VELOCITY_SD = 0.2
 """Steered flight changes its velocity in so long, against the drag; m/s, along each axis, of the velocity's error."""
@@ -232,7 +233,7 @@ def estimate_drag(
         np.isfinite(air).all(axis=1, keepdims=True), np.asarray(velocity, np.float64), np.nan
     )
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
-    step = BESIDE_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else STEP
+    step = GUST_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else STEP
     moved = gridded(stamps, angles, speeds, step, wind=air[usable])
     prior = Drag.of_parameters()
     moved = moved.at(moved.known)

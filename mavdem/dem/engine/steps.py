@@ -17,13 +17,13 @@ from mavdem.dem.engine.free_energy import (
     state_curvature,
     theta_curvature,
 )
+from mavdem.dem.engine.gauss_newton import MAX_STEPS
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     SufficientStatistics,
 )
 from mavdem.dem.engine.linalg import Array, inverse, solve
 
-NEWTON_STEPS = 50
 LONGEST_STEP = 4.0
 """A step of λ changes a noise precision at most by e⁴: far from the maximum the curvature says little."""
 SHORTEST_STEP = 1e-6
@@ -87,7 +87,7 @@ def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief
     of_lambda = FreeEnergyOfLambda.of(model, samples, belief)
     lambda_ = belief.lambda_
     value = of_lambda.value(lambda_)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(MAX_STEPS):
         gradient, precision = of_lambda.slope(lambda_)
         step = np.clip(solve(precision, gradient), -LONGEST_STEP, LONGEST_STEP)
         while (raised := of_lambda.value(lambda_ + step)) < value and np.abs(

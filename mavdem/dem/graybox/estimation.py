@@ -31,9 +31,8 @@ from mavdem.facts.model import NoPhysical
 from mavdem.unit_slips import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
-# of the roll motion; its upper end in shares of the sampling rate
+# of the roll motion
 BAND_HZ = (0.4, 6.0)
-MAX_BAND_SHARE = 0.125
 
 
 def physical(
@@ -212,16 +211,13 @@ def _wind_share(
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
     from scipy.signal import butter, lfilter, sosfiltfilt  # it takes half a second to import
 
-    rate = 1 / windows.dt
     commanded = parameters.commanded(theta, windows)
     keeps = float(np.exp(-windows.dt / parameters.lag(theta, windows.dt)))
     torque, _ = lfilter([1 - keeps], [1, -keeps], commanded, axis=1, zi=keeps * commanded[:, :1])
     turning = (
         np.gradient(windows.rate, windows.dt, axis=1) + parameters.damping(theta) * windows.rate
     )
-    band = butter(
-        2, (BAND_HZ[0], min(BAND_HZ[1], MAX_BAND_SHARE * rate)), "bandpass", fs=rate, output="sos"
-    )
+    band = butter(2, BAND_HZ, "bandpass", fs=1 / windows.dt, output="sos")
     motors, both = (sosfiltfilt(band, signal, axis=1) for signal in (torque, turning))
     wind_power, motor_power = (
         float(np.mean(part.var(axis=1) / levels**2)) for part in (both - motors, motors)

@@ -190,7 +190,6 @@ def updated(found: Physical, prior: Physical) -> Physical:
 
 
 WINDOW_SECONDS = 7.0
-SHORTEST_WINDOW_SECONDS = 2.0
 MIN_SAMPLES = 200
 PAST = 4  # samples that tell what is new in the next
 FEWEST_RATE = 39.0
@@ -245,7 +244,7 @@ def rate_column(record: Record) -> int:
 def _window_samples(record: Record) -> NDArray[np.intp]:
     """(W, N) samples of each window."""
     step = max(1, int(1 / record.dt / FASTEST_RATE))
-    shortest = max(step * MIN_SAMPLES, round(SHORTEST_WINDOW_SECONDS / record.dt))
+    shortest = step * MIN_SAMPLES
     if record.longest < shortest:
         code = NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS
         raise NotLearnable(Fact(code, least_samples=shortest, samples=record.longest))

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import ENOUGH_SAMPLES, LEVEL
+from mavdem.confidence import ENDS, ENOUGH_SAMPLES, LEVEL
 from mavdem.dem.engine.free_energy import SampleEnergy
 from mavdem.dem.engine.generative import taylor_weights
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import ROUNDING, Array
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.fitting import Fit
 from mavdem.dem.graybox.parameters import Physical
@@ -28,12 +28,10 @@ MAX_MEDIANS = 12.0
 """Of a half width, in median errors. Of normal errors it is 2.4, where manoeuvres alternate with hover up to 12; a
 failure gives hundreds, by errors that say nothing of the model that follows it."""
 
-SURPRISE_SECONDS = 10.0  # of F(t), by which the next value is standardised
-LOW_QUANTILE = 0.05  # its distance from the median is the unit of surprise
+SURPRISE_SECONDS = 10.0  # of F(t), by which the next value is standardised; the distance of its lower end is the unit
 MAX_QUARTILES = 3.0
 """Of the unit, in distances of the lower quartile from the median. Of normal values it is 2.4; larger ones come of a
 failure that lasts, which must not hide the next."""
-MIN_UNIT = 1e-6  # nats; values of F(t) that differ by less are the same but for rounding
 MIN_PAST = 100  # values of F(t) before a surprise is reported; errors kept, at however long steps
 
 FALSE_MARK_SECONDS = 300.0
@@ -205,9 +203,9 @@ class Surprise:
     def update_quantiles(self) -> None:
         """Computes the quantiles again; done once a block, since it takes the whole past."""
         if len(self._past) >= MIN_PAST:
-            low, quartile, self._median = np.quantile(self._past, [LOW_QUANTILE, 0.25, 0.5])
+            low, quartile, self._median = np.quantile(self._past, [ENDS[0], 0.25, 0.5])
             unit = min(self._median - low, MAX_QUARTILES * (self._median - quartile))
-            self._unit = max(unit, MIN_UNIT)
+            self._unit = max(unit, ROUNDING)
 
 
 class AnomalyMarks:

@@ -57,7 +57,7 @@ SIGNED: int = dialect.MAVLINK_IFLAG_SIGNED
 SIGNATURE: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
 HEADER_1: int = dialect.HEADER_LEN_V1
 HEADER: int = dialect.HEADER_LEN_V2
-CHECKSUM = 2
+CHECKSUM = np.uint16().itemsize
 LONGEST_FRAME = HEADER + np.iinfo(np.uint8).max + CHECKSUM + SIGNATURE
 BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
 
