@@ -19,7 +19,7 @@ from mavdem.alignment.phases import during, settled
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.alignment.steadiness import headings
-from mavdem.analysis.figures import ALL, LogAnalysis, axis_figures
+from mavdem.analysis.figures import ALL, LogAnalysis, axis_figures, physical_of
 from mavdem.analysis.findings import disown_torque
 from mavdem.condition.condition import condition_of
 from mavdem.condition.inventory import identity_of, tier_of
@@ -125,8 +125,12 @@ def analyse(
     known = None if other_axis is None else other_axis.axes.get(axis)
     if known and known.physical and tuple(map(len, known.flights)) == learned.record.lengths:
         learned = learned.with_physical(known.physical).with_wind_torque(known.wind)
-    elif found.changes and learned.physical is not None and learned.wind_torque is not None:
-        learned = learned.with_wind_torque(wind(learned.physical, learned.record, found.changes))
+    else:
+        if not slow:
+            learned = learned.with_physical(physical_of(signals, flights))
+        if found.changes and learned.physical is not None and learned.wind_torque is not None:
+            torque = wind(learned.physical, learned.record, found.changes)
+            learned = learned.with_wind_torque(torque)
     learned = disown_torque(learned, found.condition.oscillation is not None)
     found = replace(found, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:

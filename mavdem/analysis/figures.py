@@ -18,13 +18,16 @@ from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.findings import Findings, findings_of
+from mavdem.analysis.gains import with_one_set_of_gains
 from mavdem.condition.condition import Condition, or_none
 from mavdem.condition.inventory import Identity, Tier
+from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import (
     BASELINES,
     CONSTANT_MEAN,
@@ -253,6 +256,17 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
     }
 
 
+def physical_of(signals: Signals, flights: Sequence[Flight]) -> Physical | NotIdentifiable:
+    """Returns the physical parameters of the axis of ``signals`` in ``flights``, or why there are none.
+
+    They are those of the plant in its loop where it is found, else those that inputs and outputs alone tell.
+    """
+    try:
+        return plant_in_loop(signals, with_one_set_of_gains(flights, signals)[0])
+    except NotLearnable:
+        return physical(flights)
+
+
 def axis_figures(
     signals: Signals, components: Sequence[Component], changes: Sequence[float]
 ) -> AxisFigures:
@@ -261,7 +275,7 @@ def axis_figures(
     if not flights:
         return AxisFigures((), None, None, verdict.reason)
     record = Record.of(flights)
-    parameters = physical(record)
+    parameters = physical_of(signals, flights)
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:

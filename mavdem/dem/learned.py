@@ -146,7 +146,7 @@ class Learned(Forecasting, LearnedDownstream):
         except ValueError:  # LinAlgError is one
             return None
 
-    def with_physical(self, physical: Physical) -> Learned:
+    def with_physical(self, physical: Physical | NotIdentifiable) -> Learned:
         """Returns the same with other ``physical`` parameters, by which its wind torque will be estimated."""
         changed = copy(self)
         object.__setattr__(changed, "_gray_box", physical)

@@ -48,11 +48,11 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if not controller.p > 0:
         name = controller.names["p"]
         raise NotLearnable(Fact(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p))
-    drawn = (
-        _drawn(plant, equivalent_cutoff(controller), record.dt)
-        if plant.filtered
-        else plant.draws(DRAWS, seed=31)
-    )
+    if plant.filtered:
+        drawn = _drawn(plant, controller, record.dt)
+    else:
+        drawn = plant.draws(DRAWS, seed=31)
+        drawn[:, -1] -= gyro_delay(controller)
     per_demand = demand_directions(controller, record)
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:
@@ -77,6 +77,12 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
 
+def gyro_delay(controller: Controller) -> float:
+    """Returns by how much the gyro's filters delay slow motion, s."""
+    cutoff = equivalent_cutoff(controller)
+    return float(AT_HALF.imag / (np.pi * cutoff)) if cutoff else 0.0
+
+
 def axis_of(record: Record) -> str:
     """Returns the axis of a record."""
     return record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
@@ -90,8 +96,8 @@ def known_controller(record: Record) -> Controller:
     return controller_of(record.parameters, axis_of(record), weights)
 
 
-def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
-    """(N, r + 3) effect, damping, lag and delay without the gyro's filter, Hz, if any: the estimate, and draws.
+def _drawn(plant: Physical, controller: Controller, dt: float) -> Array:
+    """(N, r + 3) effect, damping, lag and delay without the gyro's filters: the estimate, and draws.
 
     The plant's lag and delay hold the filter. Where that is most of them, both are alike in size and phase at half of
     the cut-off, else in their delay at low frequencies. The sum of lag and delay is better determined than either: a
@@ -107,9 +113,9 @@ def _drawn(plant: Physical, cutoff: float, dt: float) -> Array:
         covariance[:, -1] = 0.0
     drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
     late = drawn[:, -2:].sum(axis=1)
-    half = np.pi * cutoff
+    half = np.pi * equivalent_cutoff(controller)
     open_ = variance / (variance + sd**2)
-    filtered = AT_HALF.imag / half if cutoff else 0.0
+    filtered = gyro_delay(controller)
     whole = np.maximum(late - filtered, 0.0)
     if filtered > late[0] / 2:
         whole = np.maximum(

@@ -10,7 +10,7 @@ from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response
-from mavdem.condition.loop.from_flight import demand_directions, known_controller
+from mavdem.condition.loop.from_flight import demand_directions, gyro_delay, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
@@ -24,9 +24,10 @@ from mavdem.dem.closed_loop.likelihood import (
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, Spectra, spectra
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
+from mavdem.dem.graybox.estimation import BAND_HZ
 from mavdem.dem.graybox.identifiability import PARAMETERS
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS
-from mavdem.dem.graybox.parameters import LEAST, WindComponent
+from mavdem.dem.graybox.parameters import LEAST, WindComponent, wind_density
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -51,7 +52,7 @@ SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     """Returns the plant of the axis of ``signals`` in ``flights``, identified with the controller that flew it.
 
-    Its lag and delay are without the gyro's filters. Of several boots, that of the longest flight counts. Raises
+    Its delay has that of the gyro's filters. Of several boots, that of the longest flight counts. Raises
     ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, motors at their
     limits, too little was asked of it, or the phase margin stays unknown.
     """
@@ -75,11 +76,14 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
         axis = Axis(_used(seen, known), known, rounding)
         try:
             found = identified(axis)
+            steered = axis.steered_share(found.theta)
+            if not steered >= LEAST_STEERED:
+                raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
             plant = _physical(found, directions)
             _check(plant, directions, controller)
         except np.linalg.LinAlgError:
             raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
-        return plant
+        return plant._replace(delay=plant.delay + gyro_delay(controller))
 
 
 def _streams(
@@ -162,10 +166,7 @@ def _used(found: Spectra, known: KnownController) -> Spectra:
 
 
 def _check(plant: Physical, directions: Array, controller: Controller) -> None:
-    """Raises ``NotLearnable`` where too little was asked of the vehicle, or its phase margin stays unknown."""
-    steered = 1 - plant.wind_share
-    if not steered >= LEAST_STEERED:
-        raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
+    """Raises ``NotLearnable`` where the phase margin stays unknown."""
     drawn = plant.draws(100)
     rate = rate_loop(controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], LEAST))
     low, high = rate.phase_margin_interval
@@ -175,32 +176,22 @@ def _check(plant: Physical, directions: Array, controller: Controller) -> None:
         raise NotLearnable(Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within))
 
 
-def _plant(found: Identified) -> tuple[Array, Array]:
-    """The logarithms (4,) of effect, damping, lag and delay, and their covariance (4, 4) with what the model lacks."""
-    chosen = np.array(PLANT)
-    errors = np.diag(np.square(list(MODEL_ERRORS.values())))
-    return found.theta[chosen], found.covariance[np.ix_(chosen, chosen)] + errors
-
-
 def _physical(found: Identified, directions: Array) -> Physical:
-    theta, covariance = _plant(found)
-    effect, damping, lag, delay = np.exp(theta).tolist()
+    """Without the gyro's filters, and with what the model lacks."""
+    values = dict(zip(NAMES, np.exp(found.theta).tolist(), strict=True))
+    effect, damping, lag, delay = (values[name] for name in MODEL_ERRORS)
     motors = effect * directions / (directions @ directions)
     slopes = np.zeros((len(motors) + 3, 4))
     slopes[:-3, 0] = motors
     slopes[-3:, 1:] = np.diag([damping, lag, delay])
-    whole = slopes @ covariance @ slopes.T
-    unseen = BETWEEN * max(1 / found.axis.spectra.rate - found.axis.known.cycle, 0.0)
+    errors = np.diag(np.square(list(MODEL_ERRORS.values())))
+    whole = slopes @ (found.covariance[np.ix_(PLANT, PLANT)] + errors) @ slopes.T
+    unseen = BETWEEN * found.axis.between
     # a longer lag with a shorter delay is made up for by more effect
     traded = unseen * np.concatenate([motors / lag, [0.0, 1.0, -1.0]])
     whole += np.outer(traded, traded)
     whole[-1, -1] += unseen**2
-    values = dict(zip(NAMES, np.exp(found.theta).tolist(), strict=True))
-    components = (
-        WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
-        WindComponent(GUSTS, values["gust_size"], values["gust_time"]),
-    )
-    return Physical(
+    plant = Physical(
         effect=motors,
         damping=damping,
         lag=lag,
@@ -209,10 +200,20 @@ def _physical(found: Identified, directions: Array) -> Physical:
         status=dict.fromkeys(PARAMETERS, Status.REPORTED),
         reasons=dict.fromkeys(PARAMETERS),
         bias=0.0,
-        wind_share=1 - found.axis.steered_share(found.theta),
-        components=components,
-        noise=values["noise"],
+        wind_share=np.nan,
+        components=(
+            WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
+            WindComponent(GUSTS, values["gust_size"], values["gust_time"]),
+        ),
+        noise=float(np.hypot(values["noise"], values["unfiltered"])),
         refinements={},
         windows=len(found.axis.spectra.densities),
         filtered=False,
     )
+    seen = found.axis.spectra
+    at = seen.frequency[seen.frequency <= BAND_HZ[1]]
+    motor = np.abs(effect / (1 + 2j * np.pi * at * lag)) ** 2
+    width = np.gradient(at)
+    by_wind = width @ wind_density(plant, at)
+    by_motors = 2 * width @ (motor * seen.mean[: len(at), OUTPUT, OUTPUT].real)
+    return plant._replace(wind_share=float(by_wind / (by_wind + by_motors)))

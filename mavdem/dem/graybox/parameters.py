@@ -56,7 +56,7 @@ class Physical(NamedTuple):
         noise: standard deviation of the measured rate's white noise, rad/s.
         refinements: parameters that predict unseen windows better, by name (docs/physical.md).
         windows: how many of the flight it is fitted to.
-        filtered: whether lag and delay have the gyro's filters in them.
+        filtered: whether the lag too has the gyro's filters in it; the delay always has.
     """
 
     effect: Array

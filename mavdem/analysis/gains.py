@@ -1,0 +1,96 @@
+"""The parts of a flight with one set of gains."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import inf, isfinite
+
+import numpy as np
+
+from mavdem.alignment.phases import in_modes
+from mavdem.alignment.signals import Signals
+from mavdem.dem.learning import FEWEST_SAMPLES
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.loops import Loops
+from mavdem.flight import Flight
+from mavdem.ingest.mavlink.definitions import parameters_sent
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+
+NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
+"""What the names of one axis's parameters have in them."""
+
+
+AUTOTUNE = frozenset({"Autotune"})
+"""The mode of ArduPilot whose gains no parameter has."""
+
+
+def with_one_set_of_gains(
+    flights: Sequence[Flight], signals: Signals
+) -> tuple[tuple[Flight, ...], Fact | None]:
+    """Returns the parts of ``flights`` with the set of gains that was flown longest, with these; a fact if not all.
+
+    Parts in ArduPilot's AutoTune are left out: no parameter has its gains. Raises ``NotLearnable``: no part is left.
+    """
+    sets = gains_of_log(signals)
+    parts = defaultdict[tuple[tuple[str, float], ...], list[Flight]](list)
+    for flight in flights:
+        boot = flight.provenance["segment"]["boot"]
+        tuning = in_modes(signals, boot, AUTOTUNE)
+        stamps = [time for of_boot, time, _ in sets if of_boot == boot]
+        edges = np.searchsorted(flight.time, [*stamps, *np.ravel(tuning)])
+        for first, last in pairwise(np.unique([0, *edges, len(flight)]).tolist()):
+            begin = flight.time[first]
+            is_tuned = any(since <= begin < until for since, until in tuning)
+            if last - first >= FEWEST_SAMPLES and not is_tuned:
+                known = [values for *since, values in sets if since <= [boot, begin]]
+                parts[known[-1]].append(flight[first:last])
+    if not parts:
+        raise NotLearnable(Fact(Loops.GAINS_OF_AUTOTUNE))
+    gains, longest = max(parts.items(), key=lambda item: sum(map(len, item[1])))
+    kept = tuple(_with_parameters(part, dict(gains)) for part in longest)
+    if sum(map(len, kept)) == sum(map(len, flights)):
+        return kept, None
+    caution = Fact(
+        Loops.GAINS_OF_PART,
+        Level.WATCH,
+        names=sorted({name for other in parts for name, _ in set(other) - set(gains)}),
+        duration=sum(part.duration for part in kept),
+        settled=sum(flight.duration for flight in flights),
+    )
+    return kept, caution
+
+
+def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, float], ...]]]:
+    """Returns boot, time, s, and names and values of the axis's control: from before the log, and after each change."""
+    telemetry = signals.telemetry
+    sent = telemetry.messages.get("PARAM_VALUE")
+    if sent is None:
+        return [(-1, -inf, ())]
+    others = [part for axis, parts in NAMED.items() if axis != signals.axis for part in parts]
+    named = parameters_sent(sent, telemetry.autopilot)
+    own = [
+        (boot, time, name, value)
+        for boot, time, (name, value) in zip(
+            sent["boot"].tolist(), sent["time"].tolist(), named, strict=True
+        )
+        if CONTROL_PARAMETERS.match(name)
+        and not OWN_PARAMETERS.search(name)
+        and not any(part in name for part in others)
+        and isfinite(value)
+    ]
+    known = {name: value for _, _, name, value in reversed(own)}
+    sets = [(-1, -inf, tuple(known.items()))]
+    for boot, time, name, value in own:
+        if known[name] != value:
+            known[name] = value
+            sets.append((boot, time, tuple(known.items())))
+    return sets
+
+
+def _with_parameters(flight: Flight, values: Mapping[str, float]) -> Flight:
+    known = {"parameters": {**flight.provenance["parameters"], **values}, "earlier": {}}
+    return replace(flight, provenance={**flight.provenance, **known})
