@@ -263,8 +263,8 @@ def physical_of(signals: Signals, flights: Sequence[Flight]) -> Physical | NotId
     """
     try:
         return plant_in_loop(signals, with_one_set_of_gains(flights, signals)[0])
-    except NotLearnable:
-        return physical(flights)
+    except NotLearnable as error:
+        return physical(flights)._replace(refusal=error.fact)
 
 
 def axis_figures(

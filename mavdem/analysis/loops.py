@@ -10,11 +10,11 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
-from mavdem.analysis.figures import AxisFigures
+from mavdem.analysis.figures import AxisFigures, physical_of
 from mavdem.analysis.gains import with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
-from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.condition.loop.loop import Loop
+from mavdem.dem import Physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -52,12 +52,10 @@ def loops_of_log(
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    plant = None if known is None else known.physical
-    if plant is None or plant.filtered:
-        try:
-            plant = plant_in_loop(signals, flights)
-        except NotLearnable:
-            if plant is None or not plant.identifiable:
-                raise
+    plant = known and known.physical or physical_of(signals, flights)
+    is_known = isinstance(plant, Physical) and plant.identifiable
+    if not is_known and plant.refusal is not None:
+        raise NotLearnable(plant.refusal)
+    assert isinstance(plant, Physical)
     loop = loop_of(plant, Record.of(flights))
     return loop if caution is None else replace(loop, cautions=(caution, *loop.cautions))

@@ -7,7 +7,7 @@ from pytest import approx
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.loops import with_one_set_of_gains
+from mavdem.analysis.gains import with_one_set_of_gains
 from mavdem.errors import NotLearnable
 from mavdem.facts.loops import Loops
 

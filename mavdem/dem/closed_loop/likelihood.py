@@ -123,15 +123,13 @@ class Axis:
         self.asked_seen = asked
         # the angle that is taken off is of another cycle than the controller's, with noise of its own
         other = np.abs(late[SETPOINT] - late[RATE]) > known.cycle / 2
-        self.asked_noise = (
-            2 * other.mean() * known.angle**2 * np.array([known.cycle, 1 / spectra.rate])
-        )
+        self.asked_noise = 2 * float(other.mean()) * known.angle**2
         self.between = max(1 / spectra.rate - known.cycle, 0.0)
         self.step = self.inside / (1 - np.exp(-2j * np.pi * self.frequency * known.cycle))
 
-    def densities(self, theta: Array, is_asked: bool = True) -> Complex:
-        """Returns (J, C, C) of parameters θ; of a vehicle of which something ``is_asked``, or nothing."""
-        values = dict(zip(NAMES, np.exp(theta), strict=True))
+    def densities(self, thetas: Array, is_asked: bool = True) -> Complex:
+        """Returns (N, J, C, C) of parameters (N, k); of a vehicle of which something ``is_asked``, or nothing."""
+        values = dict(zip(NAMES, np.exp(thetas).T[..., None, None], strict=True))
         s = 2j * np.pi * self.frequency
         turned = 1 / (s + values["damping"])
         effect = values["effect"] / (values["lag"] * s + 1)
@@ -160,33 +158,33 @@ class Axis:
         wind = _drift(turn, values["drift_size"], values["drift_time"])
         wind += _gusts(turn, values["gust_size"], values["gust_time"])
         wind += MODEL_SHARE**2 * np.abs(effect) ** 2 * self.output
-        white, noise = np.ones_like(turn), self.asked_noise * values["angle_noise"] ** 2
         steps, late = (values[name] / (1 + values[name]) for name in ("steps", "step_time"))
+        noise = self.asked_noise * values["angle_noise"] ** 2
+        size = (
+            is_asked * _without(self.asked_seen, noise[..., 0] / self.spectra.rate) * steps[..., 0]
+        )
+        white = np.full_like(turn, self.known.cycle)
         sources = np.array(
             [
-                _without(self.asked, noise[0]) * (is_asked * (1 - steps)),
+                _without(self.asked, noise * self.known.cycle) * (is_asked * (1 - steps)),
                 wind,
-                *(
-                    white * values[name] ** 2 * self.known.cycle
-                    for name in ("noise", "unfiltered", "angle_noise")
-                ),
+                *(white * values[name] ** 2 for name in ("noise", "unfiltered", "angle_noise")),
                 values["actuation"] ** 2 * self.output,
             ]
         )
-        pairs = np.einsum("isjk,tsjk->itjk", seen * sources, seen.conj())
-        whole = np.einsum("itjk,kit->jit", pairs, self.turned)
+        pairs = np.einsum("isnjk,tsnjk->itnjk", seen * sources, seen.conj())
+        whole = np.einsum("itnjk,kit->njit", pairs, self.turned)
         step = self.step * np.exp(self.turns * late * self.between)
-        step /= step.sum(axis=1, keepdims=True)
-        of_steps = np.einsum("ijk,jk,ki->ji", seen[:, 0], step, self.stamps)
-        size = _without(self.asked_seen, noise[1]) * (is_asked * steps)
-        whole += size[:, None, None] * of_steps[:, :, None] * of_steps[:, None].conj()
+        step /= step.sum(axis=-1, keepdims=True)
+        of_steps = np.einsum("injk,njk,ki->nji", seen[:, 0], step, self.stamps)
+        whole += size[..., None, None] * of_steps[..., None] * of_steps[..., None, :].conj()
         diagonal = np.arange(len(seen))
-        whole[:, diagonal, diagonal] += self.read.T
+        whole[..., diagonal, diagonal] += self.read.T
         return np.asarray(whole)
 
     def value(self, theta: Array) -> float:
         """Returns the log likelihood, up to a constant; minus infinity where there is none."""
-        model = self.densities(theta)
+        model = self.densities(theta[None])[0]
         sign, size = np.linalg.slogdet(model)
         if not (np.isfinite(size).all() and (sign.real > 0).all()):
             return -np.inf
@@ -195,14 +193,9 @@ class Axis:
 
     def scores(self, theta: Array, steps: Array) -> tuple[Array, Array]:
         """Returns the slope (k,) of the log likelihood, and Fisher's information (k, k)."""
-        here = self.densities(theta)
+        here, *there = self.densities(np.vstack([theta, theta + np.diag(steps)]))
         inverse = np.linalg.inv(here)
-        slopes = np.array(
-            [
-                inverse @ (self.densities(theta + step) - here) / step.sum()
-                for step in np.diag(steps)
-            ]
-        )
+        slopes = inverse @ ((there - here) / steps[:, None, None, None])
         unlike = inverse @ self.seen - np.eye(inverse.shape[-1])
         score = np.einsum("j,kjab,jba->k", self.weights, slopes, unlike).real
         weighted = slopes * self.weights[:, None, None]
@@ -213,23 +206,24 @@ class Axis:
     def steered_share(self, theta: Array) -> float:
         """Returns the share of the rate's variance that follows what was asked, by parameters θ."""
         whole, unasked = (
-            self.densities(theta, is_asked)[:, RATE, RATE].real for is_asked in (True, False)
+            self.densities(theta[None], is_asked)[0, :, RATE, RATE].real
+            for is_asked in (True, False)
         )
         width = np.gradient(self.spectra.frequency)
         return 1 - float(width @ unasked) / float(width @ whole)
 
 
-def _without(seen: Array, noise: float) -> Array:
+def _without(seen: Array, noise: Array) -> Array:
     """A density of what was asked without that of ``noise`` which is in it."""
     return np.maximum(seen - noise, LEAST_ASKED * seen)
 
 
-def _drift(turn: Array, size: float, time: float) -> Array:
+def _drift(turn: Array, size: Array, time: Array) -> Array:
     """The density of noise of first order, with this standard deviation and time, at rad/s."""
     return 2 * size**2 * time / (1 + (turn * time) ** 2)
 
 
-def _gusts(turn: Array, size: float, time: float) -> Array:
+def _gusts(turn: Array, size: Array, time: Array) -> Array:
     """Likewise of smooth noise, with the autocorrelation exp(−τ²/4 time²)."""
     return np.asarray(2 * np.sqrt(np.pi) * size**2 * time * np.exp(-((turn * time) ** 2)))
 

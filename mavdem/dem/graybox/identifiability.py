@@ -76,9 +76,10 @@ MODEL_ERRORS = ModelErrors()
 
 
 class NotIdentifiable(NamedTuple):
-    """There are no physical parameters: ``reason`` says why."""
+    """There are no physical parameters: ``reason`` says why, and ``refusal`` why none in the loop."""
 
     reason: Fact
+    refusal: Fact | None = None
 
 
 class IdentifiabilityFigures(NamedTuple):

@@ -57,6 +57,7 @@ class Physical(NamedTuple):
         refinements: parameters that predict unseen windows better, by name (docs/physical.md).
         windows: how many of the flight it is fitted to.
         filtered: whether the lag too has the gyro's filters in it; the delay always has.
+        refusal: why they are not those of the plant in its loop, where that was asked for.
     """
 
     effect: Array
@@ -73,6 +74,7 @@ class Physical(NamedTuple):
     refinements: dict[Refinement, float]
     windows: int
     filtered: bool = True
+    refusal: Fact | None = None
 
     def __repr__(self) -> str:
         mean, half = self.mean_effect()
