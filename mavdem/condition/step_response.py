@@ -43,7 +43,7 @@ from mavdem.condition.resonance import (
 )
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.loops import StepResponses
 
 SECONDS = {"rate": 0.5, "attitude": 2.0}
@@ -160,7 +160,8 @@ class StepResponse:
         subject = f"{self.axis} {self.loop}"
         peak = float(frequency[np.argmax(np.abs(closed))])
         if share <= DISAGREES:
-            return Fact(StepResponses.PREDICTION_AGREES, subject=subject, highest=self.highest)
+            agrees = StepResponses.PREDICTION_AGREES
+            return Fact(agrees, Level.GOOD, subject=subject, highest=self.highest)
         code = StepResponses.PREDICTION_DOUBTED
         if np.abs(closed).max() > np.abs(closed[known]).max(initial=0.0):
             code = StepResponses.MEASUREMENT_DOUBTED

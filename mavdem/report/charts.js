@@ -134,7 +134,9 @@
       const [low, high] = axis.ends || [null, null];
       if (min == null) return [low ?? (axis.log ? 1 : 0), high ?? (axis.log ? 10 : 1)];
       if (!padding) return [Math.max(min, low ?? min), Math.min(max, high ?? max)];
-      if (axis.log) return [low ?? min, high ?? max * 1.3];
+      // Of a logarithmic axis there is more than one number to read.
+      const wide = axis.log ? Math.max(1, 2 / Math.sqrt(max / min)) : 1;
+      if (axis.log) return [low ?? min / wide, high ?? max * 1.3 * wide];
       const [from, to] = uPlot.rangeNum(min, max, 0.06, false);
       return [low ?? (min < 0 ? from : Math.max(from, 0)), high ?? to];
     },

@@ -96,7 +96,8 @@ class Line(NamedTuple):
 
         found = between(self.y)
         pairs = np.searchsorted(x, np.append(grid[::2], 2 * grid[-1] - grid[-2]))
-        several = np.flatnonzero(np.diff(pairs)[: len(grid) // 2] > 2)
+        # Of as many samples as steps three may fall into two of them.
+        several = np.flatnonzero(np.diff(pairs)[: len(grid) // 2] > 3)
         if len(several):
             starts = np.minimum(pairs[:-1], len(x) - 1)
             least, most = (one.reduceat(self.y, starts)[several] for one in (np.fmin, np.fmax))

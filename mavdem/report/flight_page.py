@@ -75,9 +75,9 @@ FIGURES = {
 }
 """Header and scale of the figures of a step response."""
 ERRORS = {
-    "angle_error": "angle error, RMS without the delay",
+    "angle_error": "angle error (RMS)",
     "delay": "delay",
-    "rate_error": "rate error, RMS",
+    "rate_error": "rate error (RMS)",
 }
 """Header of the figures of tracking."""
 DURATIONS = "rise_time", "settling", "delay"
