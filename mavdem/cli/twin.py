@@ -31,14 +31,14 @@ from sitl_scenarios.simulation import replayed
 
 FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 SHOWN = {
-    "mass": "kg",
-    "inertia": "kg m²",
-    "lag": "s",
-    "damping": "1/s",
-    "delay": "s",
-    "hover": "share of range",
-    "wind_speed": "m/s",
-    "wind_direction": "° that it comes from",
+    "mass": "mass (kg)",
+    "inertia": "inertia (kg m²)",
+    "lag": "motor time constant, gyro filters apart (s)",
+    "damping": "rate damping (1/s)",
+    "delay": "delay (s)",
+    "hover": "hover (share of range)",
+    "wind_speed": "wind (m/s)",
+    "wind_direction": "wind comes from (°)",
 }
 FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)"}
 
@@ -106,10 +106,7 @@ def twin_command(
         for name in SHOWN
         if getattr(twin, name) is not None
     }
-    rows = [
-        [f"{name.replace('_', ' ')} ({SHOWN[name]})", value, str(twin.notes.get(name, ""))]
-        for name, value in known.items()
-    ]
+    rows = [[SHOWN[name], value, str(twin.notes.get(name, ""))] for name, value in known.items()]
     blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     compared = _flown_again(twin, loops)

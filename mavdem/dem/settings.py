@@ -64,7 +64,7 @@ Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 # of a model: its fit takes memory of order n⁴, and no flight shows as many states
 LARGEST_ORDER = 12
-Positive = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=1e-50, le=LARGEST)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 
 

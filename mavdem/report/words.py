@@ -119,7 +119,7 @@ def _environment() -> Environment:
         "begin": begin,
         "below": below,
         "degrees": lambda angle: degrees(angle),
-        "fixed": lambda value, digits=0: f"{value:.{digits}f}",
+        "fixed": lambda value, digits=0: f"{value:z.{digits}f}",
         "few": few,
         "from_point": from_point,
         "go_on": go_on,
@@ -173,7 +173,7 @@ def bare(fact: Fact | str) -> str:
 def below(value: float, limit: float) -> str:
     """Returns the value with as many decimals, at least one, as show that it is below the limit."""
     return next(
-        (text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit),
+        (text for digits in range(1, 6) if float(text := f"{value:z.{digits}f}") < limit),
         f"{value:.6g}",
     )
 
