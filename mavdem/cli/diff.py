@@ -52,8 +52,9 @@ def diff_command(
     Of a FLEET all flights of the vehicle count, and show how much one flight differs from the next; of
     single flights that is assumed, and said.
 
-    Compared are each motor's share of the work and its effect, damping and lag. A quantity changed if that is beyond
-    chance for all together (Holm, 5 %). Wind, battery and payload are conditions: they widen the intervals.
+    Compared are each motor's share of the work and its control effectiveness, rate damping and motor time constant. A
+    quantity changed if that is beyond chance for all together (Holm, 5 %). Wind, battery and payload are conditions:
+    they widen the intervals.
 
     \b
     Examples:
