@@ -18,6 +18,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.dem.online import learner
 from mavdem.flight import Flight
+from mavdem.unit_slips import real_numbers
 
 USUAL_RATE = 100.0  # Hz, of these steps; at higher rates they last as long
 HORIZONS = (*learner.HORIZONS, round(TEST_SECONDS * USUAL_RATE))
@@ -79,8 +80,8 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     See Also:
         :func:`mavdem.evaluate.held_out_windows`: errors on windows that no model has seen.
     """
-    y = np.asarray(measured, np.float64)
-    yhat = np.asarray(predicted, np.float64)
+    y = real_numbers(measured, "measured")
+    yhat = real_numbers(predicted, "predicted")
     if y.shape != yhat.shape or y.ndim != 2 or not len(y):
         raise ValueError(
             f"measured and predicted must be (H, m) alike, not {y.shape} and {yhat.shape}"

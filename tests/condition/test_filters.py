@@ -89,11 +89,14 @@ def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
         ({"MODE": 3.0, "REF": 1.0, "OPTS": 2.0}, [80] * 4),
         ({"MODE": 4.0, "REF": 1.0, "OPTS": 2.0}, [80] * 3),
         ({"ENABLE": 0.0}, []),
+        ({"FREQ": 0.0, "BW": 0.0}, []),
+        ({"ATT": -1e38}, []),
     ],
 )
 @pytest.mark.parametrize("prefix", ["INS_HNTCH_", "INS_HNTC2_"])
 def test_harmonic_notches_are_where_the_parameters_have_them(given, expected, prefix):
-    controller = ardupilot(NOTCH | given, prefix, MOT_THST_HOVER=0.4)
+    controller = ardupilot(NOTCH | given, prefix, MOT_THST_HOVER=0.4, INS_GYRO_RATE=1e38)
+    assert controller.gyro_rate == 8000
     assert [one.frequency for one in controller.notches] == approx(expected)
     moving = [one.figures["name"] for one in controller.cautions]
     assert moving == ([f"{prefix}MODE"] if given.get("MODE", 0) > 1 else [])

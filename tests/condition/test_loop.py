@@ -107,6 +107,7 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
         ),
         (ARDUPILOT, (), Controllers.MIXER_UNKNOWN, {"autopilot": "ardupilot"}),
         (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
+        (PX4 | {"CA_ROTOR1_PY": 1e3}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
         (
             PX4 | {"MC_ROLL_P": 0.0},
             (),

@@ -36,6 +36,8 @@ def test_mspe_is_per_output_and_summed():
 def test_shapes_that_disagree_are_refused(shape):
     with pytest.raises(ValueError, match=r"must be \(H, m\) alike"):
         evaluate.mspe(np.zeros((2, 2)) if shape != (0, 2) else np.zeros(shape), np.zeros(shape))
+    with pytest.raises(ValueError, match="predicted must be real numbers"):
+        evaluate.mspe([[0.0]], [[1j]])
 
 
 @pytest.mark.parametrize("wild", [np.nan, np.inf, -np.inf, 1e200])

@@ -185,7 +185,7 @@ def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) 
         known |= {gain: scale * known[gain] for gain in "pid"}
     known |= {
         "gyro_filter": own.get("INS_GYRO_FILTER", 0.0),
-        "gyro_rate": 1000 * 2 ** own.get("INS_GYRO_RATE", 0.0),
+        "gyro_rate": 1000 * 2 ** np.clip(own.get("INS_GYRO_RATE", 0.0), 0.0, 3.0),
         "notches": tuple(one for prefix in NOTCHES for one in _harmonic_notches(own, prefix)),
         "derivative_ff": own.get(f"{rate}D_FF", 0.0),
         "target_notches": tuple(_pid_notches(own, f"{rate}NTF")),
@@ -224,6 +224,8 @@ def _harmonic_notches(own: Mapping[str, float], prefix: str) -> Iterator[Notch]:
         return
     base, bandwidth, depth = _required(own, *(prefix + end for end in ("FREQ", "BW", "ATT")))
     base = max(base, 0.52 * bandwidth)
+    if base <= 0:
+        return
     mode = own.get(f"{prefix}MODE", 0.0)  # 1 the throttle, 3 motors' speeds, 4 peaks of spectra
     reference = own.get(f"{prefix}REF", 0.0)
     centre = base
@@ -251,7 +253,12 @@ def _pid_notches(own: Mapping[str, float], name: str) -> Iterator[Notch]:
 
 
 def _harmonics(centre: float, bandwidth: float, depth: float, harmonics: float) -> Iterator[Notch]:
-    """A notch at each of a mask of ``harmonics``; the ``bandwidth`` is the firmware's, over the frequency."""
+    """A notch at each of a mask of ``harmonics``; the ``bandwidth`` is the firmware's, over the frequency.
+
+    One without frequency, width or depth is off.
+    """
+    if min(centre, bandwidth, depth) <= 0:
+        return
     half = bandwidth / 2
     width = half * (2 - half) / (1 - half)
     for harmonic in range(1, 17):
@@ -312,6 +319,8 @@ def _allocation(parameters: Mapping[str, float]) -> dict[str, tuple[float, ...]]
         raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="px4"))
     inverse = np.linalg.inv(effects)[:, :3]
     tilting = np.abs(inverse[:, :2]) > 1e-3 * np.abs(inverse).max()
+    if not tilting.any(axis=0).all():
+        raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="px4"))
     most = np.sqrt((inverse[:, :2] ** 2).sum(axis=0) / (tilting.sum(axis=0) / 2)).max()
     scaled = inverse / [most, most, inverse[:, 2].max()]
     return dict(zip(("roll", "pitch", "yaw"), map(tuple, scaled.T.tolist()), strict=True))

@@ -25,6 +25,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.online import Airflow, DragSource
+from mavdem.unit_slips import real_numbers
 
 # of a flight: a day
 LONGEST_SECONDS = 1e5
@@ -62,7 +63,9 @@ def checked(
     time: Array, attitude: Array, velocity: Array
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Returns the rows that are finite, and which; raises what ``estimate_wind`` says."""
-    stamps, angles, speeds = (np.asarray(given, np.float64) for given in (time, attitude, velocity))
+    stamps = real_numbers(time, "time")
+    angles = real_numbers(attitude, "attitude")
+    speeds = real_numbers(velocity, "velocity")
     if stamps.ndim != 1 or angles.shape != (len(stamps), 3) or speeds.shape != angles.shape:
         raise ValueError("time, attitude and velocity must have shapes (T,), (T, 3) and (T, 3)")
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
@@ -226,12 +229,12 @@ def estimate_drag(
     """
     from scipy.optimize import least_squares  # it takes half a second to import
 
-    if np.shape(wind) not in ((2,), (len(time), 2)):
-        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {np.shape(wind)}")
-    air: Array = np.zeros((len(time), 2)) + np.asarray(wind, np.float64)
-    speeds = np.where(
-        np.isfinite(air).all(axis=1, keepdims=True), np.asarray(velocity, np.float64), np.nan
-    )
+    known = real_numbers(wind, "wind")
+    if known.shape not in ((2,), (len(time), 2)):
+        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {known.shape}")
+    air: Array = np.zeros((len(time), 2)) + known
+    speeds = real_numbers(velocity, "velocity")
+    speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
     step = GUST_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else STEP
     moved = gridded(stamps, angles, speeds, step, wind=air[usable])
