@@ -52,14 +52,11 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
     n, r, m = climb.sizes
     A, B, C = unpack(climb.theta, n, r, m)
     textbook = TextbookFilter.of(A, B, C, climb.dt, climb.gain)
-    for stretch in (0, errors.shape[0] - 1):
-        states, _ = textbook.corrected(
-            inputs[: settle + 1, stretch], outputs[: settle + 1, stretch]
-        )
-        ahead = textbook.forecast(states[-1], inputs[settle:, stretch])
-        np.testing.assert_allclose(
-            errors[stretch], outputs[settle + 1 :, stretch] - ahead, atol=1e-9
-        )
+    for stretch in (0, -1):
+        known = inputs[..., stretch], outputs[..., stretch]
+        states, _ = textbook.corrected(*(each[: settle + 1] for each in known))
+        ahead = textbook.forecast(states[-1], known[0][settle:])
+        np.testing.assert_allclose(errors[..., stretch], known[1][settle + 1 :] - ahead, atol=1e-9)
 
 
 def test_slopes_and_curvature_are_those_of_the_height():
@@ -144,12 +141,12 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     alone = [simulation_error.SimulationSegments.of([part], 30) for part in parts]
     assert both is not None and all(alone)
     np.testing.assert_array_equal(
-        both.outputs, np.concatenate([each.outputs for each in alone], axis=1)
+        both.outputs, np.concatenate([each.outputs for each in alone], axis=2)
     )
     assert both.number == pytest.approx((150 + 200) / 30)
     nothing = np.zeros((simulation_error.MAX_SEGMENTS * 20, 1))
     many = simulation_error.SimulationSegments.of([(nothing, nothing)], 30)
-    assert many is not None and many.outputs.shape[1] == simulation_error.MAX_SEGMENTS
+    assert many is not None and many.outputs.shape[2] == simulation_error.MAX_SEGMENTS
     assert many.number == pytest.approx(simulation_error.MAX_SEGMENTS * 20 / 30)
 
 

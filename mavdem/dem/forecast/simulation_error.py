@@ -65,32 +65,36 @@ def models_of(
 
 
 def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
-    """Returns outputs (b, S, H, m) of b models over H steps, from the state that the filter finds over h steps.
+    """Returns outputs (b, H, m, S) of b models over H steps, from the state that the filter finds over h steps.
 
-    ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m).
+    ``inputs`` are (h + H + 1, r, S), ``outputs`` (h + 1, m, S).
     """
     A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
-    driving = np.ascontiguousarray(inputs.swapaxes(1, 2))
-    known = np.concatenate([driving[: len(outputs)], outputs.swapaxes(1, 2)], axis=1)
+    known = np.concatenate([inputs[: len(outputs)], outputs], axis=1)
     second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
     closed = A - K @ C
     heard = np.concatenate([B - K @ D, K], axis=-1)
+    # Of the next state, and of the output now.
+    free = np.concatenate([A, np.repeat(C[None], len(A), axis=0)], axis=1)
+    driven = np.concatenate([B, D], axis=1)
+    n = len(A[0])
     ahead = []
     # An unstable model may overflow; its errors are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
         states = second @ known[0]
         for now in known[1:]:
             states = closed @ states + heard @ now
-        for now in driving[len(outputs) :]:
-            ahead.append(C @ states + D @ now)
-            states = A @ states + B @ now
-    return np.moveaxis(np.array(ahead), (1, 3, 0), (0, 1, 2))
+        for now in inputs[len(outputs) :]:
+            moved = free @ states + driven @ now
+            ahead.append(moved[:, n:])
+            states = moved[:, :n]
+    return np.stack(ahead, axis=1)
 
 
 class SimulationSegments(NamedTuple):
     """Pieces of a record, step by step: the filter uses the first half of each, simulations begin at its middle.
 
-    ``inputs`` (h + H, S, r) and ``outputs`` (h + H, S, m) are in the engine's units; the filter takes h = ``settle``
+    ``inputs`` (h + H, r, S) and ``outputs`` (h + H, m, S) are in the engine's units; the filter takes h = ``settle``
     steps; ``number`` is the effective one of segments: as many as follow each other in the record.
     """
 
@@ -115,7 +119,7 @@ class SimulationSegments(NamedTuple):
             (u[at : at + whole + 1], y[at : at + whole + 1])
             for u, y, at in (starts[i] for i in kept)
         ]
-        inputs, outputs = (np.stack(tables, axis=1) for tables in zip(*pieces, strict=True))
+        inputs, outputs = (np.stack(tables, axis=2) for tables in zip(*pieces, strict=True))
         return cls(
             inputs,
             outputs,
@@ -207,17 +211,17 @@ class SimulationError:
         return self.segments.number * self.sizes[2]
 
     def errors(self, at: Array) -> Array:
-        """(b, S, H, m) of the models whose free parameters are ``at`` (b, f)."""
+        """(b, H, m, S) of the models whose free parameters are ``at`` (b, f)."""
         inputs, outputs, settle, _ = self.segments
         thetas = np.repeat(self.theta[None], len(at), axis=0)
         thetas[:, self.free] = at
         models = models_of(thetas, self.sizes, self.gain, self.dt)
         predicted = simulate(models, inputs, outputs[: settle + 1])
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.moveaxis(outputs[settle + 1 :], 0, 1) - predicted
+            return np.asarray(outputs[settle + 1 :] - predicted)
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The log joint up to a constant, with the noise precision at its maximum; and errors (S, H, m)."""
+        """The log joint up to a constant, with the noise precision at its maximum; and errors (H, m, S)."""
         errors = self.errors(at[None])[0]
         return self._value(at, errors), errors
 
