@@ -107,7 +107,7 @@ def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
 
 
 def publish(path: Path, key: str, page: object) -> LogRows:
-    """Judges the vehicles of the fleet whose store is at ``path`` anew, and writes its table; there are no rows."""
-    with opened(path.parent) as store:
+    """Judges the vehicles of the library of a server, whose lock is at ``path``, anew, and writes the fleet's table."""
+    with opened(path.parents[1]) as store:
         store.publish(assess_rows)
     return [], {}

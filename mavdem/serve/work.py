@@ -7,9 +7,8 @@ import threading
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.store import STORE
 from mavdem.fleet.workers import Job, Limits, LogReader, outcome_of
-from mavdem.serve.library import Entry, Library
+from mavdem.serve.library import SERVERS, Entry, Library
 from mavdem.serve.reading import PUBLISH, READ, publish
 
 PAUSE_SECONDS = 1.0  # between looks for logs that other servers have received, and at the clock
@@ -94,7 +93,8 @@ class Work:
 
     def _publish(self, reader: LogReader | Cluster) -> None:
         """Makes the fleet's table anew, on this machine."""
-        job = Job(str(self._library.folder / STORE))
+        # A job is a file that is read, and who closes SQLite's drops the locks of its process.
+        job = Job(str(self._library.folder / SERVERS / self._library.name))
         if self._cluster is None:
             reader.read(job, self._limits, PUBLISH)
         else:
