@@ -16,6 +16,7 @@ from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.dem.closed_loop.identification import identified
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
+from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
 from mavdem.ingest import read_log
 from mavdem.paper.runner import write_log
@@ -114,6 +115,9 @@ def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(in_flight, "MOST_LIMITED", -1.0)
         assert refusal(signals, flights) is Loops.MOTORS_LIMITED
+    with monkeypatch.context() as patch:
+        patch.setattr(in_flight, "MOST_ROUNDED", 0.0)
+        assert refusal(signals, flights) is Reason.COMMAND_ROUNDED
 
 
 def with_setpoints(log, change):
