@@ -169,6 +169,7 @@ class LiveWind:
         """Ends where the vehicle does not fly freely, and begins where it does."""
         stamps, angles, speeds = self._table(time - FIRST_FIT_SECONDS, time)
         if len(stamps) < 10 or stamps[-1] - stamps[0] < FIRST_FIT_SECONDS / 2:
+            self._next_check = time + self._step
             return
         try:
             still = [np.ptp(angles[:, 2]), *np.ptp(speeds[:, :2], axis=0)]

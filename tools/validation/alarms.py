@@ -4,26 +4,38 @@
 For each kind of flight and each half: where a motor loses a fifth of its thrust, or a propeller chips, also while
 another motor is weak, how many were found within five seconds, how many of those found were named right, and delays;
 where a load shifts, alarms on a motor; and the same of sound flights with gusts, steps, sticks and take-offs. The
-test's parameters were chosen on the half of even numbers. Flights are simulated without MAVLink, in about forty
+test's parameters were chosen on the half of even numbers. Flights are simulated, in about forty
 minutes on two processors; what a flight is follows from its kind and number.
 
+Of recordings: what a live session finds, with fits that take no time, and how often 0 is in the band of the torque.
+
 Usage: tools/validation/alarms.py [--rate HZ of the motors] [--flights N of each kind at most] [--jobs N]
+       tools/validation/alarms.py [--jobs N] RECORDING.tlog ...
 """
 
 from __future__ import annotations
 
 from functools import partial
+from itertools import groupby
+from pathlib import Path
+from unittest.mock import Mock, patch
 
+import click
 import numpy as np
 import pandas as pd
-from flights import TABLES, Values, command, drawn, flight_of, rows_of, show
+from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show, telemetry_of
 
-from mavdem.alignment.steadiness import strays
-from mavdem.health.in_flight import MotorAlarm, MotorWatch
-from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.vocabulary import IN_AIR, euler_angles
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
-from sitl_scenarios.gains import cycle_of
+import mavdem.live.session
+from mavdem.alignment.phases import settled
+from mavdem.alignment.signals import Signals
+from mavdem.analysis.analysis import motor_alarms
+from mavdem.dem import Settings
+from mavdem.facts.events import Reported
+from mavdem.facts.session import Session
+from mavdem.health.in_flight import MotorAlarm
+from mavdem.ingest.formats import read_stream
+from mavdem.live import LiveStream
+from mavdem.live.session import LiveSession
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -40,8 +52,8 @@ ARMS = {"iris": 250.0, "ardrone2": 178.0, "crazyflie": 43.0}  # mm
 SHIFT = (0.05, 0.14)  # of the arm
 
 
-def scenario(kind: str, number: int) -> Scenario:
-    """The flight of a kind and number."""
+def scenario(kind: str, number: int, rate: float) -> Scenario:
+    """The flight of a kind and number, its motors at ``rate``, Hz."""
     rng = np.random.default_rng([list(KINDS).index(kind), number])
     length, flights = (200.0, 3) if kind == SOUND else (50.0, 1)
     values = drawn(TABLES["alarms"], rng) | {"seed": number, "duration": length, "flights": flights}
@@ -61,35 +73,21 @@ def scenario(kind: str, number: int) -> Scenario:
         bearing = rng.uniform(0.0, 2 * np.pi)
         ahead = {"forward": far * np.cos(bearing), "right": far * np.sin(bearing)}
         values["load"] = {"start": start, **ahead}
-    return flight_of(values)
+    values["stream"]["rate"] = rate
+    return flight_of(values, "SERVO_OUTPUT_RAW")
 
 
-def watched(flight: Scenario, rate: float) -> tuple[float, list[MotorAlarm]]:
-    """Hours settled, and what a watch says in a flight, its motors at ``rate``, Hz."""
-    motion = fly(flight)
-    every = round(1 / rate / cycle_of(flight))
-    time = motion.time[::every]
-    air = motion.landed_state[::every] == IN_AIR
-    since = np.where(air & ~np.concatenate([[False], air[:-1]]), time, -np.inf)
-    settled = air & (time >= np.maximum.accumulate(since) + 5.0)  # as ``alignment.phases`` has it
-    motors = (motion.outputs[::every] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
-    layout = motor_geometry("QUADROTOR", "", {}, (1, 2, 3, 4), 8)
-    assert layout is not None
-    watch = MotorWatch(layout)
-    angles = euler_angles(motion.known_attitude[::every])
-    heading = np.unwrap(angles[2])
-    asked = motion.attitude_setpoint[::every, :2]
-    heading[strays(np.column_stack(angles[:2]), asked)] = np.nan
-    for at in np.flatnonzero(settled):
-        watch.take(float(time[at]), motors[at], float(heading[at]))
-    return float(settled.sum() / rate / 3600), watch.alarms
+def watched(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
+    """Hours settled, and what is said of the motors in a flight."""
+    signals = Signals(telemetry_of(flight, fly(flight)))
+    return sum(end - begin for begin, end in settled(signals, 0)) / 3600, motor_alarms(signals)
 
 
 def judged(case: tuple[str, int], rate: float) -> list[Values]:
     """A row: what of one flight the tables count."""
     kind, number = case
-    flight = scenario(kind, number)
-    hours, alarms = watched(flight, rate)
+    flight = scenario(kind, number, rate)
+    hours, alarms = watched(flight)
     vehicle = flight.vehicle
     propeller = flight.propeller
     begin = propeller.start if propeller.motor else max(vehicle.weak_from, flight.load.start)
@@ -100,7 +98,6 @@ def judged(case: tuple[str, int], rate: float) -> list[Values]:
     row["delay"] = np.inf if first is None else first.time - breaks
     row["right"] = first is not None and first.motor == (propeller.motor or vehicle.weak_motor)
     row["on a motor"] = sum(alarm.motor is not None for alarm in alarms)
-    row["others"] = len(alarms) - row["on a motor"]
     row["early"] = sum(alarm.time < breaks for alarm in alarms)
     return [row]
 
@@ -114,12 +111,42 @@ def line_of(flights: pd.DataFrame) -> pd.Series:
     line["named right, of found"] = f"{flights['right'].sum()} of {len(known)}"
     line["median delay, s"] = f"{delays.median():.1f}"
     line["alarms on a motor"] = flights["on a motor"].sum()
-    line["changes in roll and pitch"] = flights["others"].sum()
     return pd.Series(line)
 
 
+def replayed(recording: Path) -> list[Values]:
+    """A row: what a live session finds in a recording, on a clock of its stamps."""
+    frames = sorted((stamp / 1e6, data) for stamp, data in read_stream(recording).stamped_frames())
+    link = Mock(speaks_first=False, dropped=0, events=list)
+    shown = Mock(return_value=None), Mock(), Mock()
+    with patch.object(mavdem.live.session, "time") as clock:
+        clock.monotonic = clock.time = Mock(return_value=frames[0][0])
+        session = LiveSession(link, LiveStream(), Settings(), *shown)
+        for _, batch in groupby(frames, lambda frame: frame[0] // 0.01):
+            link.receive.return_value = [*batch]
+            clock.time.return_value = link.receive.return_value[-1][0]
+            session.step(0.0)
+        alarms = session.status.alarms
+    history = session.history
+    first = {event.fact.code: event.seconds for event in history.events[::-1]}
+    torque, band = history.rows[:, 5:7].T
+    known = np.isfinite(torque)
+    row: Values = {"recording": recording.stem}
+    row["found"] = ", ".join(f"{one.time:.1f} s {one.name} {one.size:.0%}" for one in alarms)
+    row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
+    row["torque known"] = share(known)
+    row["0 in band"] = share(np.abs(torque[known]) <= band[known])
+    for name, code in (("model", Session.BEING_LEARNED), ("wind", Session.WIND_KNOWN)):
+        row[f"{name}, s"] = first.get(code, np.nan) - first.get(Reported.OFF_GROUND, np.nan)
+    return [row]
+
+
 @command(__doc__, rate=10.0, flights=120)
-def main(rate: float, flights: int, jobs: int) -> None:
+@click.argument("recordings", nargs=-1, type=click.Path(exists=True, path_type=Path))
+def main(recordings: tuple[Path, ...], rate: float, flights: int, jobs: int) -> None:
+    if recordings:
+        show("A live session", rows_of(replayed, recordings, jobs).sort_values("0 in band"))
+        return
     asked = [
         (kind, number) for kind, count in KINDS.items() for number in range(min(count, flights))
     ]

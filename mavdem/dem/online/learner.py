@@ -258,9 +258,7 @@ class OnlineLearner:
             seen=time - delay,
             free_energy=energy,
             surprise=surprise,
-            free_energy_action=float(learned.free_energy[-1]),
             model=learned.model,
-            log_precisions=tracker.log_precisions,
             until=tracker.until,
             unusual=self._marks.add(surprise),
         )

@@ -51,7 +51,7 @@ USEFUL_RATIO = 0.5  # of squared errors, below which a prediction is worth showi
 class Estimate(NamedTuple):
     """Predictions, model and disturbance as of a sample; NaN, or ``None``, where there is none yet.
 
-    H horizons, m outputs, n states, g noise precisions; physical units.
+    H horizons, m outputs; physical units.
 
     Attributes:
         time: of the sample, s.
@@ -68,9 +68,7 @@ class Estimate(NamedTuple):
             only with the model.
         surprise: standardised drop of F(t) below the median of its last 10 s, in units of its 5 % quantile's: above 1
             in about one of 20 samples without a change; tens to thousands of units with a failing motor.
-        free_energy_action: F̄ᵒ of the memory.
         model: the current one.
-        log_precisions: (g,) λ of the noises.
         until: time of the last sample the model was learned from, s.
         unusual: whether this sample is marked: surprise stays above what is usual in this flight. Without a change, one
             mark in five minutes is expected; see ``AnomalyMarks``.
@@ -91,9 +89,7 @@ class Estimate(NamedTuple):
     seen: float = np.nan
     free_energy: float = np.nan
     surprise: float = np.nan
-    free_energy_action: float = np.nan
     model: LinearModel | None = None
-    log_precisions: Array = np.empty(0)
     until: float = np.nan
     unusual: bool = False
     wind_torque: float = np.nan
@@ -113,7 +109,6 @@ class Tracker(NamedTuple):
 
     learned: Learned
     until: float  # time of the last sample it was learned from, s
-    log_precisions: Array
     energy: SampleEnergy
     past: Array  # F(t) less its priors, of the latest training data
     weights: tuple[Array, Array]  # that make derivatives of the outputs and inputs of a window
@@ -129,7 +124,7 @@ class Tracker(NamedTuple):
             taylor_weights(order, learned.dt, settings.window, settings.window // 2)
             for order in (settings.p, settings.d)
         )
-        return cls(learned, until, belief.lambda_, energy, past - energy.priors, (outputs, inputs))
+        return cls(learned, until, energy, past - energy.priors, (outputs, inputs))
 
     def evaluate(self, memory: Memory) -> float:
         """Returns F(t) less its priors at the centre of the latest window; NaN without one."""
