@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from mavdem.dem import Estimate
 from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts, shortest_gust
-from mavdem.dem.graybox.wind import CHANGE_SECONDS
 from mavdem.dem.online.wind import MEMORY_SECONDS
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
@@ -24,10 +23,10 @@ class LiveGusts:
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(MEMORY_SECONDS / dt))
         self._until = -np.inf
 
-    def take(self, now: Estimate, changes: Sequence[float]) -> Iterator[Fact]:
+    def take(self, now: Estimate) -> Iterator[Fact]:
         """Yields gusts that have ended since the last time, about once a second.
 
-        None of them is near the times, s, of ``changes`` of a motor.
+        Where a motor changes, the torque is unknown for a while: what was before is no level of what comes.
         """
         if not np.isfinite(now.wind_torque):
             self._torques.clear()
@@ -43,8 +42,7 @@ class LiveGusts:
         series = Record(torque[:, None], torque[:, None], self._dt, (len(torque),))
         for gust in gusts(torque, band, series, shortest).found:
             start = time[gust.sample]
-            is_motor = any(abs(start - at) <= CHANGE_SECONDS for at in changes)
-            if before < start + gust.length < time[-1] and not is_motor:
+            if before < start + gust.length < time[-1]:
                 yield Fact(
                     Session.GUST_FELT,
                     Level.GOOD,

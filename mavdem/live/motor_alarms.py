@@ -50,11 +50,11 @@ class MotorAlarms:
         weak = {} if self._watch is None else self._watch.weak
         if not weak:
             return None
-        shares = np.ones(len(inputs))
-        errors = np.zeros(len(inputs))
+        shares, errors = np.outer([1.0, 0.0], np.ones(len(inputs)))
         for place, alarm in weak.items():
             shares[place], errors[place] = alarm.sound_share
-        return WeakMotors(self.changed, low + shares * (inputs - low), errors * (inputs - low))
+        used = inputs - low
+        return WeakMotors(self.changed, low + shares * used, errors * used)
 
     def take(
         self, time: float, boot: int, motors: Motors, commands: list[float], heading: float

@@ -401,8 +401,7 @@ class LiveSession:
             if estimate.unusual and not (self._estimate and self._estimate.unusual):
                 self._log(Fact(Session.MOTION_UNEXPECTED, Level.WATCH, clock=estimate.seen))
             self._estimate = estimate
-            changes = [alarm.since for alarm in self.stream.alarms.latest]
-            for gust in self._gusts.take(estimate, changes):
+            for gust in self._gusts.take(estimate):
                 self._log(gust)
         self._shown += estimate is None
         self.history.advance(row.time, setup.boot)

@@ -30,7 +30,6 @@ from mavdem.alignment.phases import settled
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
 from mavdem.dem import Settings
-from mavdem.facts.events import Reported
 from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.formats import read_stream
@@ -98,7 +97,6 @@ def judged(case: tuple[str, int], rate: float) -> list[Values]:
     row["delay"] = np.inf if first is None else first.time - breaks
     row["right"] = first is not None and first.motor == (propeller.motor or vehicle.weak_motor)
     row["on a motor"] = sum(alarm.motor is not None for alarm in alarms)
-    row["early"] = sum(alarm.time < breaks for alarm in alarms)
     return [row]
 
 
@@ -128,7 +126,6 @@ def replayed(recording: Path) -> list[Values]:
             session.step(0.0)
         alarms = session.status.alarms
     history = session.history
-    first = {event.fact.code: event.seconds for event in history.events[::-1]}
     torque, band = history.rows[:, 5:7].T
     known = np.isfinite(torque)
     row: Values = {"recording": recording.stem}
@@ -136,8 +133,6 @@ def replayed(recording: Path) -> list[Values]:
     row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
     row["torque known"] = share(known)
     row["0 in band"] = share(np.abs(torque[known]) <= band[known])
-    for name, code in (("model", Session.BEING_LEARNED), ("wind", Session.WIND_KNOWN)):
-        row[f"{name}, s"] = first.get(code, np.nan) - first.get(Reported.OFF_GROUND, np.nan)
     return [row]
 
 
@@ -151,12 +146,8 @@ def main(recordings: tuple[Path, ...], rate: float, flights: int, jobs: int) -> 
         (kind, number) for kind, count in KINDS.items() for number in range(min(count, flights))
     ]
     rows = rows_of(partial(judged, rate=rate), asked, jobs)
-    is_sound = rows["flights"].isin([SOUND, SHIFTED])
     lines = rows.groupby(["flights", "half"], sort=False).apply(line_of)
-    title = f"Motors at {rate:g} Hz; even numbers chose the parameters, odd ones did not."
-    early = rows[~is_sound & (rows["flights"] != SECOND)]["early"].sum()
-    under = f"Alarms before anything broke, in flights where a motor did: {early}."
-    show(title, lines.reset_index(), under)
+    show(f"Motors at {rate:g} Hz", lines.reset_index())
 
 
 if __name__ == "__main__":
