@@ -145,8 +145,8 @@ class LogReader:
             if code == errno.ENOMEM:
                 big = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
                 return replace(failed(job, "memory", big), megabytes=limits.megabytes)
-        died = Fact(Reading.READER_DIED, because=_cause(code), attempts=ATTEMPTS)
-        return failed(job, "died", died)
+        because = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        return failed(job, "died", Fact(Reading.READER_DIED, because=because, attempts=ATTEMPTS))
 
     def _started(self) -> BaseProcess:
         # Read when NumPy is imported. Others like the process have the other cores.
@@ -175,10 +175,6 @@ class LogReader:
             # What it fetched goes also where it was killed.
             for left in Path(tempfile.gettempdir()).glob(f"mavdem-{process.pid}-*"):
                 shutil.rmtree(left, ignore_errors=True)
-
-
-def _cause(code: int) -> str:
-    return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
 class WorkerPool:

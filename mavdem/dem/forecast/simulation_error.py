@@ -74,10 +74,6 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
     closed = A - K @ C
     heard = np.concatenate([B - K @ D, K], axis=-1)
-    # Of the next state, and of the output now.
-    free = np.concatenate([A, np.repeat(C[None], len(A), axis=0)], axis=1)
-    driven = np.concatenate([B, D], axis=1)
-    n = len(A[0])
     ahead = []
     # An unstable model may overflow; its errors are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -85,9 +81,8 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
         for now in known[1:]:
             states = closed @ states + heard @ now
         for now in inputs[len(outputs) :]:
-            moved = free @ states + driven @ now
-            ahead.append(moved[:, n:])
-            states = moved[:, :n]
+            ahead.append(C @ states + D @ now)
+            states = A @ states + B @ now
     return np.stack(ahead, axis=1)
 
 
