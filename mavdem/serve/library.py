@@ -467,12 +467,9 @@ def full_disk_refused() -> Iterator[None]:
         raise
 
 
-def _known(db: sqlite3.Connection, digest: str) -> sqlite3.Row | None:
-    """The row of a log."""
-    row: sqlite3.Row | None = db.execute(
-        "select * from entries where digest = ?", [digest]
-    ).fetchone()
-    return row
+def _known(db: sqlite3.Connection, digest: str) -> Any:
+    """The row of a log, or None."""
+    return db.execute("select * from entries where digest = ?", [digest]).fetchone()
 
 
 def _entry(row: sqlite3.Row) -> Entry:

@@ -315,12 +315,13 @@ def _allocation(parameters: Mapping[str, float]) -> dict[str, tuple[float, ...]]
         or parameters.get("CA_AIRFRAME", 0.0)
         or any(tilts)
     )
+    unknown = NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="px4"))
     if other or len(sizes) > 1 or np.linalg.cond(effects) > 1e6:
-        raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="px4"))
+        raise unknown
     inverse = np.linalg.inv(effects)[:, :3]
     tilting = np.abs(inverse[:, :2]) > 1e-3 * np.abs(inverse).max()
     if not tilting.any(axis=0).all():
-        raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="px4"))
+        raise unknown
     most = np.sqrt((inverse[:, :2] ** 2).sum(axis=0) / (tilting.sum(axis=0) / 2)).max()
     scaled = inverse / [most, most, inverse[:, 2].max()]
     return dict(zip(("roll", "pitch", "yaw"), map(tuple, scaled.T.tolist()), strict=True))
