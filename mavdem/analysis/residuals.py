@@ -51,7 +51,7 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     lags = round(LAG_SECONDS / learned.dt)
     auto = correlation(centred, centred, lags)
     driven_auto = correlation(driven, driven, lags)
-    width = float(quantile(BOUND_LEVEL) / np.sqrt(known.sum()))
+    width = float(quantile(BOUND_LEVEL) / np.sqrt(len(known)))
     # The variance of a correlation of two independent series.
     joint = float(np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0)))
     lag = np.arange(lags + 1.0) * learned.dt

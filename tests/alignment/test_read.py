@@ -61,8 +61,7 @@ def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
         last.provenance == flight.provenance
         and Segment(**last.provenance["segment"]) == verdict.segment
     )
-    record = Record.of([first, middle, last])
-    assert record.lengths == (len(first), len(middle), len(last))
+    assert Record.of([first, middle, last]).lengths == (len(first), len(middle), len(last))
     for one in (first, middle):
         assert_allclose(one.outputs[:, 0], HOVER.roll(one.time), atol=1e-9)
 
@@ -101,8 +100,7 @@ def refused(vehicles, wanted=None):
 def test_one_vehicle_is_chosen_and_several_are_listed():
     first = HOVER.telemetry()
     second = dataclasses.replace(HOVER.telemetry(), system=7)
-    silent = dataclasses.replace(first, system=9, messages={})
-    assert choose_vehicle((first, silent)) is first
+    assert choose_vehicle((first, dataclasses.replace(first, system=9, messages={}))) is first
     assert choose_vehicle((first, second), "7") is second
     assert choose_vehicle((first, second), "1:1") is first
     assert refused((first, second)) == (Reason.SEVERAL_VEHICLES, ("1:1", "7:1"))

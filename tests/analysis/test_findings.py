@@ -231,8 +231,7 @@ def test_residuals_that_are_far_from_white_are_said():
 )
 def test_residuals_are_not_white_beyond_three_times_the_bound(size, outcome):
     none = np.zeros(3)
-    tested = Residuals(none, none, np.array([1.0, size, 0.0]), none, (0.03, 0.04))
-    assert tested.outcome is outcome
+    assert Residuals(none, none, np.array([1.0, size, 0.0]), none, (0.03, 0.04)).outcome is outcome
 
 
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():

@@ -97,8 +97,7 @@ def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(moto
 
 
 def test_names_none_where_the_controller_threw_it_over_or_swung_it():
-    thrown = leaning(lost(1), QUAD[0], 120.0, 100.0)
-    assert judged(thrown)[1].subject == ""
+    assert judged(leaning(lost(1), QUAD[0], 120.0, 100.0))[1].subject == ""
     swung = driven(lost(1), 0, 2000.0, FAILS - 1.0)
     time = swung.messages["SERVO_OUTPUT_RAW"]["time"]
     outputs = np.where(time >= FAILS, pulses(lost(1)), pulses(swung))
@@ -106,8 +105,7 @@ def test_names_none_where_the_controller_threw_it_over_or_swung_it():
 
 
 def test_names_none_where_places_are_unknown():
-    unknown = replace(lost(1), vehicle="HEXAROTOR", parameters={})
-    assert judged(unknown)[1].subject == ""
+    assert judged(replace(lost(1), vehicle="HEXAROTOR", parameters={}))[1].subject == ""
 
 
 def test_names_motors_without_output():
@@ -200,8 +198,7 @@ def turned(direction, angle):
 
 @pytest.mark.parametrize(("angle", "name"), [(27.0, NAMES[1]), (33.0, "")])
 def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, name):
-    made = leaning(lost(1), turned(QUAD[1], angle), 60.0, 100.0)
-    assert judged(made)[1].subject == name
+    assert judged(leaning(lost(1), turned(QUAD[1], angle), 60.0, 100.0))[1].subject == name
 
 
 @pytest.mark.parametrize(("force", "hit"), [(29.0, False), (31.0, True)])

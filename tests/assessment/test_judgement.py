@@ -74,8 +74,7 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     dark = dict.fromkeys(Light, Level.UNKNOWN)
     little = headline(lights(**{**dark, "power": Level.GOOD}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, Level.UNKNOWN)
-    nothing = headline(lights(**dark))
-    assert nothing.code is Headline.NOTHING_CHECKED
+    assert headline(lights(**dark)).code is Headline.NOTHING_CHECKED
 
 
 def test_a_sound_vehicle_is_told_what_its_model_is_worth():

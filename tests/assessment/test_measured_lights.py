@@ -233,8 +233,7 @@ def test_the_wind_is_reported_where_the_flight_identifies_its_speed():
         known.condition, lean={"roll": Steady(np.radians(30 * MUCH_LEAN + 1), None, 0.0)}
     )
     strong = Signals(replace(known.signals.telemetry, parameters={"ANGLE_MAX": 3000.0}))
-    light = wind_light(replace(known, condition=leaning, signals=strong))
-    assert light.level is Level.WATCH
+    assert wind_light(replace(known, condition=leaning, signals=strong)).level is Level.WATCH
     unknown = evidence(HOVER.telemetry(20.0, 20.0, without=("LOCAL_POSITION_NED",)))
     fact = wind_light(unknown)
     assert (fact.code, fact.level) == (WindLight.WIND_NOT_KNOWN, Level.UNKNOWN)

@@ -37,8 +37,7 @@ def test_all_methods_on_all_cores_are_reported(capsys):
 
 @pytest.mark.slow
 def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, tmp_path, capsys):
-    missing = str(tmp_path / "missing.tlog")
-    assert run("compare", SLOW, FLIGHT, missing, "--json") == 0
+    assert run("compare", SLOW, FLIGHT, str(tmp_path / "missing.tlog"), "--json") == 0
     said = capsys.readouterr()
     assert list(strict_json(said.out)["sources"].values()) == [FLIGHT]
     assert f"{SLOW} is left out: ATTITUDE comes at 4.0 Hz" in said.err

@@ -250,8 +250,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
     name = loop.controller.names["p"]
     doubled = loop.changed({name: 2 * record.parameters[name]})
     assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
-    still = replace(record, setpoints=np.zeros_like(record.setpoints))
-    assert loop_of(plant, still).agrees is None
+    assert loop_of(plant, replace(record, setpoints=np.zeros_like(record.setpoints))).agrees is None
     retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
     (caution,) = retuned.cautions
     assert retuned.agrees is None and caution.code is Loops.PARAMETERS_CHANGED
@@ -418,8 +417,7 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert inertia["pitch"] is None and inertia["roll"].code is Twins.EFFECT_NOTE
     assert inertia["roll"].figures["share"] == approx(0.8 * 1.645 * 0.0095 / 0.36, rel=0.1)
     assert twin.notes["moment"].code is Twins.MOMENT_NOTE
-    halves = loop.plant.interval()
-    assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=halves.damping)
+    assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
     status = {**loop.plant.status, "lag": "not identifiable"}
     unsure = replace(loop, plant=loop.plant._replace(status=status))
     twin = twin_of({"roll": unsure}, px4=True, hover=0.5, air=None, mass=2.0)
@@ -468,8 +466,7 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     air = SimpleNamespace(drag=None, speed=3.0, direction=80.0, sized=known, directed=True)
     twin = twin_of({"roll": made_up()}, px4=True, hover=0.5, air=air, mass=None)
     scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "a.tlog")))
-    blown = SteadyWind(kind="steady", speed=3.0, direction=80.0)
-    assert scenario.wind == (blown,) * known
+    assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
 
 
 @pytest.mark.parametrize(

@@ -307,7 +307,7 @@ def test_a_path_begins_at_the_first_fix_and_crosses_the_date_line():
     columns = {
         "time": np.arange(4.0),
         "boot": np.zeros(4, dtype=np.int64),
-        "relative_alt": np.zeros(4),
+        "relative_alt": 1000 * np.arange(4.0),
     }
     columns |= {
         "lat": np.array([0, 10, 10, 950_000_000]),
@@ -315,3 +315,4 @@ def test_a_path_begins_at_the_first_fix_and_crosses_the_date_line():
     }
     position = Signals(replace(telemetry, messages={"GLOBAL_POSITION_INT": columns})).position
     assert position.values[:, 1] == approx([0.0, 20e-7 * 111_195], abs=0.01)
+    assert position.values[:, 2] == approx([-1.0, -2.0])

@@ -199,8 +199,7 @@ def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
         recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
         recorder.px4("actuator_motors", 1e13 if row == 70 else at, control=[0.5] * 12)
     vehicle = recorder.vehicle()
-    ours = vehicle.messages["ATTITUDE_QUATERNION"]["time"]
-    assert np.allclose(ours, np.delete(TIMES, 9))
+    assert np.allclose(vehicle.messages["ATTITUDE_QUATERNION"]["time"], np.delete(TIMES, 9))
     assert np.allclose(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"], np.delete(TIMES, 70))
     assert Repair.STAMPS_IGNORED in [fact.code for fact in vehicle.repairs]
     assert Flaw.NO_STAMP in [fact.figures.get("flaw") for fact in vehicle.repairs]

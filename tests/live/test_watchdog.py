@@ -71,6 +71,7 @@ def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_ove
     assert alarm.code is Session.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
     cycle = alarm.figures["because"]
     assert cycle.subject == "roll" and cycle.figures["frequency"] == pytest.approx(23.0, abs=1.1)
+    assert cycle.figures["turn_rate"] < np.pi
     assert over.code is Watch.ALARM_OVER and 19.0 < over.time < 22.6
     [shown] = [each for each in hot.events if each.fact is over]
     assert shown.seconds - 1.7e9 == pytest.approx(over.time + CALM_SECONDS, abs=0.6)

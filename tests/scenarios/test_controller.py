@@ -9,6 +9,7 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import cycle_of, parameters_of
+from sitl_scenarios.mixers import px4
 from sitl_scenarios.plan import FULL_STICK, Plan
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
 from sitl_scenarios.sensors import Sensing
@@ -28,6 +29,8 @@ def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
     roll = beyond @ X.roll
     pitch = beyond @ X.pitch
     assert roll / pitch == pytest.approx(1.5)
+    turned = px4(np.array([X.roll, X.pitch, X.yaw]), (0.0, 0.0, 0.3, 0.9))
+    assert np.ptp(turned) == pytest.approx(0.5)  # with a little more thrust than the most
 
 
 def sensed(sensors, states):

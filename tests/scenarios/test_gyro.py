@@ -81,8 +81,7 @@ def test_the_mixers_do_not_climb_to_turn(mix):
 
 
 def test_ardupilots_roll_and_pitch_go_down_to_a_motor_that_stands_still():
-    thrusts = mixers.ardupilot(HALVES, (0.8, 0.8, 0.0, 0.4))
-    assert thrusts == approx((0.4, 0.4, 0.8, 0.0))
+    assert mixers.ardupilot(HALVES, (0.8, 0.8, 0.0, 0.4)) == approx((0.4, 0.4, 0.8, 0.0))
 
 
 def test_ardupilots_yaw_gives_way_first_but_for_its_headroom():

@@ -129,6 +129,7 @@ def test_every_message_has_the_same_velocity(tmp_path):
     place = read(tmp_path, flown, motion).vehicles[0].messages["GLOBAL_POSITION_INT"]
     rows = np.searchsorted(motion.time, place["time"] - 1e-3)
     sent = np.column_stack([place[f"v{axis}"] for axis in "xyz"]) / 100
+    assert np.polyfit(motion.known_position[rows, 1], place["lon"], 1)[0] > 0
     np.testing.assert_allclose(sent, motion.known_velocity[rows], atol=0.0051)
 
 

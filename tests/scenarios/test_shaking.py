@@ -53,8 +53,7 @@ def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_own_freq
     assert np.std(felt[:, 0] - felt[:, 1]) == approx(2**0.5 * 0.02, rel=0.2)
     difference = np.abs(np.fft.rfft((felt[:, 0] - felt[:, 1]) * np.hanning(8000)))
     assert hertz[np.argmax(difference)] == approx(75.0, rel=0.05)
-    still = RotorNoise(flight({}), 1e-3)
-    assert still.at((speed,) * 4) == (0.0, 0.0, 0.0)
+    assert RotorNoise(flight({}), 1e-3).at((speed,) * 4) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.slow
@@ -93,8 +92,7 @@ def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_pa
     after = truth(again, other)
     here = int(np.argmin(np.abs(known["loop_frequency"] - crossover)))
     phases = [np.angle(one["roll_rate_loop"][here]) for one in (known, after)]
-    cost = np.degrees(phases[0] - phases[1])
-    assert fact.figures["phase_cost"] == approx(cost, abs=2.0)
+    assert fact.figures["phase_cost"] == approx(np.degrees(phases[0] - phases[1]), abs=2.0)
     assert (
         margins(after["loop_frequency"], after["roll_rate_loop"])[1] < known["roll_rate_margins"][1]
     )

@@ -48,8 +48,7 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
 def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert list(dict.fromkeys(flight.landed_state.tolist())) == [1, 3, 2, 4]
     assert flight.landed_state[-1] == 1
-    changes = flight.time[1:][np.diff(flight.armed.astype(int)) != 0]
-    assert changes == pytest.approx([2, 22])
+    assert flight.time[1:][np.diff(flight.armed.astype(int)) != 0] == pytest.approx([2, 22])
     hovering = (flight.landed_state == 2) & (flight.time > 9)
     assert np.abs(flight.position[hovering] - [0, 0, -5]).max() < 0.5
     assert flight.position[flight.time > 21.5, 2] == pytest.approx(0)

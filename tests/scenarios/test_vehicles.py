@@ -43,8 +43,7 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     """
     told = parameters(Scenario(vehicle=VehicleSpec(frame=kind)), PX4, 0.004)
     values = {one.name: one.value for one in told}
-    ratios = [values[f"CA_ROTOR{n}_KM"] for n in range(4)]
-    assert ratios == [0.05, 0.05, -0.05, -0.05]
+    assert [values[f"CA_ROTOR{n}_KM"] for n in range(4)] == [0.05, 0.05, -0.05, -0.05]
 
 
 def test_drag_is_linear_and_quadratic_along_each_axis():

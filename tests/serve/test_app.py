@@ -4,17 +4,19 @@ import errno
 import json
 import re
 import socket
+from types import SimpleNamespace
 from urllib.parse import urlencode
 
 import pytest
 from browser import HOSTILE
 from serving import BOUNDARY, TOKEN, form, log, serving
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.library_page import words
 from mavdem.serve import app, uploads
+from mavdem.serve.library import RESERVED_BYTES
 from mavdem.serve.rights import rights_of
 from mavdem.serve.viewers import Viewers
 
@@ -320,6 +322,10 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
         with monkeypatch.context() as patch:
             patch.setattr("mavdem.serve.library.os.fsync", full)
             refused = server.upload(("b.ulg", log("Two.")))
+            left = SimpleNamespace(free=RESERVED_BYTES)
+            patch.setattr("mavdem.serve.library.shutil.disk_usage", lambda folder: left)
+            with pytest.raises(Refusal):
+                server.library.room_for(1)
         assert (refused.status, refused.code) == (507, Request.DISK_FULL)
         assert server.ask("GET", "/api/flights").json["total"] == 1
         assert list((tmp_path / "incoming").iterdir()) == []
