@@ -17,9 +17,7 @@ import numpy as np
 from mavdem.alignment.align import Segment
 from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.margins import OpenLoop, transfer
-from mavdem.condition.resonance import LOWEST, known_controller_of, spectra
-
-SEEN = 0.6  # coherence of the rate with what was injected, from which on a frequency counts
+from mavdem.condition.resonance import LEAST_COHERENCE, LOWEST, known_controller_of, spectra
 
 
 def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None:
@@ -36,7 +34,7 @@ def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None
     found = spectra((injected, signals.rates[0], acted), parts)
     if found is None:
         return None
-    known = (found.coherence >= SEEN) & (found.frequency >= LOWEST)
+    known = (found.coherence >= LEAST_COHERENCE) & (found.frequency >= LOWEST)
     if np.count_nonzero(known) < 2:
         return None
     frequency = found.frequency[known]

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from mavdem.facts.sources import Repair
 from mavdem.ingest.flight_modes import px4_custom_mode
-from mavdem.ingest.motors import motor_geometry
+from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
     Array,
@@ -84,7 +84,7 @@ _OF_WINGS = (
 )
 """MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors: a multirotor, a fixed wing, a rover."""
 _OUTPUTS = max(dialect.MAVLink_hil_actuator_controls_message.array_lengths)
-_MOTORS = 12
+_MOTORS = max(MOTOR_COUNTS.values())
 _CONTROLS = max(dialect.MAVLink_actuator_control_target_message.array_lengths)
 
 

@@ -21,6 +21,7 @@ from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender, definitions
 from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.link import MAX_TRIES
+from mavdem.live.link import PAUSE_SECONDS as TRY_SECONDS
 from mavdem.live.messages import Message
 from mavdem.live.rows import DECISION_SECONDS
 
@@ -42,7 +43,6 @@ EVIDENCE = (
 )
 """What distinguishes flight from landing."""
 EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
-REPLY_SECONDS = 1.0  # Until a request without a reply is sent again
 # Between two requests for parameters: a slow radio has other things to send
 PARAMETER_SECONDS = 0.2
 # Of arrival time, over which rates are measured
@@ -140,7 +140,7 @@ class RateRequest:
             frames.append(_frame(asked, GROUND_STATION))
             self._next = now + PARAMETER_SECONDS
         for interval in self._intervals:
-            if now - interval.last < REPLY_SECONDS:
+            if now - interval.last < TRY_SECONDS:
                 continue
             if interval.before is None and interval.queries < MAX_TRIES:
                 interval.queries += 1
@@ -172,7 +172,7 @@ class RateRequest:
         interval.settings += 1
         interval.is_set = True
         interval.last = now
-        self._free = now + REPLY_SECONDS
+        self._free = now + TRY_SECONDS
         return [self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate))]
 
     def _report_fall(self, interval: _Interval, rate: float) -> None:

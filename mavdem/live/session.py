@@ -43,7 +43,6 @@ from mavdem.live.link import (
 )
 from mavdem.live.messages import Frame
 from mavdem.live.rate_request import (
-    REPLY_SECONDS,
     Arrivals,
     RateRequest,
     greeting,
@@ -553,7 +552,7 @@ class LiveSession:
             if not frames:
                 return
             self._send(frames)
-            until = time.monotonic() + REPLY_SECONDS
+            until = time.monotonic() + PAUSE_SECONDS
             while request.unconfirmed and not self._lost and (left := until - time.monotonic()) > 0:
                 for piece in self._receive(min(left, 0.05)):
                     if time.monotonic() < until:

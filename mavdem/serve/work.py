@@ -8,10 +8,10 @@ from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, Limits, LogReader, outcome_of
+from mavdem.live.link import PAUSE_SECONDS
 from mavdem.serve.library import SERVERS, Entry, Library
 from mavdem.serve.reading import PUBLISH, READ, publish
 
-PAUSE_SECONDS = 1.0  # between looks for logs that other servers have received, and at the clock
 MOST_SENT = 32  # logs that a cluster is given at a time
 
 

@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.alignment.drive import AXES
+from mavdem.alignment.signals import MINIMUM_RATE
 from mavdem.dem.engine.linalg import Array
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
@@ -20,7 +21,6 @@ from mavdem.report import palette
 from mavdem.report.charts import Chart, Line, over_time
 from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, drawn, recorded
 
-RATE = 50.0  # Hz, of what is drawn
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
 
 BODY = palette.channels(palette.BOUND)
@@ -71,10 +71,10 @@ class Pose:
         return carried if carried.any() else ~carried
 
     def drawn(self) -> NDArray[np.intp]:
-        """Rows of the flight, evenly, at about ``RATE``, and fewer of a long flight."""
+        """Rows of the flight, evenly, at about ``MINIMUM_RATE``, and fewer of a long flight."""
         step = float(np.median(np.diff(self.time)))
         count = len(self.time)
-        return np.arange(0, count, max(round(1 / RATE / step), ceil(count / MAX_STROKES)))
+        return np.arange(0, count, max(round(1 / MINIMUM_RATE / step), ceil(count / MAX_STROKES)))
 
 
 def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:

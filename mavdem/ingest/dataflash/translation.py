@@ -89,7 +89,8 @@ def stamped(logged: Columns, fields: Columns) -> Columns:
 _RENAMED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 BATTERIES = ("BAT", "CURR")
 LEVELS = ("VibeX", "VibeY", "VibeZ")
-MAX_IMUS = 3  # As many have a counter of clips in VIBRATION
+# As many have a counter of clips
+MAX_IMUS = sum("clipping" in name for name in dialect.MAVLink_vibration_message.fieldnames)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC).timestamp()  # UNIX s at which GPS time began
 WEEK = timedelta(weeks=1).total_seconds()
 LEAP_SECONDS = 18  # GPS time is ahead of UTC, since 2017; a second or two less before
