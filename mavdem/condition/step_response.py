@@ -354,6 +354,9 @@ def _described(
     axis: str, loop: str, sampled: float, fit: _Fit, spectra: Spectra | None
 ) -> StepResponse | Fact:
     """Figures of a fit, with intervals of draws; or that too little is known at any frequency."""
+    nothing = Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
+    if spectra is None:
+        return nothing
     taps = len(fit.weights)
     time = np.arange(1, taps + 1) / sampled
     # Setpoints of the angle may come without stamps of their own.
@@ -369,21 +372,19 @@ def _described(
     responses = every @ np.exp(-2j * np.pi * np.outer(time, hertz))
     gains = np.abs(responses)
     unknown = np.append(np.flatnonzero(gains[1:].std(axis=0) > LEAST_KNOWN), len(hertz))[0]
-    asked = 0.0
-    if spectra is not None:
-        is_asked = spectra.driver >= LEAST_POWER * spectra.driver.max()
-        coherence = np.where(is_asked, spectra.coherence, 0.0)
-        asked = spectra.frequency[coherence >= LEAST_COHERENCE].max(initial=0.0)
+    is_asked = spectra.driver >= LEAST_POWER * spectra.driver.max()
+    coherence = np.where(is_asked, spectra.coherence, 0.0)
+    asked = spectra.frequency[coherence >= LEAST_COHERENCE].max(initial=0.0)
     unknown = min(unknown, np.searchsorted(hertz, asked))
-    if spectra is None or unknown < 2:
-        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
+    if unknown < 2:
+        return nothing
     hertz = hertz[:unknown]
     pairs = zip(steps, gains[:, :unknown], strict=True)
     table = np.array([_figures(time, step, hertz, gain) for step, gain in pairs])
     # Noise adds to the highest value of a step: as much as each draw adds to it again.
-    overshoot = 2 * table[0, 0] - table[:, 0]
-    overshoot[0] -= table[1:, 0].mean() - table[0, 0]
-    table[:, 0] = np.maximum(overshoot, 0.0)
+    added = table[:, 0] - table[0, 0]
+    added[0] = added[1:].mean()
+    table[:, 0] = np.maximum(table[0, 0] - added, 0.0)
     figures = dict(zip(FIGURES, map(_estimate, table.T), strict=True))
     return StepResponse(
         axis=axis,

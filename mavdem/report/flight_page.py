@@ -26,7 +26,6 @@ from mavdem.dem import Learned
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.event import Event
-from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import Spent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
@@ -221,10 +220,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
     said = list[tuple[str, Fact]]()
     for one in evidence.margins:
-        facts = [
-            fact if fact.code is MarginsLight.LOOP_MARGINS else fact.but(names=(one.axis,))
-            for fact in one.facts
-        ]
+        facts = [fact.but(names=(one.axis,)) for fact in one.facts]
         if not facts and isinstance(one.loop, Fact):
             facts = [one.loop]
         said += [(one.axis, fact) for fact in facts]
