@@ -12,7 +12,7 @@ from recorded_flights import recorded
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.controllers import Controller, Notch, controller_of
-from mavdem.condition.loop.filters import equivalent_cutoff, gyro_filters, gyro_response
+from mavdem.condition.loop.filters import gyro_delay, gyro_filters, gyro_response
 from mavdem.condition.spectra import spectra_of_flight
 
 FREQUENCY = np.array([1.0, 20.0, 80.0, 130.0, 180.0])
@@ -111,11 +111,11 @@ def test_a_notch_beyond_half_the_rate_is_off():
 def test_the_filters_are_shown_with_their_lag_and_as_late_as_one_low_pass():
     low_pass = ardupilot(INS_GYRO_FILTER=20.0)
     assert gyro_filters(low_pass, 20.0) == (20.0, (), approx(90))
-    assert equivalent_cutoff(low_pass) == approx(20, rel=2e-3)
-    assert equivalent_cutoff(ardupilot()) == 0
+    assert gyro_delay(low_pass) == approx(0.5**0.5 / (np.pi * 20), rel=2e-3)
+    assert gyro_delay(ardupilot()) == 0
     both = ardupilot(NOTCH, INS_GYRO_FILTER=20.0)
     assert gyro_filters(both, 20.0).phase_lag == approx(98.4, abs=0.1)
-    assert 15 < equivalent_cutoff(both) < 19
+    assert gyro_delay(low_pass) < gyro_delay(both) < 1.4 * gyro_delay(low_pass)
 
 
 def test_the_raw_gyro_through_the_filters_is_the_filtered_one():

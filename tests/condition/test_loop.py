@@ -415,7 +415,7 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert twin.notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and twin.arm == (0.1, 0.2)
     inertia = twin.notes["inertia"].figures
     assert inertia["pitch"] is None and inertia["roll"].code is Twins.EFFECT_NOTE
-    assert inertia["roll"].figures["share"] == approx(0.8 * 1.645 * 0.0095 / 0.36, rel=0.1)
+    assert inertia["roll"].figures["share"] == approx(1.645 * 0.0095 / 0.36, rel=0.1)
     assert twin.notes["moment"].code is Twins.MOMENT_NOTE
     assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
     status = {**loop.plant.status, "lag": "not identifiable"}

@@ -52,11 +52,10 @@ def notched(notches: Iterable[Notch], rate: float, frequency: Array) -> NDArray[
     return response
 
 
-def equivalent_cutoff(controller: Controller) -> float:
-    """Returns the cut-off of the second-order low-pass that is as late as all the filters, Hz; 0 without any."""
+def gyro_delay(controller: Controller) -> float:
+    """Returns by how much the gyro's filters delay slow motion, s."""
     slow = 0.1  # Hz, far below all
-    lag = -np.angle(gyro_response(controller, np.array([slow])))[0]
-    return float(2**0.5 * slow / lag) if lag > 0 else 0.0
+    return -float(np.angle(gyro_response(controller, np.array([slow])))[0]) / (2 * np.pi * slow)
 
 
 def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:

@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from mavdem.condition.loop.controllers import MOTORS, Controller, controller_of
-from mavdem.condition.loop.filters import equivalent_cutoff
+from mavdem.condition.loop.filters import gyro_delay
 from mavdem.condition.loop.loop import Loop, changed_in
 from mavdem.condition.loop.response import measured_response
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
-from mavdem.dem.graybox.identifiability import SLOWEST_RATE
-from mavdem.dem.graybox.likelihood import DELAY
 from mavdem.dem.graybox.parameters import LEAST
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -22,14 +20,6 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Loops
 
 DRAWS = 400  # of the plant's posterior
-# of the posterior that is drawn: with all of it 98 % of 90 % intervals held simulated margins
-SPREAD = 0.8
-SLOW_SPREAD = 1.2
-"""Likewise of a log below 80 Hz, of whose 90 % intervals 0.8 made four in five hold."""
-# of a step of the stream: standard deviation of a delay by the times between its samples
-SPLIT = 0.25
-AT_HALF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
-"""What a second-order Butterworth filter divides by at half of its cut-off; its delay goes with the imaginary part."""
 
 
 def loop(learned: Learned, controller: Controller | None = None) -> Loop:
@@ -48,11 +38,9 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if not controller.p > 0:
         name = controller.names["p"]
         raise NotLearnable(Fact(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p))
-    if plant.filtered:
-        drawn = _drawn(plant, controller, record.dt)
-    else:
-        drawn = plant.draws(DRAWS, seed=31)
-        drawn[:, -1] -= gyro_delay(controller)
+    drawn = plant.draws(DRAWS, seed=31)
+    drawn[:, -1] -= gyro_delay(controller)
+    drawn[:, -2] += np.minimum(drawn[:, -1], 0.0)  # what of the filters' delay is taken for lag
     per_demand = demand_directions(controller, record)
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:
@@ -77,12 +65,6 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
 
-def gyro_delay(controller: Controller) -> float:
-    """Returns by how much the gyro's filters delay slow motion, s."""
-    cutoff = equivalent_cutoff(controller)
-    return float(AT_HALF.imag / (np.pi * cutoff)) if cutoff else 0.0
-
-
 def axis_of(record: Record) -> str:
     """Returns the axis of a record."""
     return record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
@@ -94,41 +76,6 @@ def known_controller(record: Record) -> Controller:
         raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
     weights = [] if record.effect_directions is None else record.effect_directions.tolist()
     return controller_of(record.parameters, axis_of(record), weights)
-
-
-def _drawn(plant: Physical, controller: Controller, dt: float) -> Array:
-    """(N, r + 3) effect, damping, lag and delay without the gyro's filters: the estimate, and draws.
-
-    The plant's lag and delay hold the filter. Where that is most of them, both are alike in size and phase at half of
-    the cut-off, else in their delay at low frequencies. The sum of lag and delay is better determined than either: a
-    delay is taken for that of common autopilots as far as the flight leaves it open, and the lag is what is left.
-    """
-    theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
-    rng = np.random.default_rng(31)
-    covariance = plant.covariance.copy()
-    usual, sd = DELAY
-    variance = covariance[-1, -1] + (SPLIT * dt) ** 2
-    if covariance[-1, -1] > sd**2:
-        covariance[-1] = 0.0
-        covariance[:, -1] = 0.0
-    drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
-    late = drawn[:, -2:].sum(axis=1)
-    half = np.pi * equivalent_cutoff(controller)
-    open_ = variance / (variance + sd**2)
-    filtered = gyro_delay(controller)
-    whole = np.maximum(late - filtered, 0.0)
-    if filtered > late[0] / 2:
-        whole = np.maximum(
-            (np.arctan(half * drawn[:, -2]) - np.angle(AT_HALF)) / half + drawn[:, -1], 0.0
-        )
-        drawn[:, :-3] *= abs(AT_HALF) / np.hypot(1.0, half * drawn[:, -2])[:, None]
-    delay = (1 - open_) * max(plant.delay - filtered, 0.0) + open_ * usual
-    delay = np.clip(
-        delay + sd * open_**0.5 * np.append(0.0, rng.standard_normal(DRAWS)), 0.0, whole / 2
-    )
-    drawn[:, -2:] = np.column_stack([whole - delay, delay])
-    spread = SPREAD if dt <= 1 / SLOWEST_RATE else SLOW_SPREAD
-    return np.asarray(drawn[0] + spread * (drawn - drawn[0]))
 
 
 def demand_directions(controller: Controller, record: Record) -> Array:

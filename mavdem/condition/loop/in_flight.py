@@ -9,8 +9,8 @@ import numpy as np
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
 from mavdem.condition.loop.controllers import Controller
-from mavdem.condition.loop.filters import gyro_response
-from mavdem.condition.loop.from_flight import demand_directions, gyro_delay, known_controller
+from mavdem.condition.loop.filters import gyro_delay, gyro_response
+from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
