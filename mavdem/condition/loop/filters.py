@@ -31,12 +31,11 @@ class GyroFilters(NamedTuple):
 def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.complex128]:
     """Returns (…) the rate that is controlled and logged by the true one, at ``frequency`` (…), Hz."""
     rate = controller.gyro_rate
-    warped = np.tan(np.pi * frequency / rate)
-    response = np.ones(np.shape(frequency), complex)
-    if controller.gyro_filter:
-        share = warped / np.tan(np.pi * min(controller.gyro_filter / rate, HIGHEST))
+    response = notched(controller.notches, rate, frequency)
+    if cutoff := controller.gyro_filter:
+        share = np.tan(np.pi * frequency / rate) / np.tan(np.pi * min(cutoff / rate, HIGHEST))
         response /= 1 + 2**0.5 * 1j * share - share**2
-    return response * notched(controller.notches, rate, frequency)
+    return response
 
 
 def notched(notches: Iterable[Notch], rate: float, frequency: Array) -> NDArray[np.complex128]:
