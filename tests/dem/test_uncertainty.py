@@ -15,8 +15,7 @@ def test_intervals_hold_parameters_where_the_assumptions_hold():
 
 
 def test_without_a_simulation_error_fit_no_interval_is_reported():
-    learned = learn(simulated(wind=0.5)[:700], Settings.paper())
-    assert np.isnan(learned.model_interval().A).all()
+    assert np.isnan(learn(simulated(wind=0.5)[:700], Settings.paper()).model_interval().A).all()
 
 
 @pytest.mark.parametrize("level", [0, 1, np.nan, "x", True])

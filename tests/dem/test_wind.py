@@ -307,8 +307,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert updated(known, unknown) is known
     online, memory = online_wind(prior=known)
     hover = followed(online, memory, calm)[-90:]
-    reason = online.filter.physical.reasons["effect"]
-    assert reason.code is ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT
+    assert online.filter.physical.reasons["effect"].code is ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT
     memory.end_segment()
     online.end_segment()
     doublets = followed(online, memory, steering)[BEGINS + 1 :]

@@ -111,8 +111,7 @@ def test_several_flights_narrow_the_interval():
         return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
 
     one = width(state([0]), state([1], 1))
-    many = width(state(range(8)), state(range(8, 16), 1))
-    assert many < one / 1.5
+    assert width(state(range(8)), state(range(8, 16), 1)) < one / 1.5
 
 
 @pytest.mark.parametrize(

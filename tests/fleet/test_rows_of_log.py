@@ -57,8 +57,7 @@ def test_a_page_is_made_once_for_a_vehicle():
 
 def test_a_margin_is_in_radians():
     known = dict.fromkeys(("phase_margin_interval", "gain_margin", "gain_margin_interval"), 0.0)
-    row = module._margins(SimpleNamespace(phase_margin=180.0, **known))
-    assert row["phase_margin"] == np.pi
+    assert module._margins(SimpleNamespace(phase_margin=180.0, **known))["phase_margin"] == np.pi
 
 
 def test_a_row_has_a_wind_torque_only_where_it_is_known():
