@@ -414,12 +414,8 @@ def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> tuple[float
 
 def _reached(time: Array, step: Array, level: float) -> float:
     """When a step (K,) first has a ``level``, between its values; the last time where it never has."""
-    above = np.append(False, step > level)
-    after = int(np.argmax(above))
-    if not above[after]:
-        return float(time[-1])
-    rows = slice(after - 1, after + 1)
-    return float(np.interp(level, np.append(0.0, step)[rows], np.append(0.0, time)[rows]))
+    highest = np.maximum.accumulate(np.append(0.0, step))
+    return float(np.interp(level, highest, np.append(0.0, time)))
 
 
 def step_of(frequency: Array, closed: Complex, time: Array) -> Array:

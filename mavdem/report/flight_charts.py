@@ -90,8 +90,8 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, 
     )
 
 
-def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> Chart | None:
-    """Returns the spectra of the gyro, or what ``name`` says, with their lines; None without one.
+def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> Chart:
+    """Returns the spectra of the gyro, or what ``name`` says, with their lines.
 
     With those of the gyro is what the filters of a ``loop`` pass.
     """
@@ -110,8 +110,6 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> 
                 spectrum.frequency[1:], spectrum.mean.sum(axis=0)[1:], BINS
             )
             lines.append(Line(where, colour, frequency, np.maximum(density, 1e-12)))
-    if not lines:
-        return None
     highest = max(line.x[-1] for line in lines)
     beside = None
     if loop is not None:

@@ -166,8 +166,9 @@ def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
             "" if one is None else with_unit(one, readable(fact.units[key]))
             for key, one in values.items()
         ]
-        rows.append([axis, *shown])
-    if any(any(row[1:]) for row in rows):
+        if any(shown):
+            rows.append([axis, *shown])
+    if rows:
         yield Table(["tracking", *ERRORS.values()], rows)
 
 
