@@ -176,5 +176,5 @@ def test_colours_are_read_on_light_and_on_dark():
 
 def test_what_is_said_of_several_axes_is_said_once():
     one = Fact(TrackingLight.OVERSHOOTS_SETPOINT, overshoot=0.4)
-    (said,) = together([("roll", one.but(axis="roll")), ("yaw", one.but(axis="yaw"))])
+    (said,) = together((axis, one.but(axis=axis)) for axis in ("roll", "yaw"))
     assert said.lead == "Roll and yaw:"
