@@ -259,12 +259,16 @@ def physical_values(physical: Physical | None) -> dict[str, Any] | None:
 def physical_of(signals: Signals, flights: Sequence[Flight]) -> Physical | NotIdentifiable:
     """Returns the physical parameters of the axis of ``signals`` in ``flights``, or why there are none.
 
-    They are those of the plant in its loop where it is found, else those that inputs and outputs alone tell.
+    They are those that inputs and outputs alone tell where they tell them without a bias, by motor and in narrower
+    intervals; else those of the plant in its loop where it is found.
     """
+    alone = physical(flights)
+    if isinstance(alone, Physical) and alone.identifiable and not alone.bias:
+        return alone
     try:
         return plant_in_loop(signals, with_one_set_of_gains(flights, signals)[0])
     except NotLearnable as error:
-        return physical(flights)._replace(refusal=error.fact)
+        return alone._replace(refusal=error.fact)
 
 
 def axis_figures(

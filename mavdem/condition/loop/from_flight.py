@@ -13,6 +13,7 @@ from mavdem.condition.loop.response import measured_response
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox import Physical
+from mavdem.dem.graybox.likelihood import DELAY
 from mavdem.dem.graybox.parameters import LEAST
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -20,6 +21,10 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Loops
 
 DRAWS = 400  # of the plant's posterior
+# of a step of the stream: standard deviation of a delay by the times between its samples
+SPLIT = 0.25
+AT_HALF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
+"""What a second-order Butterworth filter divides by at half of its cut-off; its delay goes with the imaginary part."""
 
 
 def loop(learned: Learned, controller: Controller | None = None) -> Loop:
@@ -38,9 +43,12 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if not controller.p > 0:
         name = controller.names["p"]
         raise NotLearnable(Fact(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p))
-    drawn = plant.draws(DRAWS, seed=31)
-    drawn[:, -1] -= gyro_delay(controller)
-    drawn[:, -2] += np.minimum(drawn[:, -1], 0.0)  # what of the filters' delay is taken for lag
+    filters = gyro_delay(controller)
+    if plant.filtered:
+        drawn = _drawn(plant, filters, record.dt)
+    else:
+        drawn = plant.draws(DRAWS, seed=31)
+        drawn[:, -1] -= filters
     per_demand = demand_directions(controller, record)
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:
@@ -76,6 +84,38 @@ def known_controller(record: Record) -> Controller:
         raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
     weights = [] if record.effect_directions is None else record.effect_directions.tolist()
     return controller_of(record.parameters, axis_of(record), weights)
+
+
+def _drawn(plant: Physical, filters: float, dt: float) -> Array:
+    """(N, r + 3) effect, damping, lag and delay without the gyro's filters: the estimate, and draws.
+
+    The plant's lag and delay hold that of the ``filters``, s. Where it is most of them, both are alike in size and
+    phase at half of the cut-off of one that is as late, else in their delay at low frequencies. The sum of lag and
+    delay is better determined than either: a delay is taken for that of common autopilots as far as the flight leaves
+    it open, and the lag is what is left.
+    """
+    theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
+    rng = np.random.default_rng(31)
+    covariance = plant.covariance.copy()
+    usual, sd = DELAY
+    variance = covariance[-1, -1] + (SPLIT * dt) ** 2
+    if covariance[-1, -1] > sd**2:
+        covariance[-1] = 0.0
+        covariance[:, -1] = 0.0
+    drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
+    late = drawn[:, -2:].sum(axis=1)
+    whole = np.maximum(late - filters, 0.0)
+    if filters > late[0] / 2:
+        half = AT_HALF.imag / filters
+        lags = np.arctan(half * drawn[:, -2]) - np.angle(AT_HALF)
+        whole = np.maximum(lags / half + drawn[:, -1], 0.0)
+        drawn[:, :-3] *= abs(AT_HALF) / np.hypot(1.0, half * drawn[:, -2])[:, None]
+    unknown = variance / (variance + sd**2)
+    errors = sd * np.sqrt(unknown) * np.append(0.0, rng.standard_normal(DRAWS))
+    delay = (1 - unknown) * max(plant.delay - filters, 0.0) + unknown * usual + errors
+    delay = np.clip(delay, 0.0, whole / 2)
+    drawn[:, -2:] = np.column_stack([whole - delay, delay])
+    return drawn
 
 
 def demand_directions(controller: Controller, record: Record) -> Array:

@@ -12,12 +12,16 @@ from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
+from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
+    CONTROLLER,
+    MEAN,
     NAMES,
     OUTPUT,
     PLANT,
     RATE,
+    SD,
     Axis,
     KnownController,
 )
@@ -93,6 +97,9 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
         axis = Axis(_used(seen, known), known, rounding)
         try:
             found = identified(axis)
+            # A controller of another gain than its parameters': the model makes up for something else.
+            if abs((found.theta - MEAN) / SD)[CONTROLLER] > SURE_DEVIATIONS:
+                raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
             steered = axis.steered_share(found.theta)
             if not steered >= LEAST_STEERED:
                 raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))

@@ -81,6 +81,7 @@ rest of that between messages; ``actuation`` a share of the output. Widths as of
 NAMES = tuple(PRIORS)
 MEAN, SD = np.array(list(PRIORS.values())).T
 PLANT = NAMES.index("effect"), NAMES.index("damping"), NAMES.index("lag"), NAMES.index("delay")
+CONTROLLER = NAMES.index("controller")
 
 
 class Axis:
