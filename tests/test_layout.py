@@ -195,27 +195,27 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 18650,
-    "analysis": 8100,
-    "assessment": 17750,
+    "alignment": 18700,
+    "analysis": 8200,
+    "assessment": 17900,
     "baselines": 5300,
     "cli": 17100,
-    "condition": 38700,
-    "dem": 66500,
-    "documents": 10250,
+    "condition": 39300,
+    "dem": 66900,
+    "documents": 10300,
     "evaluate": 8350,
     "export": 2650,
     "facts": 5400,
     "fleet": 15650,
-    "health": 10300,
-    "ingest": 40850,
-    "live": 30250,
-    "mavdem": 5400,
+    "health": 10350,
+    "ingest": 41150,
+    "live": 30500,
+    "mavdem": 5450,
     "paper": 11550,
-    "report": 32400,
-    "serve": 12900,
-    "sitl_scenarios": 30900,
-    "tools": 17100,
+    "report": 33000,
+    "serve": 13000,
+    "sitl_scenarios": 31000,
+    "tools": 17200,
     "view": 11150,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
@@ -223,7 +223,7 @@ ALL_NODES = 420_000
 TEST_NODES = 250_000
 NODES_A_LINE = 11.6  # condition, health and tools
 """Of code: more is packed, not short."""
-ALL_CONSTANTS = 876
+ALL_CONSTANTS = 698
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 

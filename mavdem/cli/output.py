@@ -25,8 +25,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
-from mavdem.report.blocks import Block, Sentence, Table, brief
-from mavdem.report.review import LINES
+from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
 

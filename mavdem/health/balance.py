@@ -123,7 +123,7 @@ def balance_figures(
     where not known.
     """
     blocks = [block for run in runs for block in _blocks(*run, signatures)]
-    if len(blocks) < FEWEST_BLOCKS or seconds < LEAST_SECONDS or len(signatures.axes) == 1:
+    if len(blocks) < FEWEST_BLOCKS or len(signatures.axes) == 1:
         return None
     balance, lean = np.split(np.array(blocks), [3], axis=1)
     rest = balance - balance.mean(axis=0)

@@ -17,7 +17,8 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Trim
 from mavdem.health.assessment import FAULT_RISE, NAMED, PROBABLE, Candidates, lost_thrust
 from mavdem.health.balance import (
-    LEAST_SECONDS,
+    BLOCK_SECONDS,
+    FEWEST_BLOCKS,
     SCATTER,
     SCATTER_FREEDOM,
     BalanceFigures,
@@ -45,7 +46,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     if not (layout.positions and layout.spins):
         return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
     if balance is None:
-        return Fact(Trim.TRIM_UNKNOWN, least_duration=LEAST_SECONDS)
+        return Fact(Trim.TRIM_UNKNOWN, least_duration=FEWEST_BLOCKS * BLOCK_SECONDS)
     signatures = motor_signatures(layout)
     (level,), (variance,) = level_balances([balance])
     mixer = np.linalg.pinv(signatures.weights)[:, 1:]

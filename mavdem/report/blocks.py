@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 from mavdem.facts import Fact, Level
 
+LINES = 15
+"""Of a screen without ``--verbose``: with what is being read, and where the page is."""
+
 
 class Sentence(NamedTuple):
     """A sentence; ``lead`` is set off at its beginning, if there is one; without ``text`` it is a headline."""

@@ -8,13 +8,11 @@ from textwrap import wrap
 
 from mavdem.assessment import Assessment
 from mavdem.facts import Fact, Level
-from mavdem.report.blocks import Sentence, brief
+from mavdem.report.blocks import LINES, Sentence, brief
 from mavdem.report.words import headline, section
 
 COLUMNS = 80
 """Of a terminal that nobody has widened."""
-LINES = 15
-"""Of a screen without ``--verbose``: with what is being read, and where the page is."""
 
 
 def screen_of(assessment: Assessment) -> str:

@@ -177,34 +177,12 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
     assert uncertain.figures["phase_margin_interval"][1] == 180.0
 
 
-def test_a_controller_without_gains_finds_no_plant(log):
+@pytest.mark.parametrize("gain", [0.0, 0.5])
+def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
     signals, (flight,) = flown(thinned(log, 16))
-    parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": 0.0}
-    silent = replace(flight, provenance={**flight.provenance, "parameters": parameters})
-    assert refusal(signals, [silent]) is Loops.LOOP_NOT_FOUND
-
-
-def test_a_controller_of_half_the_gain_does_not_move_the_plant(log):
-    """The output is beside it, and is what turned the vehicle."""
-    signals, flights = flown(log)
-    plant = plant_in_loop(signals, flights)
-    mean, _ = plant.mean_effect()
-    half = [
-        replace(
-            flight,
-            provenance={
-                **flight.provenance,
-                "parameters": {
-                    **flight.provenance["parameters"],
-                    "MC_ROLLRATE_K": 0.5,
-                },
-            },
-        )
-        for flight in flights
-    ]
-    other, _ = plant_in_loop(signals, half).mean_effect()
-    assert other == pytest.approx(mean, rel=0.1)
-    assert loop_of(plant, Record.of(flights)).gains[0] > 0
+    parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": gain}
+    other = replace(flight, provenance={**flight.provenance, "parameters": parameters})
+    assert refusal(signals, [other]) is Loops.LOOP_NOT_FOUND
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
 from mavdem.health.assessment import assess
 from mavdem.health.balance import (
-    LEAST_SECONDS,
     HealthFigures,
     balance_figures,
     balance_of_signals,
@@ -70,12 +69,6 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
     # The battery does not change it.
     charged, empty = (figures(time, scale * commands, lean) for scale in (0.8, 1.2))
     assert_allclose(charged.mean, empty.mean)
-
-
-def test_a_balance_is_of_ten_seconds_at_least():
-    run = flown(1)
-    assert balance_figures([run], QUAD_X, LEAST_SECONDS - 0.1) is None
-    assert balance_figures([run], QUAD_X, LEAST_SECONDS) is not None
 
 
 def test_what_cannot_be_seen_is_not_known():

@@ -42,7 +42,8 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     made = replay(frames + rest)
     assert made.segments().keys() == {0, 1}
     assert made.setups[0].dt == made.setups[1].dt == 0.01
-    assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.3)
+    # A review, which goes on with the messages, decides anew what rows are made of.
+    assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.4)
     assert all(row.settled for row in made.segments()[1])
     assert (VehicleFact.CLOCK_JUMPED if silence > 5 else Rows.MESSAGE_GAP) in made.codes
     assert silence < 1.0 or made.stream.status().missing == pytest.approx(silence, abs=0.1)

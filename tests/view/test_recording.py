@@ -154,7 +154,7 @@ def test_the_vehicle_is_where_it_was_and_turned_as_it_was(columns):
     here = columns["/world/here"]
     vehicle = columns["/world/here/vehicle"]
     rows = np.searchsorted(MOTION.time, here["time"] - 1e-6)
-    assert len(rows) == approx(50 * 20, abs=2)
+    assert len(rows) == approx(250 / 6 * 20, abs=2)
     assert_allclose(np.array(here["translation"])[:, 0], MOTION.position[rows], atol=1e-6)
     x, y, z, w = np.array(vehicle["quaternion"])[:, 0].T
     assert_allclose(np.column_stack([w, x, y, z]), MOTION.attitude[rows], atol=1e-6)
