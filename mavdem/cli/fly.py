@@ -27,6 +27,7 @@ from mavdem.cli.output import (
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import require
 from mavdem.files import atomic_writes
+from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
     in_toml,
@@ -65,6 +66,7 @@ from sitl_scenarios.vehicles import airframe
 @file_option(
     "--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead."
 )
+@file_option("--params", "Parameters to set: gains.params or gains.param of `mavdem tune`.")
 @click.option(
     "--set",
     "changed",
@@ -90,6 +92,7 @@ def fly_command(
     udp: str | None,
     speed: float,
     vehicle: Path | None,
+    params: Path | None,
     changed: tuple[str, ...],
     seed: int | None,
     duration: float | None,
@@ -109,6 +112,7 @@ def fly_command(
       mavdem fly --list
       mavdem fly hover_blower --out flight.tlog --rrd flight.rrd
       mavdem learn flight.tlog --truth flight.truth.npz
+      mavdem fly hover_blower --vehicle mine.toml --params tuned/gains.params --out flight.tlog
 
     \b
     Scenarios of your own: start from one of these.
@@ -132,7 +136,9 @@ def fly_command(
         raise click.UsageError(
             "Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file."
         )
-    chosen = _chosen(scenario, seed, duration, vehicle, changed)
+    given = {} if params is None else read_parameters(params)
+    changes = [*(f"{name}={value}" for name, value in given.items()), *changed]
+    chosen = _chosen(scenario, seed, duration, vehicle, changes)
     if describe:
         if as_json:
             return print_json({"scenario": scenario, "values": chosen.model_dump(mode="json")})
@@ -179,7 +185,7 @@ def _chosen(
         with _refusing("--vehicle"):
             scenario = with_vehicle(scenario, load(vehicle))
     if changed:
-        with _refusing("--set"):
+        with _refusing("--params, --set"):
             scenario = with_parameters(scenario, changed)
     with _refusing("SCENARIO", f"{Path(named).name}: "):  # not after a long flight
         AUTOPILOTS[scenario.stream.autopilot].rates(scenario.stream.rate, scenario.stream.rates)

@@ -11,6 +11,8 @@ import pytest
 from command_line import run
 from pytest import approx
 
+from mavdem.ingest import read_log
+
 WEIGHT = 1.52 * 9.81 / 4
 
 
@@ -82,14 +84,10 @@ def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder
     ],
 )
 def test_it_flies_other_gains_or_says_why_not(folder, change, sentence, tmp_path, capsys):
-    words = [
-        "calm",
-        "--duration",
-        "16",
-        "--vehicle",
-        folder / "mine.toml",
-        "--out",
-        tmp_path / "a.tlog",
-    ]
-    assert run("fly", *words, "--set", change) == (2 if sentence else 0)
+    (gains := tmp_path / "gains.param").write_text("MC_PITCH_P 7\n")
+    flown = tmp_path / "flown.tlog"
+    words = ["calm", "--duration", "16", "--vehicle", folder / "mine.toml", "--params", gains]
+    code = run("fly", *words, "--out", flown, "--set", change)
+    assert code == (2 if sentence else 0)
     assert sentence in capsys.readouterr().err
+    assert code or read_log(flown).vehicles[0].parameters["MC_PITCH_P"] == 7
