@@ -31,8 +31,9 @@
   const chosen = () => [...document.querySelectorAll('#flights input[name="id"]:checked')].map(box => box.value);
   const choose = () => {
     const count = chosen().length;
-    if ($("compare")) $("compare").disabled = count !== 2;
-    if ($("baseline")) $("baseline").disabled = !count;
+    const unread = document.querySelector("#flights input[data-unread]:checked");
+    if ($("compare")) $("compare").disabled = count !== 2 || unread;
+    if ($("baseline")) $("baseline").disabled = !count || unread;
     if ($("remove")) $("remove").disabled = !count;
   };
   document.addEventListener("change", event => { if (event.target.name === "id") choose(); });
