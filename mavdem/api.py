@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from mavdem.extras import require
 from mavdem.facts import Fact, Words
+from mavdem.heading import Values
 
 if TYPE_CHECKING:
     from mavdem.assessment.assess import Assessment
@@ -97,7 +98,7 @@ def assessment_page(assessment: Assessment) -> str:
     return review_page(assessment)
 
 
-def assessment_document(assessment: Assessment) -> dict[str, Any]:
+def assessment_document(assessment: Assessment) -> Values:
     """Returns the document of an ``assessment``."""
     from mavdem.documents import whole
     from mavdem.documents.review import review_document

@@ -14,9 +14,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
+PathName = str | os.PathLike[str]
+AnyPath = PathName | bytes
+
 
 @contextmanager
-def atomic_write(path: str | os.PathLike[str], scratch: Path | None = None) -> Iterator[BinaryIO]:
+def atomic_write(path: PathName, scratch: Path | None = None) -> Iterator[BinaryIO]:
     """Gives what to write to; when all is written the file is there, in place of one that was.
 
     Args:
@@ -31,9 +34,7 @@ def atomic_write(path: str | os.PathLike[str], scratch: Path | None = None) -> I
 
 
 @contextmanager
-def atomic_writes(
-    *paths: str | os.PathLike[str], scratch: Path | None = None
-) -> Iterator[tuple[Path, ...]]:
+def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tuple[Path, ...]]:
     """Gives for each file the path of one to write instead; when all are written they take their places together.
 
     Raises:
@@ -59,7 +60,7 @@ def atomic_writes(
             os.replace(new, target)
 
 
-def replaceable(path: str | os.PathLike[str]) -> Path:
+def replaceable(path: PathName) -> Path:
     """Returns the file that writing to ``path`` makes or replaces: itself, or where a symbolic link leads.
 
     Raises:

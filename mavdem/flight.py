@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavdem.downstream import FlightDownstream
-from mavdem.facts import Fact
+from mavdem.facts import Facts
+from mavdem.heading import Names
 from mavdem.unit_slips import real_numbers, unit_slip
 
 Floats = NDArray[np.float64]
@@ -60,16 +61,16 @@ class Flight(FlightDownstream):
     inputs: Floats
     outputs: Floats
     dt: float
-    input_names: tuple[str, ...]
-    output_names: tuple[str, ...]
-    input_units: tuple[str, ...]
-    output_units: tuple[str, ...]
+    input_names: Names
+    output_names: Names
+    input_units: Names
+    output_units: Names
     provenance: Mapping[str, Any]
     effect_directions: Floats | None
     setpoints: Floats | None
-    setpoint_names: tuple[str, ...]
-    setpoint_units: tuple[str, ...]
-    cautions: tuple[Fact, ...]
+    setpoint_names: Names
+    setpoint_units: Names
+    cautions: Facts
 
     def __init__(
         self,
@@ -77,16 +78,16 @@ class Flight(FlightDownstream):
         inputs: ArrayLike,
         outputs: ArrayLike,
         dt: float | None = None,
-        input_names: tuple[str, ...] | None = None,
-        output_names: tuple[str, ...] | None = None,
-        input_units: tuple[str, ...] | None = None,
-        output_units: tuple[str, ...] | None = None,
+        input_names: Names | None = None,
+        output_names: Names | None = None,
+        input_units: Names | None = None,
+        output_units: Names | None = None,
         provenance: Mapping[str, Any] | None = None,
         effect_directions: ArrayLike | None = None,
         setpoints: ArrayLike | None = None,
-        setpoint_names: tuple[str, ...] | None = None,
-        setpoint_units: tuple[str, ...] | None = None,
-        cautions: tuple[Fact, ...] = (),
+        setpoint_names: Names | None = None,
+        setpoint_units: Names | None = None,
+        cautions: Facts = (),
     ) -> None:
         if not isinstance(provenance, Mapping | None):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
@@ -252,9 +253,7 @@ def _uniform_step(time: Floats, dt: float | None) -> float:
     return float(dt)
 
 
-def _labels(
-    labels: tuple[str, ...] | None, name: str, table: Floats, prefix: str = ""
-) -> tuple[str, ...]:
+def _labels(labels: Names | None, name: str, table: Floats, prefix: str = "") -> Names:
     columns = table.shape[1]
     if labels is None:
         return tuple(f"{prefix} {i + 1}" if prefix else "" for i in range(columns))

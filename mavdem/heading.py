@@ -1,4 +1,4 @@
-"""Heading: what every JSON document of mavdem begins with."""
+"""Heading: what every JSON document of mavdem begins with; names, and values by name."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
+Names = tuple[str, ...]
+Values = dict[str, Any]
+"""JSON values by key: a document, or a part of one."""
 
-def heading(document: str, version: int, units: Mapping[str, str]) -> dict[str, Any]:
+
+def heading(document: str, version: int, units: Mapping[str, str]) -> Values:
     """Returns the name of a ``document``, the ``version`` of its schema, that of mavdem, and ``units`` by key."""
     return {
         "document": document,

@@ -98,6 +98,7 @@ USED_BY = {
         "mavdem.health",
         "mavdem.confidence",
         "mavdem.facts",
+        "mavdem.heading",
         "mavdem.alignment",
         "mavdem.dem",
         "mavdem.condition",

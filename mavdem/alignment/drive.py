@@ -11,6 +11,7 @@ import numpy as np
 
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle, Remedy
+from mavdem.heading import Names
 from mavdem.ingest.motors import (
     MOTOR_MESSAGES,
     MotorMessage,
@@ -73,7 +74,7 @@ def recorded(telemetry: Telemetry, message: str, *fields: str) -> Signal | None:
     return found if len(found.time) else None
 
 
-def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, int]:
+def message_counts(telemetry: Telemetry, names: Names) -> dict[str, int]:
     """Returns how many of each message there are, of those that there are."""
     return {
         name: len(telemetry.messages[name]["time"]) for name in names if name in telemetry.messages

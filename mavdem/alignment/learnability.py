@@ -20,12 +20,12 @@ from mavdem.alignment.drive import (
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, usual_rate
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS
-from mavdem.ingest.telemetry import Facts, Parameters
+from mavdem.ingest.telemetry import Parameters
 from mavdem.unit_slips import CONSISTENCY_SPAN
 
 NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)

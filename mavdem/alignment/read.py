@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from os import PathLike
 
 from mavdem.alignment.drive import message_counts
 from mavdem.alignment.learnability import (
@@ -17,13 +16,14 @@ from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.learnability import Caution, Reason
+from mavdem.files import AnyPath
 from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
 
 def read_flight(
-    path: str | bytes | PathLike[str],
+    path: AnyPath,
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
@@ -54,7 +54,7 @@ def read_flight(
 
 
 def read_segments(
-    path: str | bytes | PathLike[str],
+    path: AnyPath,
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,

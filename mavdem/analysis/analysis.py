@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from os import PathLike
 
 import numpy as np
 
@@ -34,6 +33,7 @@ from mavdem.evaluate.window import Length, TooFewSamples, no_test_window, part_s
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.forecasts import Forecasts, TestResult
+from mavdem.files import PathName
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.health.trim import trim_of_signals
@@ -69,7 +69,7 @@ class Options:
     start: float = 0.0
     train: Length | None = None
     test: Length | None = None
-    truth: str | PathLike[str] | None = None
+    truth: PathName | None = None
     whole: bool = True
 
 

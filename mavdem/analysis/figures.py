@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from mavdem.evaluate.truth import TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
+from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component
 
@@ -129,7 +130,7 @@ class LogAnalysis:
         consistency = self.verdict.figures.consistency if self.model == "full" else None
         return findings_of(self.learned, self.held_out, *known, consistency, self.trim)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Returns all figures as plain JSON values: what ``report.json`` has.
 
         Angles in rad, rates in rad/s, time in s. Without a model its figures are missing.
@@ -163,7 +164,7 @@ class LogAnalysis:
         }
 
 
-def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
+def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> Values:
     """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
     first = flights[0]
     fit = learned.simulation_fit
@@ -229,7 +230,7 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     }
 
 
-def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, dict[str, Any]]:
+def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, Values]:
     """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
     shares = {name: (error / variance).sum() for name, error in errors.items()}
     ratios = {
@@ -241,7 +242,7 @@ def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, d
     }
 
 
-def physical_values(physical: Physical | None) -> dict[str, Any] | None:
+def physical_values(physical: Physical | None) -> Values | None:
     """Returns ``physical`` parameters with status and reason; no interval of what is not identifiable."""
     if physical is None:
         return None

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import isfinite, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mavdem.analysis.overrides import overrides_of
 from mavdem.analysis.residuals import residuals
@@ -18,7 +18,7 @@ from mavdem.condition.condition import Condition
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HeldOut
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import (
     Because,
     BoundTest,
@@ -32,6 +32,7 @@ from mavdem.facts.assessment import (
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
+from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm
 
 HALF_WIDTH = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
@@ -74,15 +75,15 @@ class Finding(NamedTuple):
 class Findings(NamedTuple):
     """What a model is good for, as every screen, page and document shows it."""
 
-    overrides: tuple[Fact, ...]  # what makes the flight itself doubtful, the worst first
+    overrides: Facts  # what makes the flight itself doubtful, the worst first
     purposes: tuple[Finding, ...]  # graded; none without a model
-    warnings: tuple[Fact, ...]  # what must be known before the model is used
+    warnings: Facts  # what must be known before the model is used
 
     def grade(self, purpose: Purpose) -> Grade | None:
         """Returns how well the model serves a ``purpose``; None where that was not judged."""
         return next((one.grade for one in self.purposes if one.purpose is purpose), None)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """The keys of documents, which make sentences of facts; ``findings`` are the graded purposes."""
         return {
             "overrides": [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite
@@ -18,6 +18,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Loops
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameters_sent
+from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
@@ -91,6 +92,6 @@ def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, fl
     return sets
 
 
-def _with_parameters(flight: Flight, values: Mapping[str, float]) -> Flight:
+def _with_parameters(flight: Flight, values: Parameters) -> Flight:
     known = {"parameters": {**flight.provenance["parameters"], **values}, "earlier": {}}
     return replace(flight, provenance={**flight.provenance, **known})

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import radians
-from typing import Any
 
 from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.condition.condition import Condition, HoverFigures
 from mavdem.condition.oscillation import LIMITED_SHARE, Oscillation
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
+from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm, losses_of
 
 
@@ -19,7 +19,7 @@ def overrides_of(
     alarms: Sequence[MotorAlarm],
     consistency: float | None = None,
     trim: Fact | None = None,
-) -> tuple[Fact, ...]:
+) -> Facts:
     """Returns what makes the flight doubtful, the worst first.
 
     What comes first explains the others: motors at their limits, where the vehicle oscillates or one is weak. The
@@ -63,7 +63,7 @@ def _oscillation(found: Oscillation) -> Fact:
     )
 
 
-def limited_motor(hover: HoverFigures) -> dict[str, Any] | None:
+def limited_motor(hover: HoverFigures) -> Values | None:
     """Returns the motor most at its upper limit, if over ``LIMITED_SHARE``, as a fact's ``subject`` and ``share``."""
     share = max(hover.at_upper_limit)
     if share <= LIMITED_SHARE:

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
-from os import PathLike
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +37,10 @@ from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NoModel
+from mavdem.files import AnyPath
+from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest import Log, read_log
 
@@ -99,7 +100,7 @@ class Assessment(AssessmentDownstream):
         return None if self.evidence is None else simulated_of(self.evidence)
 
     @property
-    def events(self) -> tuple[Fact, ...]:
+    def events(self) -> Facts:
         """What happened, in order."""
         return () if self.evidence is None else self.evidence.events
 
@@ -162,7 +163,7 @@ class Assessment(AssessmentDownstream):
         return NotLearnable(Fact(NoModel.REFUSED, because=because, next_step=self.next_step))
 
     @property
-    def of_documents(self) -> dict[str, Any]:
+    def of_documents(self) -> Values:
         """What every document says of a flight."""
         return {**self.judgement._asdict(), "events": self.events}
 
@@ -171,7 +172,7 @@ class Assessment(AssessmentDownstream):
         return fact.sentence
 
 
-def review(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Assessment:
+def review(path: AnyPath, vehicle: str | None = None) -> Assessment:
     """Returns the assessment of a log: what happened, what its vehicle is, and what the figures are good for.
 
     >>> a = mavdem.review("flight.tlog")

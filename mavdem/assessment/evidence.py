@@ -23,7 +23,7 @@ from mavdem.assessment.axis_margins import AxisMargins, margins_of
 from mavdem.condition.condition import Condition, settled_parts
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import Air
-from mavdem.facts import Code, Fact, Level
+from mavdem.facts import Code, Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
@@ -54,7 +54,7 @@ class Evidence:
     verdict: Learnability
     condition: Condition
     air: Air = (None, None, Fact(Unjudged.NOT_JUDGED, because=None))
-    events: tuple[Fact, ...] = ()
+    events: Facts = ()
     ending: Fact | None = None
     loops: Mapping[str, Loop | Fact] = field(default_factory=dict)
 
@@ -64,7 +64,7 @@ class Evidence:
         return margins_of(self.signals, self.settled(INJECTED), self.loops)
 
     @cached_property
-    def grounds(self) -> tuple[Fact, ...]:
+    def grounds(self) -> Facts:
         """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor was at its stop.
 
         Facts about such a vehicle are shown :attr:`~mavdem.facts.Fact.grounded`.

@@ -35,10 +35,10 @@ from mavdem.alignment.quality import STOP_MARGIN, at_limits
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.steadiness import followed
 from mavdem.condition.condition import vibration_of
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import MULTIROTORS
-from mavdem.ingest.telemetry import Array, rate_without_gaps
+from mavdem.ingest.telemetry import Array, Flags, rate_without_gaps
 
 LOST_ANGLE = np.radians(30.0)
 LOST_SECONDS = 0.3
@@ -67,11 +67,11 @@ class AttitudeError:
     time: Array
     lean: NDArray[np.complex128]
     size: Array
-    lies: NDArray[np.bool_]
-    asked: NDArray[np.bool_]
+    lies: Flags
+    asked: Flags
 
 
-def motion_events(signals: Signals) -> tuple[Fact, ...]:
+def motion_events(signals: Signals) -> Facts:
     """Returns what the motion shows, in order of boot and time; nothing of vehicles that are no multirotors."""
     if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN") or not signals.tilts:
         return ()
@@ -172,7 +172,7 @@ def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Int
     return [one for one in merged(lost, CAUGHT_SECONDS) if flight[0] < one[0] <= latest]
 
 
-def _lasting(time: Array, true: NDArray[np.bool_], gap: float) -> Intervals:
+def _lasting(time: Array, true: Flags, gap: float) -> Intervals:
     """Runs, as one where they follow each other within a ``gap``, s, that hold one of ``LOST_SECONDS``."""
     runs = where(time, true)
     after = np.append(time, time[-1])

@@ -18,7 +18,7 @@ from mavdem.condition.peaks import Peak, PeakKind, peaks_of
 from mavdem.condition.resonance import known_controller_of
 from mavdem.condition.spectra import Spectrum, spectra_of_flight
 from mavdem.condition.step_response import StepResponse
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.noise import Noise as Codes
 
 KINDS = {
@@ -47,7 +47,7 @@ class Noise(NamedTuple):
         return self.peaks.get(BEFORE, self.peaks.get(GYRO, ()))
 
     @property
-    def facts(self) -> tuple[Fact, ...]:
+    def facts(self) -> Facts:
         """What the gyro shows, up to which frequency, and what the filters take."""
         shown = self.spectra.get(BEFORE, self.spectra.get(GYRO))
         if shown is None:

@@ -16,8 +16,9 @@ from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
 from mavdem.assessment.motion import flights_of, height_above
 from mavdem.assessment.power import SUPPLY
 from mavdem.condition.said import in_order, once, reason, said
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
+from mavdem.ingest.telemetry import Flags
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, number_of
 
 FIX_3D = number_of("GPS_FIX_TYPE_3D_FIX")
@@ -57,13 +58,13 @@ class Complaint(NamedTuple):
     """A ``message``, where each of it (N,) says that something is wrong, and what that is."""
 
     message: str
-    holds: NDArray[np.bool_]
+    holds: Flags
     code: Reported
     level: Level = Level.WATCH
     subject: str = ""
 
 
-def reported_events(signals: Signals) -> tuple[Fact, ...]:
+def reported_events(signals: Signals) -> Facts:
     """Returns what the autopilot reports, in order of boot and time.
 
     Each has its ``boot``, its ``basis``, the messages it rests on, and its ``height`` above where its flight began, m,

@@ -18,7 +18,7 @@ from mavdem.condition.step_response import (
     step_of,
 )
 from mavdem.dem.engine.linalg import Array
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 
 FEEDFORWARD = "ATC_RATE_FF_ENAB"
 """ArduPilot's parameter by which the rate of the attitude's setpoint is asked for too."""
@@ -34,7 +34,7 @@ class LoopResponse(NamedTuple):
     """Whether the two agree, or which is doubted; None without one of them."""
 
     @property
-    def facts(self) -> tuple[Fact, ...]:
+    def facts(self) -> Facts:
         """What is said of it."""
         if isinstance(self.measured, Fact):
             return (self.measured,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -14,8 +14,8 @@ from mavdem.dem.engine.linalg import ROUNDING, Array, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.var import Forecast, Var
-from mavdem.dem.record import Record, UniformRecord, required_number
-from mavdem.facts import Fact, Level
+from mavdem.dem.record import Record, Records, required_number
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
 # inputs (T, k) and outputs (T, m) of each segment, in a method's units
@@ -45,7 +45,7 @@ class Baseline(Forecasting):
         return self.spectral_radius <= 1 + ROUNDING
 
     @property
-    def cautions(self) -> tuple[Fact, ...]:
+    def cautions(self) -> Facts:
         """Limitations of the model."""
         caution = partial(Fact, level=Level.WATCH, subject=self.method)
         cautions = []
@@ -129,7 +129,7 @@ class Fitted(NamedTuple):
 
 def identified(
     method: str,
-    train: UniformRecord | Sequence[UniformRecord],
+    train: Records,
     fit: Callable[[Segments], Fitted],
 ) -> Identified:
     """The result of ``fit``."""
@@ -209,17 +209,17 @@ class Units(NamedTuple):
         )
 
 
-def hold(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+def hold(train: Records) -> Identified:
     """Forecasts the last measurement of ``train``; the first sample of a segment is predicted by the mean."""
     return _without_dynamics("hold", Record.of(train), held=True)
 
 
-def constant_mean(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+def constant_mean(train: Records) -> Identified:
     """Forecasts the mean of the training data ``train``."""
     return _without_dynamics(HeldOutForecast.CONSTANT_MEAN, Record.of(train))
 
 
-def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+def zero(train: Records) -> Identified:
     """Forecasts zero, whatever the training data ``train``."""
     return _without_dynamics("zero", Record.of(train), about=0.0)
 
@@ -238,7 +238,7 @@ def _without_dynamics(
     return Identified(method, model, record, starts=np.zeros((len(record.lengths), n)))
 
 
-def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10) -> JointAutoregression:
+def var(train: Records, order: int = 10) -> JointAutoregression:
     """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the

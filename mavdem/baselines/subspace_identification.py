@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -19,7 +18,7 @@ from mavdem.baselines.identified import (
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import UniformRecord, required_number
+from mavdem.dem.record import Records, required_number
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
@@ -31,7 +30,7 @@ USUAL_WINDOWS = 5
 LEAST_WINDOWS = 2
 
 
-def subspace(train: UniformRecord | Sequence[UniformRecord], order: int = 2) -> Identified:
+def subspace(train: Records, order: int = 2) -> Identified:
     """A state-space model of ``order`` states from projections, without iterations.
 
     The states are the combinations of the past that predict the future best, given the future inputs: canonical

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -16,10 +15,12 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.difference import changed_parameters, vehicle_difference
-from mavdem.fleet.row import OK, UNKNOWN, FlightRow, flights_of
+from mavdem.fleet.row import OK, UNKNOWN, FlightRow, FlightRows, flights_of
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
+from mavdem.heading import Values
 from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Parameters
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import difference_blocks
 from mavdem.report.difference_page import comparison_page
@@ -67,7 +68,7 @@ def diff_command(
     """
     folder = out or Path(f"{Path(before).stem}_and_{Path(after).stem}")
     check_folder(folder)
-    reviews = {"A": dict[str, Any](), "B": dict[str, Any]()}
+    reviews = {"A": Values(), "B": Values()}
     first, second = (
         _rows(name, source, vehicle, reviews[name])
         for name, source in (("A", before), ("B", after))
@@ -95,7 +96,7 @@ def diff_command(
         context.exit(UNSUPPORTED)
 
 
-def _parameters(source: str, row: FlightRow) -> Mapping[str, float]:
+def _parameters(source: str, row: FlightRow) -> Parameters:
     """Those of the vehicle of a ``row`` in a log; none of other sources."""
     path = Path(source)
     if not path.is_file():
@@ -113,7 +114,7 @@ def latest_headline(rows: Sequence[FlightRow]) -> str | None:
     return latest
 
 
-def _rows(name: str, source: str, vehicle: str | None, review: dict[str, Any]) -> list[FlightRow]:
+def _rows(name: str, source: str, vehicle: str | None, review: Values) -> FlightRows:
     """The flights that A or B names, of one of which ``review`` becomes the document.
 
     Raises ``NotLearnable`` where there are none of this vehicle.

@@ -9,7 +9,6 @@ from contextlib import closing, contextmanager
 from dataclasses import fields
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import click
 import numpy as np
@@ -27,6 +26,7 @@ from mavdem.cli.output import (
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import require
 from mavdem.files import atomic_writes
+from mavdem.heading import Values
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
@@ -192,7 +192,7 @@ def _chosen(
     return scenario
 
 
-def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> dict[str, Any]:
+def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> Values:
     check_file(out, "--out", tuple(STREAMS))
     truth = None if out is None else out.with_suffix(".truth.npz")
     check_file(truth, "--out", (".npz",))
@@ -204,7 +204,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     began = perf_counter()
     with _refusing(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
-    report: dict[str, Any] = {}
+    report: Values = {}
     with writing(*files), atomic_writes(*files) as unfinished, progress("Writing", measured=False):
         place = dict(zip(files, unfinished, strict=True))
         if out is not None and truth is not None:
@@ -239,7 +239,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     return report
 
 
-def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
+def _live(name: str, scenario: Scenario, udp: str, speed: float) -> Values:
     found = re.fullmatch(r"\[?([^]]+)\]?:(\d{1,5})", udp, re.ASCII)
     if found is None or not 0 < int(found[2]) < 1 << 16:
         raise click.BadParameter(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 from mavdem.alignment.read import choose_vehicle
@@ -16,6 +14,7 @@ from mavdem.cli.output import complain, print_json, print_screen, say
 from mavdem.condition.inventory import inventory
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
+from mavdem.heading import Values
 from mavdem.health.in_flight import alarm_figures
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
 from mavdem.report.review import title_of
@@ -82,7 +81,7 @@ def info_command(
         context.exit(1)
 
 
-def document_of(assessment: Assessment) -> dict[str, Any]:
+def document_of(assessment: Assessment) -> Values:
     """Returns what the document holds of a vehicle beside its inventory."""
     analysis = assessment.analysis
     assert analysis is not None

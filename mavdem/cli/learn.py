@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import click
 
@@ -36,7 +35,8 @@ from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
 from mavdem.extras import lacking
-from mavdem.report.blocks import Block, Sentence
+from mavdem.heading import Values
+from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
 from mavdem.results import PAGE, RECORDING
 
@@ -126,12 +126,12 @@ def learn_command(
         raise assessment.refusal
     files = {} if no_files else files_of(folder, assessment)
     took = perf_counter() - began
-    report: dict[str, Any] = report_of(assessment) | {"seconds": round(took, 3), "files": files}
+    report: Values = report_of(assessment) | {"seconds": round(took, 3), "files": files}
     if learned is None:
         settled = analysis.condition.settled
         text = f"{analysis.verdict.axis}, {settled:.0f} s of settled flight, no model."
         heading = Sentence(text, f"{Path(source).name}:")
-        details = list[Block]()
+        details = Blocks()
         refusal = assessment.refusal
         report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     else:

@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.live import Live as Place
@@ -35,6 +35,7 @@ from mavdem.extras import lacking, require
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import Session, Spent
 from mavdem.fleet.priors import earlier_drag, earlier_flight
+from mavdem.heading import Values
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import horizons
@@ -305,7 +306,7 @@ def _at_end(
 
 def _document(
     session: LiveSession, status: SessionStatus, account: Mapping[Spent, float]
-) -> dict[str, Any]:
+) -> Values:
     """Returns what ``--json`` prints, but for the files."""
     return {
         "link": session.link.name,

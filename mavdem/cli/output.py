@@ -25,6 +25,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
+from mavdem.heading import Values
 from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
@@ -44,7 +45,7 @@ def prepare_streams() -> None:
     )
 
 
-def json_text(document: dict[str, Any]) -> str:
+def json_text(document: Values) -> str:
     """Returns a JSON ``document`` of the command that runs, after its header; NaN and infinity become null."""
     context = click.get_current_context(silent=True)
     name = "error" if context is None or document.keys() == {"error"} else str(context.command.name)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from mavdem.assessment import Assessment
 from mavdem.cli.output import files_in, json_text
+from mavdem.heading import Values
 from mavdem.results import RESULT_FILES, result_files, write_result_files
 
 
@@ -23,7 +23,7 @@ def files_of(folder: Path, assessment: Assessment) -> dict[str, str]:
     return {name: str(folder / name) for name in result_files(assessment)}
 
 
-def write_results(folder: Path, document: dict[str, Any], assessment: Assessment) -> None:
+def write_results(folder: Path, document: Values, assessment: Assessment) -> None:
     """Writes the result files, as :func:`files_in` does, with this report. Those of a run before go."""
     names = result_files(assessment)
     with files_in(folder, names) as paths:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -25,6 +24,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
+from mavdem.heading import Values
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import number_of
 from mavdem.report.blocks import Sentence
@@ -145,7 +145,7 @@ def tune_command(
         raise click.exceptions.Exit(1)
 
 
-def axis_document(found: Advice | Fact) -> dict[str, Any]:
+def axis_document(found: Advice | Fact) -> Values:
     """Returns what the document holds of an axis: its loops and gains, or why there are none."""
     if isinstance(found, Fact):
         return {"refusal": found}

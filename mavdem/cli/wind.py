@@ -18,7 +18,7 @@ from mavdem.condition.wind_of_log import wind_of
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import DragSource
 from mavdem.fleet.priors import earlier_drag
-from mavdem.report.blocks import Block, Table
+from mavdem.report.blocks import Blocks, Table
 from mavdem.report.condition import wind_blocks
 from mavdem.report.screen import conclusion
 
@@ -58,7 +58,7 @@ def wind_command(
     drag = wind.drag
     above, *lights, following = conclusion(assessment.judgement)
     blocks = wind_blocks((wind, signals.autopilot_wind, None))
-    tables = list[Block]()
+    tables = Blocks()
     for header, name, rows in (
         ("Time (s)", "start", wind.minutes),
         ("Height (m)", "height", wind.profile),

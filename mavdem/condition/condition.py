@@ -16,8 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from os import PathLike
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import dct
@@ -35,6 +34,8 @@ from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle
+from mavdem.files import AnyPath
+from mavdem.heading import Names, Values
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 from mavdem.ingest.telemetry import Array
@@ -59,7 +60,7 @@ class HoverFigures:
             known.
     """
 
-    motors: tuple[str, ...]
+    motors: Names
     unit: str
     seconds: float
     trim: tuple[float, ...]
@@ -77,7 +78,7 @@ class HoverFigures:
         return tuple(100 * (share - 1) for share in self.trim_share)
 
 
-def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> HoverFigures:
+def hover(path: AnyPath, vehicle: str | None = None) -> HoverFigures:
     """Returns the figures of a log's settled flight, of the motors' own messages, however slowly they come.
 
     >>> figures = mavdem.hover("flight.tlog")
@@ -116,7 +117,7 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
 
 
 def hover_figures(
-    names: tuple[str, ...],
+    names: Names,
     scale: OutputScale,
     seconds: float,
     outputs: Array,
@@ -140,7 +141,7 @@ def hover_figures(
         "at_upper_limit": upper.mean(axis=0),
         "at_lower_limit": lower.mean(axis=0),
     }
-    figures: dict[str, Any] = {name: tuple(values.tolist()) for name, values in each.items()}
+    figures: Values = {name: tuple(values.tolist()) for name, values in each.items()}
     return HoverFigures(
         names, scale.unit, float(seconds), **figures, roll=lean.get("roll"), pitch=lean.get("pitch")
     )
@@ -344,7 +345,7 @@ class MeasuredVibration(NamedTuple):
         clips: (N, 3) how often each IMU was out of range since the sample before.
     """
 
-    axes: tuple[str, ...]
+    axes: Names
     levels: Signal
     clips: Array
 

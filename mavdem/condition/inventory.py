@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from mavdem.condition.condition import Condition, condition_of
 from mavdem.condition.said import SEVERITIES, once, said, texts
 from mavdem.facts import Fact, Level
 from mavdem.facts.vehicle import Allowed, Basis
+from mavdem.heading import Values
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 from mavdem.ingest.vocabulary import (
@@ -105,7 +106,7 @@ def _texts(telemetry: Telemetry) -> list[str]:
     return [one.text for one in texts(telemetry)]
 
 
-def autopilot_alarms(telemetry: Telemetry) -> list[dict[str, Any]]:
+def autopilot_alarms(telemetry: Telemetry) -> list[Values]:
     """Returns what the autopilot itself warned of, once where it repeats it: the worst first, then by ``time``.
 
     That is s since boot. With how often it came (``count``). Of texts, and of ERR in DataFlash.
@@ -182,7 +183,7 @@ class Tier(NamedTuple):
     next_tier: str | None = None  # the next better one; None for "a"
     is_slow: bool = True  # whether rates are what is missing
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
         better = None
         if self.next_tier:
@@ -218,7 +219,7 @@ def inventory(
     known: Mapping[tuple[int, int], tuple[Learnability, Condition, Identity]] = MappingProxyType(
         {}
     ),
-) -> dict[str, Any]:
+) -> Values:
     """Returns everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
 
     Of each component ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
@@ -262,7 +263,7 @@ def _vehicle(
     inputs: str | None,
     log: Log,
     known: tuple[Learnability, Condition, Identity] | None,
-) -> dict[str, Any]:
+) -> Values:
     if known is None:
         signals = Signals(telemetry, axis, inputs)
         known = (

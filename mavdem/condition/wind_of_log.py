@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment import phases
 from mavdem.alignment.drive import AXES, Signal, floats, recorded, series
@@ -20,8 +18,9 @@ from mavdem.dem.airflow.model import Drag
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.wind import NoWind
+from mavdem.files import AnyPath
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Array, Telemetry
+from mavdem.ingest.telemetry import Array, Flags, Telemetry
 from mavdem.ingest.vocabulary import number_of
 
 VELOCITIES = {name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"}
@@ -47,9 +46,7 @@ stays within 0.1 m of where it was a second ago for 1.3 s at most. One that is c
 Air = tuple[WindVelocity | None, Signal | None, Fact | None]
 
 
-def wind(
-    path: str | bytes | PathLike[str], vehicle: str | None = None, drag: Drag | None = None
-) -> WindVelocity:
+def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a log's longest flight, from attitude and velocity over ground at 1 Hz and faster.
 
     Args:
@@ -177,9 +174,7 @@ def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:
     return abs(moved - (before + after) * dt / 2) > POSITION_JUMP + 2 * dt
 
 
-def _jumps(
-    time: Array, values: Array, limits: tuple[float, float], turn: float = np.inf
-) -> NDArray[np.bool_]:
+def _jumps(time: Array, values: Array, limits: tuple[float, float], turn: float = np.inf) -> Flags:
     """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
     steps = np.abs(np.diff(values))
     return np.asarray(np.minimum(steps, turn - steps) > limits[0] + limits[1] * np.diff(time))

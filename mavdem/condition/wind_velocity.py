@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
+from mavdem.heading import Values
 from mavdem.ingest.telemetry import Array
 
 # after which noise is new
@@ -120,7 +121,7 @@ class WindVelocity:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
         return self.sized and not self.speed_interval[0]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Returns plain JSON values; no speeds where the flight does not identify the wind's."""
         names = [name for name in self.__dataclass_fields__ if name != "along"]
         values = {name: getattr(self, name) for name in names} | {"calm": self.calm}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.dem.engine.ascent import Ascent, ascend
 from mavdem.dem.engine.free_energy import Belief
@@ -16,7 +15,7 @@ from mavdem.dem.engine.generative import (
     embed,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import Array, raise_on_overflow
+from mavdem.dem.engine.linalg import Array, Indices, raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit
@@ -144,7 +143,7 @@ def of_vehicle(
     motors: int,
     m: int,
     constant: bool,
-) -> NDArray[np.intp]:
+) -> Indices:
     """Indices in the engine's θ of the vehicle's: all but the column of B for the constant input."""
     A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
     B[:, motors:] = False

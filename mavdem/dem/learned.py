@@ -9,13 +9,13 @@ from typing import Annotated
 from warnings import warn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
-from mavdem.dem.engine.linalg import ROUNDING, Array, Flags
+from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
@@ -228,7 +228,7 @@ class Learned(Forecasting, LearnedDownstream):
         return self.joint.half_widths(self.predicted(steps).variance, level, steps)
 
     @property
-    def useful_steps(self) -> NDArray[np.intp]:
+    def useful_steps(self) -> Indices:
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
         found = self.predicted(max(1, round(TEST_SECONDS / self.dt)))
         errors = np.maximum.accumulate(found.variance)
@@ -281,7 +281,7 @@ class Learned(Forecasting, LearnedDownstream):
         return self._gray_box
 
     @property
-    def places(self) -> NDArray[np.intp]:
+    def places(self) -> Indices:
         """(T′,) the training samples that have a whole window in their segment."""
         window = self.settings.window
         segments = zip(self.record.starts, self.record.lengths, strict=True)
@@ -289,7 +289,7 @@ class Learned(Forecasting, LearnedDownstream):
             [start + window // 2 + np.arange(max(0, N - window + 1)) for start, N in segments]
         )
 
-    def process_noise(self) -> tuple[NDArray[np.intp], Array]:
+    def process_noise(self) -> tuple[Indices, Array]:
         """Returns :attr:`places` (T′,) and the process noise w = x′ − A x − B v (T′, n) there, in units per second.
 
         It is the wind and everything else outside the model.

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -25,14 +24,15 @@ from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulatio
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import KINEMATIC
-from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.record import Record, Records
 from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, ModelRefusal
+from mavdem.heading import Values
 from mavdem.unit_slips import unit_slip
 
-Job = tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
+Job = tuple[Records, Settings | None]
 """What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
@@ -45,9 +45,7 @@ WINDOW_SECONDS = 0.09
 PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the units of ``scaling``
 
 
-def learn(
-    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
-) -> Learned:
+def learn(train: Records, settings: Settings | None = None) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
     >>> mavdem.learn(mavdem.read_flight("flight.tlog")[:850])
@@ -66,9 +64,7 @@ def learn(
     return learn_with_fit(train, settings)[0]
 
 
-def learn_with_fit(
-    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
-) -> tuple[Learned, Fit]:
+def learn_with_fit(train: Records, settings: Settings | None = None) -> tuple[Learned, Fit]:
     """Returns the result of :func:`learn`, and the fit that it was made from; takes and raises the same."""
     with one_thread():
         record, settings = checked(train, settings)
@@ -81,9 +77,7 @@ def learn_with_fit(
         return _learned(refined, record, np.concatenate(segments)), refined
 
 
-def learn_forecasts(
-    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
-) -> JointModel | Learned:
+def learn_forecasts(train: Records, settings: Settings | None = None) -> JointModel | Learned:
     """Learns what forecasts a flight: the joint model alone, unless the ``settings`` ask for another.
 
     DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the joint model's forecasts.
@@ -101,9 +95,7 @@ def learn_forecasts(
         return learn(record, settings)
 
 
-def checked(
-    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None
-) -> tuple[Record, CompleteSettings]:
+def checked(train: Records, settings: Settings | None = None) -> tuple[Record, CompleteSettings]:
     """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
     if not (settings is None or isinstance(settings, Settings)):
         raise ValueError(
@@ -135,7 +127,7 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
-            chosen: dict[str, Any] = {"order": order, "d": d, "window": window}
+            chosen: Values = {"order": order, "d": d, "window": window}
             chosen |= {"parameter_precision": settings.parameter_precision or usual}
             return CompleteSettings(**(vars(settings) | chosen))
     raise NotLearnable(

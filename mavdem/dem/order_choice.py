@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.confidence import STRONG_EVIDENCE_NATS
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array, Indices, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
-from mavdem.dem.record import Record, UniformRecord, is_whole
+from mavdem.dem.record import Record, Records, is_whole
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.model import ModelRefusal, OrderFact
+from mavdem.heading import Values
 
 # that a mean gain over several flights must exceed as well, so that no single flight decides
 STANDARD_ERRORS = 2.0
@@ -29,7 +28,7 @@ class FlightOrders(NamedTuple):
     free_energy: Array  # (N,) nats; NaN where no fit converged
     width: float  # of the kernel that filters the flight, s: faster motion is not seen
     samples: float  # effective sample size
-    remarks: tuple[Fact, ...]  # why orders are missing
+    remarks: Facts  # why orders are missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +38,7 @@ class OrderChoice:
     flights: tuple[FlightOrders, ...]
 
     @property
-    def orders(self) -> NDArray[np.intp]:
+    def orders(self) -> Indices:
         """(N,) numbers of states that were tried, from 1."""
         return 1 + np.arange(len(self.flights[0].free_energy))
 
@@ -115,11 +114,11 @@ class OrderChoice:
         )
 
     @property
-    def remarks(self) -> tuple[Fact, ...]:
+    def remarks(self) -> Facts:
         """Why orders are missing."""
         return tuple(dict.fromkeys(remark for flight in self.flights for remark in flight.remarks))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Values:
         """As plain JSON values by name."""
         return {
             **{
@@ -136,7 +135,7 @@ class OrderChoice:
 
 
 def orders_of(
-    flight: UniformRecord | Sequence[UniformRecord],
+    flight: Records,
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
 ) -> FlightOrders:

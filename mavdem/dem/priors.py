@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.dem.engine.model import LinearModel, pack, unpack
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings, Gaussian, Settings
@@ -135,7 +134,7 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
 def explicit_prior(
     prior: Gaussian,
     weak: float,
-    indices: NDArray[np.intp],
+    indices: Indices,
     scale: Array,
 ) -> tuple[Array, Array]:
     """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.

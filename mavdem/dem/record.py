@@ -9,13 +9,14 @@ from reprlib import Repr
 from typing import Any, NamedTuple, Protocol, TypeGuard, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from mavdem.dem.engine.linalg import ROUNDING, Array
+from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
+from mavdem.heading import Names, Values
 from mavdem.unit_slips import real_numbers
 
 # no text for a number, no ``True`` for 1, no infinity and no NaN
@@ -25,7 +26,7 @@ SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
 
 
-def checked_values(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
+def checked_values(kind: type, values: Mapping[str, Any]) -> Values:
     """Returns values by name, as the fields of ``kind`` are annotated; ``ValueError``: ``<name> must be …, not …``."""
     try:
         return dict(_model(kind).model_validate(values))
@@ -102,7 +103,7 @@ class Spread(NamedTuple):
         )
 
     @property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> Flags:
         """(k,) which columns vary by more than rounding."""
         size = np.maximum(np.abs(self.lowest), np.abs(self.highest))
         return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / LARGEST)
@@ -121,6 +122,9 @@ class UniformRecord(Protocol):
     # May have as well, as a ``Flight`` has: ``effect_directions``, ``time``, and names and units of its columns.
 
 
+Records = UniformRecord | Sequence[UniformRecord]
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """Samples of segments, one after the other, physical."""
@@ -133,17 +137,17 @@ class Record:
     effect_directions: Array | None = None
     # (segments,) times of the first samples on the flight's clock, s, if it has one
     begins: tuple[float, ...] = ()
-    input_names: tuple[str, ...] = ()
-    output_names: tuple[str, ...] = ()
-    input_units: tuple[str, ...] = ()
-    output_units: tuple[str, ...] = ()
+    input_names: Names = ()
+    output_names: Names = ()
+    input_units: Names = ()
+    output_units: Names = ()
     # of the autopilot's controller, by name
     parameters: Mapping[str, float] = field(default_factory=dict)
     # of the parameters that changed in flight or later
     earlier: Mapping[str, float] = field(default_factory=dict)
     input_range: tuple[float, ...] = ()  # inputs at no and at full throttle, where they are known
     setpoints: Array | None = None  # (T, q) what was asked of the axis, NaN where there is none
-    setpoint_names: tuple[str, ...] = ()
+    setpoint_names: Names = ()
 
     def __post_init__(self) -> None:
         required_step(self.dt)
@@ -151,7 +155,7 @@ class Record:
         require_usable(self.outputs, "outputs")
 
     @classmethod
-    def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
+    def of(cls, train: Records) -> Record:
         """From a flight, or segments of one sampled at the same rate; ``ValueError`` names what does not fit."""
         if isinstance(train, Record):
             return train
@@ -170,7 +174,7 @@ class Record:
             )
         lengths = tuple(len(table) for table in outputs)
         directions = _directions(flights, inputs[0].shape[1])
-        labels: dict[str, Any] = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
+        labels: Values = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
         times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
         begins = tuple(float(time[0]) for time in times) if all(map(len, times)) else ()
         labels |= _controlled(flights)
@@ -188,7 +192,7 @@ class Record:
         return len(self.outputs)
 
     @cached_property
-    def starts(self) -> NDArray[np.intp]:
+    def starts(self) -> Indices:
         """(segments,) the first sample of each."""
         return np.cumsum([0, *self.lengths[:-1]])
 
@@ -301,12 +305,12 @@ def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
     return tables[0] if same else None
 
 
-def _controlled(flights: Sequence[UniformRecord]) -> dict[str, Any]:
+def _controlled(flights: Sequence[UniformRecord]) -> Values:
     """The controller's parameters, the range of the inputs, and the setpoints that all segments have."""
     provenance = getattr(flights[0], "provenance", {})
     names = getattr(flights[0], "setpoint_names", ())
     scale = provenance.get("scale", {})
-    found = dict[str, Any]()
+    found = Values()
     found |= {name: dict(provenance.get(name, {})) for name in ("parameters", "earlier")}
     found["input_range"] = (scale["low"], scale["high"]) if scale else ()
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):

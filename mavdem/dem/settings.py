@@ -14,6 +14,7 @@ from pydantic import Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
 from mavdem.dem.record import LARGEST, checked_values
+from mavdem.heading import Values
 from mavdem.unit_slips import real_numbers
 
 FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``
@@ -221,7 +222,7 @@ class Settings:
             forecasts="plant",
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Values:
         """Returns the settings as plain JSON values by name; :meth:`from_dict` is its inverse."""
         return asdict(self)
 
@@ -239,7 +240,7 @@ class Settings:
         return cls.from_dict(values)
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
+    def from_dict(cls, values: Values) -> Self:
         """Returns settings from plain values by name; ``ValueError`` names a key that is not a setting."""
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")

@@ -15,7 +15,7 @@ from mavdem.documents.others import Convert, Fly, Reproduce
 from mavdem.documents.review import Review
 from mavdem.documents.session import Live
 from mavdem.documents.wind import Wind
-from mavdem.heading import heading
+from mavdem.heading import Values, heading
 
 
 class Published(NamedTuple):
@@ -49,7 +49,7 @@ DOCUMENTS = {
 
 
 @cache
-def header(name: str) -> dict[str, Any]:
+def header(name: str) -> Values:
     """Returns what the document of this ``name`` begins with: its name, the versions, and units by key."""
     published = DOCUMENTS[name]
     return heading(
@@ -57,6 +57,6 @@ def header(name: str) -> dict[str, Any]:
     )
 
 
-def whole(name: str, document: Any) -> dict[str, Any]:
+def whole(name: str, document: Any) -> Values:
     """Returns the JSON of the document of this ``name``, with its header; ``ValueError`` where it is none."""
     return header(name) | DOCUMENTS[name].model.model_validate(document).as_dict()

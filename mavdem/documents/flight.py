@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from mavdem.assessment import Assessment
 from mavdem.dem.settings import CompleteSettings
 from mavdem.documents.document import (
@@ -28,6 +26,7 @@ from mavdem.documents.vehicle import (
     Verdict,
 )
 from mavdem.documents.wind import WindVelocity
+from mavdem.heading import Values
 from mavdem.units import (
     AngularAcceleration,
     Effectiveness,
@@ -455,7 +454,7 @@ class Report(LearnedFigures, Tier, MotorHealth, Findings):
     """why there is no model"""
 
 
-def report_of(assessment: Assessment) -> dict[str, Any]:
+def report_of(assessment: Assessment) -> Values:
     """Returns the values of the report on the modelled axis of an ``assessment``, which took no time and no files."""
     assert assessment.analysis is not None
     wind = assessment.wind

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from mavdem.alignment.drive import AXES
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop
@@ -18,6 +16,7 @@ from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
 from mavdem.documents.wind import WindVelocity
 from mavdem.facts import Fact
+from mavdem.heading import Values
 from mavdem.units import DensityOfUnit, Hertz, Number, Seconds
 
 FREQUENCIES = 240
@@ -200,7 +199,7 @@ class Review(Document):
     """the files written, by name"""
 
 
-def review_document(assessment: Assessment) -> dict[str, Any]:
+def review_document(assessment: Assessment) -> Values:
     """Returns the values of the document of an ``assessment``, which has written no files."""
     analysis = assessment.analysis
     wind = assessment.wind and assessment.wind.as_dict()
@@ -222,7 +221,7 @@ def review_document(assessment: Assessment) -> dict[str, Any]:
     }
 
 
-def axes_of(assessment: Assessment) -> dict[str, Any]:
+def axes_of(assessment: Assessment) -> Values:
     """Returns what is known of each axis."""
     evidence = assessment.evidence
     margins = () if evidence is None else evidence.margins
@@ -245,7 +244,7 @@ def axes_of(assessment: Assessment) -> dict[str, Any]:
     return axes
 
 
-def _response(found: LoopResponse) -> dict[str, Any]:
+def _response(found: LoopResponse) -> Values:
     if isinstance(found.measured, Fact):
         return {"measured": None, "facts": found.facts}
     names = (name for name in Response.model_fields if hasattr(found.measured, name))
@@ -254,7 +253,7 @@ def _response(found: LoopResponse) -> dict[str, Any]:
     return {"measured": drawn | predicted, "facts": found.facts}
 
 
-def _spectrum(found: measured.Spectrum, lines: tuple[Peak, ...]) -> dict[str, Any]:
+def _spectrum(found: measured.Spectrum, lines: tuple[Peak, ...]) -> Values:
     """The values of a spectrum, thinned to ``FREQUENCIES`` and ``TIMES`` by the largest."""
     axes = ("forward", "right", "down") if found.unit == "m/s²" else AXES
     fine, mean = thinned(found.frequency, found.mean, FREQUENCIES)

@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from itertools import product
 from operator import itemgetter
 from time import thread_time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
+from mavdem.heading import Names, Values
 
 # numbers of windows, summed over flights
 COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")
@@ -112,7 +113,7 @@ class Outcome:
         """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
         return np.asarray(self.scores[question].squared_error[-1])
 
-    def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
+    def to_dict(self, question: Question = KNOWN) -> Values:
         """Returns values of a ``question`` for its document, without the forecasts themselves."""
         errors = self.mspe(question)
         scores = self.scores[question]
@@ -230,15 +231,15 @@ class Comparison:
     """
 
     windows: tuple[Window, ...]
-    methods: tuple[str, ...]
+    methods: Names
     outcomes: tuple[tuple[Outcome, ...], ...]
 
     @cached_property
-    def flights(self) -> tuple[str, ...]:
+    def flights(self) -> Names:
         """Their names, in order of appearance."""
         return tuple(dict.fromkeys(window.flight for window in self.windows))
 
-    def methods_of(self, question: Question) -> tuple[str, ...]:
+    def methods_of(self, question: Question) -> Names:
         """Returns the names of the methods that answer a ``question``."""
         return tuple(one.method for one in self.outcomes[0] if question in one.scores)
 
@@ -248,7 +249,7 @@ class Comparison:
         windows = tuple(self.windows[number] for number in own)
         return Comparison(windows, self.methods, tuple(self.outcomes[number] for number in own))
 
-    def summaries(self, flight: str, question: Question = KNOWN) -> tuple[dict[str, Any], ...]:
+    def summaries(self, flight: str, question: Question = KNOWN) -> tuple[Values, ...]:
         """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
 
         ``windows`` and the ``COUNTS`` are numbers of windows; ``failure`` is the first reason; ``mspe`` per output and
@@ -260,19 +261,19 @@ class Comparison:
         return self._summaries[flight, question]
 
     @cached_property
-    def _summaries(self) -> dict[tuple[str, Question], tuple[dict[str, Any], ...]]:
+    def _summaries(self) -> dict[tuple[str, Question], tuple[Values, ...]]:
         return {
             (flight, question): self.of_flight(flight)._standings(question)
             for flight, question in product(self.flights, Question)
         }
 
-    def _standings(self, question: Question) -> tuple[dict[str, Any], ...]:
+    def _standings(self, question: Question) -> tuple[Values, ...]:
         """Of one flight."""
         methods = self.methods_of(question)
         rows = [self._summary(method, question, methods[0]) for method in methods]
         return tuple(sorted(rows, key=itemgetter("relative")))
 
-    def _summary(self, method: str, question: Question, reference: str) -> dict[str, Any]:
+    def _summary(self, method: str, question: Question, reference: str) -> Values:
         columns = dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
         mine = columns[method]
         scores = [one.scores[question] for one in mine]
@@ -323,7 +324,7 @@ class Comparison:
         }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}
 
-    def over_flights(self, question: Question = KNOWN) -> tuple[dict[str, Any], ...]:
+    def over_flights(self, question: Question = KNOWN) -> tuple[Values, ...]:
         """Returns each method's summary of a ``question`` over all flights, the lowest error first.
 
         ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
@@ -353,7 +354,7 @@ class Comparison:
             )
         return tuple(sorted(overall, key=itemgetter("relative")))
 
-    def to_dict(self, question: Question = KNOWN) -> dict[str, Any]:
+    def to_dict(self, question: Question = KNOWN) -> Values:
         """Returns values of a ``question`` for its document, by flight and by window, infinite errors as infinity.
 
         Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
@@ -369,7 +370,7 @@ class Comparison:
             "predictions": self.to_dict(UNKNOWN) if predicted else None,
         }
 
-    def _flight(self, flight: str, question: Question) -> dict[str, Any]:
+    def _flight(self, flight: str, question: Question) -> Values:
         part = self.of_flight(flight)
         train = part.windows[0].train
         test = part.windows[0].test

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
 
 import numpy as np
 
@@ -28,9 +27,10 @@ from mavdem.dem.record import folds
 from mavdem.errors import fact_of
 from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.window import part_samples
-from mavdem.facts import Fact
+from mavdem.facts import Facts
 from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.flight import Flight
+from mavdem.heading import Values
 
 FOLDS = 5
 MIN_PIECE_SECONDS = 1.0
@@ -60,7 +60,7 @@ class HeldOut:
     band: Array
     expected: Array
     variance: Array
-    failures: tuple[Fact, ...] = ()
+    failures: Facts = ()
 
     def __len__(self) -> int:
         return len(self.time)
@@ -118,7 +118,7 @@ class HeldOut:
         expected = (self.expected / self.variance).sum(axis=-1).mean()
         return float(error_over(self._sizes(FORECAST).mean(), expected))
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Returns the figures as plain JSON values: without the series."""
         ratios = self.error_ratios()
         return {
@@ -164,7 +164,7 @@ def held_out_windows(
     for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
         training = _others(flights, fold)
         model = None
-        failures = tuple[Fact, ...]()
+        failures = Facts()
         try:
             model = learn_forecasts(training, settings)
         except ValueError as error:
@@ -215,7 +215,7 @@ def _forecast(
     steps: int,
     lead: int,
     before: Array,
-    failures: tuple[Fact, ...] = (),
+    failures: Facts = (),
 ) -> HeldOut:
     """Windows of ``steps`` samples after the first ``lead`` of a part, which follows the sample ``before`` (1, m).
 

@@ -6,7 +6,6 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from math import isnan, nan
-from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Compared, Forecasts
 from mavdem.facts.identifiability import Status
+from mavdem.files import PathName
 from mavdem.flight import Flight
 
 MAX_DIFFERENCE = 0.3
@@ -82,7 +82,7 @@ class Truth(NamedTuple):
     delay: float  # s
 
 
-def read_truth(path: str | PathLike[str], axis: str) -> Truth:
+def read_truth(path: PathName, axis: str) -> Truth:
     """Returns one ``axis`` of a truth file of ``mavdem fly``.
 
     Raises:
@@ -111,7 +111,7 @@ def read_truth(path: str | PathLike[str], axis: str) -> Truth:
     raise Unreadable(Fact(Forecasts.NO_TRUTH_FILE, name=name, error=why))
 
 
-def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> Truth:
+def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
     """Returns what the truth file at ``path`` says of the axis of ``flights``, the segments of one.
 
     Raises:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mavdem.dem.engine.linalg import Indices
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -126,7 +126,7 @@ def windows(
     )
 
 
-def disjoint(windows: Sequence[Window]) -> NDArray[np.intp]:
+def disjoint(windows: Sequence[Window]) -> Indices:
     """Returns the indices of ``windows`` that share no sample: as many as possible, those that end first."""
     chosen: list[int] = []
     free: dict[str, int] = {}

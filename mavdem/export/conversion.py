@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -29,8 +28,9 @@ from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.facts.model import Plant
-from mavdem.files import atomic_write
+from mavdem.files import PathName, atomic_write
 from mavdem.flight import Flight
+from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import GOOD
@@ -58,7 +58,7 @@ def column_name(name: str, unit: str) -> str:
     return "_".join(re.findall(r"[^\W_]+", plain.lower()))
 
 
-def _channels(flight: Flight) -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...], Array]]:
+def _channels(flight: Flight) -> Iterator[tuple[str, Names, Names, Array]]:
     """Kind, names, units and values (T, k) of what a flight has."""
     for kind, values in (
         ("input", flight.inputs),
@@ -133,8 +133,8 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
     """
     import xarray
 
-    variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {
+    variables: Values = {}
+    coordinates: Values = {
         "time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})
     }
     for kind, names, units, values in _channels(flight):
@@ -174,7 +174,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     labels = Labels.of(learned)
     inputs = list(map(column_name, labels.input_names, labels.input_units))
     outputs = list(map(column_name, labels.output_names, labels.output_units))
-    names: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
+    names: Values = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
     if model == "physical":
         draws = _identified(learned).draws(DRAWS).tolist()
         plant, *plants = (_plant(draw, names) for draw in draws)
@@ -205,7 +205,7 @@ def _identified(learned: Learned) -> Physical:
     return physical
 
 
-def _plant(draw: Sequence[float], names: dict[str, Any]) -> control.StateSpace:
+def _plant(draw: Sequence[float], names: Values) -> control.StateSpace:
     """The physical plant of effect, damping, lag and delay."""
     import control
 
@@ -228,12 +228,12 @@ TABLES = {".csv": write_csv, ".parquet": write_parquet}
 
 
 def convert(
-    source: str | os.PathLike[str],
-    out: str | os.PathLike[str],
+    source: PathName,
+    out: PathName,
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-) -> dict[str, Any]:
+) -> Values:
     """Converts ``source`` to the format of ``out``'s ending, and reports what was written.
 
     A .tlog or .mcap receives every frame with its receive stamp, those that cannot be read included, but no bytes
@@ -274,7 +274,7 @@ def convert(
     return {"source": str(source), "out": str(out), **written}
 
 
-def _convert_stream(source: Path, out: Path) -> dict[str, Any]:
+def _convert_stream(source: Path, out: Path) -> Values:
     kind = out.suffix.lower()
     stream = read_stream(source)
     if stream.form == kind:
@@ -295,7 +295,7 @@ def _convert_stream(source: Path, out: Path) -> dict[str, Any]:
 
 def _convert_to_table(
     source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None
-) -> dict[str, Any]:
+) -> Values:
     log = read_log(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     verdict = learnability_of(signals, log.components)
@@ -324,7 +324,7 @@ def _convert_to_table(
 
 
 def write_channels(
-    path: str | os.PathLike[str],
+    path: PathName,
     flights: Sequence[Flight],
     learned: Learned | None = None,
     held_out: HeldOut | None = None,

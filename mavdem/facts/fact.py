@@ -147,6 +147,7 @@ def _grounded(figure: Figure) -> Figure:
     return figure.grounded if isinstance(figure, Fact) else figure
 
 
+Facts = tuple[Fact, ...]
 _words: Callable[[Fact], Words]
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import exp, hypot, isclose, log, sqrt
 from statistics import fmean, median
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtr
@@ -38,7 +38,9 @@ from mavdem.fleet.row import (
     flights_of,
     vehicles_of,
 )
+from mavdem.heading import Names, Values
 from mavdem.health.balance import SCATTER
+from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 SHARE = "share"
@@ -137,9 +139,9 @@ class ParameterChange(NamedTuple):
 class VehicleDifference(NamedTuple):
     """What differs between two states of a vehicle."""
 
-    vehicles: tuple[tuple[str, ...], tuple[str, ...]]  # names in each state
-    shared: tuple[str, ...]  # of these, the names that several vehicles may have
-    motors: tuple[str, ...]  # their names; empty where not known
+    vehicles: tuple[Names, Names]  # names in each state
+    shared: Names  # of these, the names that several vehicles may have
+    motors: Names  # their names; empty where not known
     flights: tuple[int, int]  # how many each has
     # quantities known in both, in the order of kinds, motors and axes
     changes: tuple[QuantityChange, ...]
@@ -150,7 +152,7 @@ class VehicleDifference(NamedTuple):
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Returns what a document says of it."""
         return {**self._asdict(), "family_error": SIGNIFICANCE, "level": LEVEL}
 
@@ -184,9 +186,7 @@ def vehicle_difference(
     )
 
 
-def changed_parameters(
-    before: Mapping[str, float], after: Mapping[str, float]
-) -> list[ParameterChange]:
+def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterChange]:
     """Returns the parameters that somebody set to other values ``after``: those of control first, then by name."""
     both = sorted(
         before.keys() & after.keys(), key=lambda name: (not CONTROL_PARAMETERS.match(name), name)

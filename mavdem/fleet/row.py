@@ -18,7 +18,7 @@ from mavdem.alignment.drive import AXES, INPUTS
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
-from mavdem.heading import heading
+from mavdem.heading import Names, Values, heading
 from mavdem.units import (
     AngularAcceleration,
     ArmLengths,
@@ -122,7 +122,7 @@ class FlightRow:
     """mean vibration, x, y and z or one level"""
     clips: Whole = at("condition.vibration.clips")
     """times that an accelerometer was out of range"""
-    motors: tuple[str, ...] | None = at("condition.hover.motors")
+    motors: Names | None = at("condition.hover.motors")
     """names of the motors; lists that have an entry a motor are in this order"""
     spins: tuple[int, ...] | None = None
     """+1 counter-clockwise seen from above, −1 clockwise, 0 not known"""
@@ -224,7 +224,7 @@ class FlightRow:
     """good, watch, bad or unknown"""
     light_log: Text = at("lights.log.level")
     """good, watch, bad or unknown"""
-    overrides: tuple[str, ...] = ()
+    overrides: Names = ()
     """what makes the flight itself doubtful: oscillation, motors, saturation, trim or data"""
     error_ratio: Number = at("forecast_over_constant_mean")
     """error ratio (NMSE) of forecasts in held-out windows"""
@@ -244,9 +244,9 @@ class FlightRow:
     """what speaks for the health, or what is missing to judge it"""
     health_code: Text = None
     """the same as a code"""
-    warnings: tuple[str, ...] = ()
+    warnings: Names = ()
     """what must be known before its figures are used, one sentence each"""
-    warning_codes: tuple[str, ...] = ()
+    warning_codes: Names = ()
     """the same as codes"""
     status: str = OK
     """ok, or why there is no flight"""
@@ -279,7 +279,7 @@ class FlightRow:
         """The unit of the model's inputs in words: an effectiveness is for one of them."""
         return "unit of demand" if self.inputs == DEMAND else self.input_unit or "unit of input"
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Plain JSON values; the date as ISO 8601."""
         values = asdict(self)
         if self.date is not None:
@@ -297,8 +297,11 @@ class FlightRow:
         return FlightRow(**(_of_report(report) | columns))
 
 
+FlightRows = list[FlightRow]
+
+
 @cache
-def _kinds() -> dict[str, Any]:
+def _kinds() -> Values:
     """The type of each column, without None."""
     hints = get_type_hints(FlightRow)
     return {
@@ -354,7 +357,7 @@ def row_schema() -> Any:
     )
 
 
-def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
+def _of_report(report: Mapping[str, Any]) -> Values:
     """The columns that a document of ``report.json`` has; nothing is known by an empty text or list."""
     places = {
         column.name: column.metadata["place"] for column in fields(FlightRow) if column.metadata
@@ -405,9 +408,9 @@ Flight = Sequence[FlightRow]
 """The rows of one flight, an axis each."""
 
 
-def flights_of(rows: Iterable[FlightRow]) -> list[list[FlightRow]]:
+def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """Returns the rows of each flight, its axes in order; flights by date, those without one last, then by vehicle."""
-    together: dict[tuple[object, ...], list[FlightRow]] = {}
+    together: dict[tuple[object, ...], FlightRows] = {}
     for row in rows:
         together.setdefault(row.order[:-1], []).append(row)
 
@@ -420,9 +423,9 @@ def flights_of(rows: Iterable[FlightRow]) -> list[list[FlightRow]]:
     return sorted(together.values(), key=when)
 
 
-def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[list[FlightRow]]]:
+def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
     """Returns the flights with figures of each vehicle, by its name in order, as :func:`flights_of` has them."""
-    vehicles: dict[str, list[list[FlightRow]]] = {}
+    vehicles: dict[str, list[FlightRows]] = {}
     for flight in flights_of(row for row in rows if row.status == OK):
         vehicles.setdefault(flight[0].vehicle, []).append(flight)
     return dict(sorted(vehicles.items()))
@@ -443,9 +446,9 @@ def best_tier(flight: Flight) -> str:
     return min((row.tier for row in flight if row.tier), default="")
 
 
-def flown_once(flights: Sequence[list[FlightRow]]) -> list[list[FlightRow]]:
+def flown_once(flights: Sequence[FlightRows]) -> list[FlightRows]:
     """Returns flights of one vehicle, in order of date, each once by its best tier: those at the same time are one."""
-    once: list[list[FlightRow]] = []
+    once: list[FlightRows] = []
     for flight in flights:
         same = [flight]
         if once and (last := once[-1][0]).date and flight[0].date:
@@ -456,7 +459,7 @@ def flown_once(flights: Sequence[list[FlightRow]]) -> list[list[FlightRow]]:
     return once
 
 
-def summary(rows: Iterable[FlightRow]) -> dict[str, Any]:
+def summary(rows: Iterable[FlightRow]) -> Values:
     """Returns counts of a fleet's flights as plain JSON values.
 
     A flight has a row for each axis, and counts by its better tier and its worse health; one that several logs have

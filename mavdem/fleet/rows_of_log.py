@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,8 +20,9 @@ from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import Reading
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, fault
+from mavdem.heading import Values
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import read_log
 
@@ -61,7 +61,7 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     return rows or [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))], pages
 
 
-def rows_of_assessment(assessment: Assessment, file: str) -> list[FlightRow]:
+def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     """Returns a row for each axis that the ``assessment`` of a vehicle has an analysis of.
 
     ``file`` is the name of its log. Without settled flight there is one row, of no axis, whose status says why.
@@ -69,7 +69,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> list[FlightRow]:
     first = assessment.analysis
     assert first is not None and assessment.evidence is not None
     signals = assessment.evidence.signals.about(AXES[0], "motors")
-    columns: dict[str, Any] = {"file": file, "component": signals.telemetry.component}
+    columns: Values = {"file": file, "component": signals.telemetry.component}
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))
@@ -106,9 +106,9 @@ def rows_of_assessment(assessment: Assessment, file: str) -> list[FlightRow]:
     return rows
 
 
-def _wind(wind: WindVelocity) -> dict[str, Any]:
+def _wind(wind: WindVelocity) -> Values:
     drag = wind.drag
-    columns = dict[str, Any]()
+    columns = Values()
     if wind.sized:
         columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}
     if wind.directed:
@@ -120,7 +120,7 @@ def _wind(wind: WindVelocity) -> dict[str, Any]:
     return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
 
 
-def _margins(loop: Loop) -> dict[str, Any]:
+def _margins(loop: Loop) -> Values:
     """The margins of a rate loop; none that is infinite."""
     return {
         "phase_margin": np.radians(loop.phase_margin),
@@ -130,7 +130,7 @@ def _margins(loop: Loop) -> dict[str, Any]:
     }
 
 
-def _means(analysis: LogAnalysis) -> dict[str, Any]:
+def _means(analysis: LogAnalysis) -> Values:
     """The means of what the model has seen."""
     if analysis.learned is None:
         return {}

@@ -26,9 +26,10 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
 from mavdem.facts.motors import HealthUnknown
 from mavdem.files import atomic_write
-from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, as_text, row_schema
+from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, FlightRows, as_text, row_schema
 from mavdem.fleet.sources import Source, is_url
 from mavdem.fleet.workers import PAGES, Limits, Outcome
+from mavdem.heading import Values
 
 STORE = "fleet.sqlite"
 TABLE = Path("flights", "flights.parquet")
@@ -55,7 +56,7 @@ def is_fleet(folder: Path) -> bool:
     return (folder / STORE).is_file()
 
 
-def read_rows(folder: Path) -> list[FlightRow]:
+def read_rows(folder: Path) -> FlightRows:
     """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``."""
     path = folder / STORE
     if not is_fleet(folder):
@@ -209,13 +210,13 @@ class Store:
         """Yields the rows that a ``query`` for row and, in the table, file finds."""
         return (_row(*found) for found in self.db.execute(query, values))
 
-    def rows_of(self, sources: Iterable[Source]) -> list[FlightRow]:
+    def rows_of(self, sources: Iterable[Source]) -> FlightRows:
         """Returns the rows of these logs."""
         query = "select row, path from flights join logs using (log) where path = ? order by flights.rowid"
         return [row for source in sources for row in self.rows(query, [as_text(source.path)])]
 
     @property
-    def healthy(self) -> list[FlightRow]:
+    def healthy(self) -> FlightRows:
         """The rows of the baseline; none if there is none."""
         return [*self.rows("select row from healthy order by row")]
 
@@ -284,7 +285,7 @@ class Store:
 
 
 def _assessed(
-    rows: list[FlightRow], assess: AssessRows, healthy: Sequence[FlightRow]
+    rows: FlightRows, assess: AssessRows, healthy: Sequence[FlightRow]
 ) -> Sequence[FlightRow]:
     try:
         return assess(rows, healthy)
@@ -293,7 +294,7 @@ def _assessed(
         return [replace(row, health_reason=str(why), health_code=why.code) for row in rows]
 
 
-def _values(source: Source, limits: Limits) -> dict[str, Any]:
+def _values(source: Source, limits: Limits) -> Values:
     own = {"path": as_text(source.path), "mavdem": metadata.version("mavdem")}
     return {**source._asdict(), **limits._asdict(), **own}
 

@@ -10,21 +10,22 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import HealthUnknown
-from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
+from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, FlightRows, Numbers
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, Reader
+from mavdem.heading import Values
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights, motor_signatures
 
@@ -43,20 +44,20 @@ class TrackedLogs(NamedTuple):
     logs: int  # how many were named
     read: int  # how many of them were read; the others were known
     # of names that name no log, and of known logs that could not be read now
-    problems: tuple[Fact, ...]
-    healthy: list[FlightRow]  # rows of the baseline
+    problems: Facts
+    healthy: FlightRows  # rows of the baseline
 
 
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
-    blank: dict[str, Any] = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
+    blank: Values = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
     rows = [replace(row, **blank) for row in rows]
     flown = [row for row in rows if row.status == OK]
     if not flown:
         return rows
     if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
         unnamed = Fact(HealthUnknown.VEHICLE_UNNAMED)
-        said: dict[str, Any] = {"health_reason": unnamed.advised, "health_code": unnamed.code}
+        said: Values = {"health_reason": unnamed.advised, "health_code": unnamed.code}
         return [replace(row, **said) if row.status == OK else row for row in rows]
     healthy_rows = [row for row in baseline if row.status == OK]
     judged = {_key(row): health_figures(row) for row in flown}
@@ -178,7 +179,7 @@ def track(
         return TrackedLogs(len(logs), read, (*problems, *unread), store.healthy)
 
 
-def _with_flight(rows: list[FlightRow]) -> list[FlightRow]:
+def _with_flight(rows: FlightRows) -> FlightRows:
     """The rows of a baseline; raises ``Unreadable`` where there is no flight among them."""
     if not any(row.status == OK for row in rows):
         path, why = (rows[0].file, rows[0].status) if rows else (None, None)

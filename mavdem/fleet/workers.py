@@ -29,7 +29,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from pkgutil import resolve_name
 from threading import Event, Lock
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 from mavdem.dem.parallel import ENDS, Pool, blocked, pool, stay_in_this_process
@@ -38,6 +38,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, is_url
+from mavdem.heading import Values
 
 PAGES = "pages"  # the folder of pages of flights, in the fleet's
 READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes rows of a log
@@ -92,7 +93,7 @@ def failed(job: Job, ended: Ended, status: Fact, key: str = "") -> Outcome:
     return Outcome(job.path, ended, (row,), key)
 
 
-def _of_job(job: Job, key: str) -> dict[str, Any]:
+def _of_job(job: Job, key: str) -> Values:
     """Columns that a row has of what was asked for."""
     return {"file": job.path, "key": key, "mavdem_version": metadata.version("mavdem")}
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
+from mavdem.heading import Values
 from mavdem.health.balance import (
     FEWEST_FLIGHTS,
     SCATTER_FREEDOM,
@@ -69,7 +70,7 @@ def assess(
     for number, flight in sorted(enumerate(flights), key=lambda numbered: numbered[1].when):
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
         others = [other for other in apart if other.layout == flight.layout]
-        reference: dict[str, Any] = {"flights": len(others), "are_chosen": chosen}
+        reference: Values = {"flights": len(others), "are_chosen": chosen}
         unknown = flight.missing
         if unknown is None and len(others) < FEWEST_FLIGHTS:
             total = sum(other is not flight for other in named)
@@ -103,7 +104,7 @@ def _assessment(
     weighed: Explanations,
     away: Deviation,
     effort: EffortChange | None,
-    reference: dict[str, Any],
+    reference: Values,
 ) -> HealthAssessment:
     """The assessment beside the flights of the ``reference``, with what speaks for it."""
     # The effort says nothing of a single motor, and a weak one takes little of it.

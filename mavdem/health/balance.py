@@ -26,6 +26,7 @@ from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
+from mavdem.heading import Names
 
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
@@ -39,7 +40,7 @@ class MotorSignatures:
     """The patterns of a vehicle with k motors, over the a axes that its layout is known for."""
 
     # "thrust", then "roll" and "pitch" where the motors' places are known, "yaw" where their spins are
-    axes: tuple[str, ...]
+    axes: Names
     # (a, k) from commands to axes: thrust is the mean of all motors, roll on an X quad (left - right)/4, as
     # ``MotorGeometry.effect`` has them
     weights: Array
@@ -189,7 +190,7 @@ class HealthFigures:
     """One flight of a vehicle, as far as its health is judged by it."""
 
     name: str  # of the flight
-    motors: tuple[str, ...] = ()  # names of the motors
+    motors: Names = ()  # names of the motors
     signatures: MotorSignatures | None = None  # of the motors; None where the motors are not known
     balance: BalanceFigures | None = None  # None where it was too short or the log holds none
     date: datetime | None = None  # when it began
@@ -210,7 +211,7 @@ class HealthFigures:
         return None
 
     @property
-    def layout(self) -> tuple[tuple[str, ...], bytes]:
+    def layout(self) -> tuple[Names, bytes]:
         """The motors' names, places and spins: only flights that agree in them have comparable balances."""
         return self.motors, b"" if self.signatures is None else self.signatures.weights.round(
             6

@@ -30,10 +30,11 @@ from mavdem.alignment.drive import MotorGeometry
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.steadiness import MAX_TURN
 from mavdem.confidence import STRONG_EVIDENCE_NATS, quantile
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Flags
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
+from mavdem.heading import Values
 from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import LEAST_SECONDS, motor_signatures
 
@@ -114,9 +115,7 @@ def _turn(heading: Any, before: Any) -> Any:
     return (heading - before + np.pi) % (2 * np.pi) - np.pi
 
 
-def _long_run(
-    blocks: Array, chosen: NDArray[np.bool_], mean: Array, prior: Array, freedom: float
-) -> Array:
+def _long_run(blocks: Array, chosen: Flags, mean: Array, prior: Array, freedom: float) -> Array:
     """(w, a) n times the variance of a mean over n blocks, of the run that is ``chosen`` (w, N), about ``mean`` (w, a).
 
     The ``prior``, (a,) or (w, a), has so many degrees of ``freedom``.
@@ -242,7 +241,7 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
     return sorted(found, key=lambda lost: (lost.level is Level.WATCH, -lost.figures["rise"]))
 
 
-def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
+def alarm_figures(changes: Sequence[MotorAlarm]) -> Values:
     """Returns the keys of documents: alarms on motors, motors sound again, changes of steady torque, false alarms."""
     kinds = {
         "alarms": InFlight.MOTOR_LOST_THRUST,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import lzma
-import os
 import stat
 from pathlib import Path
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
+from mavdem.files import PathName
 
-PathName = str | os.PathLike[str]
 LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
 # Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
 BEGINNING_BYTES = 1 << 16

@@ -9,6 +9,7 @@ from pathlib import Path
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
+from mavdem.files import AnyPath
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
 from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2
 from mavdem.ingest.mavlink.vehicles import FrameStream
@@ -40,7 +41,7 @@ ARCHIVES = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip"}
 STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 
-def read_log(path: str | bytes | os.PathLike[str]) -> Log:
+def read_log(path: AnyPath) -> Log:
     """Reads a recorded flight.
 
     >>> log = mavdem.ingest.read_log("flight.tlog")
@@ -74,7 +75,7 @@ def read_log(path: str | bytes | os.PathLike[str]) -> Log:
     return read(name)
 
 
-def looks_like_log(path: str | bytes | os.PathLike[str]) -> bool:
+def looks_like_log(path: AnyPath) -> bool:
     """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable."""
     name = os.fsdecode(path)
     if Path(name.lower().removesuffix(".xz")).suffix in (*EXTENSIONS, ".tlog"):
@@ -91,7 +92,7 @@ def _has_marker(beginning: bytes) -> bool:
     return beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
 
 
-def read_stream(path: str | bytes | os.PathLike[str]) -> FrameStream:
+def read_stream(path: AnyPath) -> FrameStream:
     """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
 
     Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.
@@ -106,7 +107,7 @@ def read_stream(path: str | bytes | os.PathLike[str]) -> FrameStream:
     return tlog_stream(name)
 
 
-def format_of(path: str | bytes | os.PathLike[str]) -> tuple[str, Format]:
+def format_of(path: AnyPath) -> tuple[str, Format]:
     """Returns the name of a file and its format; raises ``Unreadable`` where that is none, ``ValueError``: no path."""
     if not isinstance(path, str | bytes | os.PathLike):
         raise ValueError(f"path must name a file, not be {path!r}")

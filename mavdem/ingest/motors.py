@@ -17,6 +17,7 @@ import numpy as np
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
+from mavdem.heading import Names
 from mavdem.ingest.telemetry import Array, Parameters
 from mavdem.ingest.vocabulary import NAMES
 
@@ -61,7 +62,7 @@ class MotorMessage(NamedTuple):
     is_ported: bool = False
 
     @property
-    def fields(self) -> tuple[str, ...]:
+    def fields(self) -> Names:
         """The names of all its fields with outputs, and of the port's."""
         channels = (self.field.format(n) for n in range(1, 17))
         return ("port", *channels) if self.is_ported else (self.field,)
@@ -75,13 +76,13 @@ MOTOR_MESSAGES = {
 """Messages with motor outputs, the preferred first."""
 
 
-def motor_parameters(autopilot: str) -> tuple[str, ...]:
+def motor_parameters(autopilot: str) -> Names:
     """Returns the parameters of a MAV_AUTOPILOT that say where motors are and how they respond; none if not known."""
     names = NAMES["motor_parameters"].get(autopilot, ())
     return tuple(dict.fromkeys(name.format(n, n - 1) for name in names for n in range(1, 9)))
 
 
-def control_parameters(autopilot: str) -> tuple[str, ...]:
+def control_parameters(autopilot: str) -> Names:
     """Returns the parameters of a MAV_AUTOPILOT that its rate and attitude control need; none if not known."""
     names = NAMES["control_parameters"].get(autopilot, ())
     axes = NAMES["control_axes"].get(autopilot, ())
@@ -103,7 +104,7 @@ class MotorGeometry:
     positions: tuple[Position, ...]
     channels_by: ChannelBasis = ChannelBasis.SERVO_FUNCTIONS
     places_by: PlaceBasis = PlaceBasis.PARAMETERS
-    labels: tuple[str, ...] = ()
+    labels: Names = ()
     spins: tuple[int, ...] = ()
     drivers: tuple[Driver, ...] = ()
 
@@ -128,7 +129,7 @@ class MotorGeometry:
         )
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Names:
         """One name a motor: ``motor 1 (front right)``, without the place when it is unknown."""
         if self.labels:
             return self.labels

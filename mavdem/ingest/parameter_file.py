@@ -15,7 +15,8 @@ from math import isfinite
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import Repair, Source
-from mavdem.ingest.contents import PathName, file_bytes
+from mavdem.files import PathName
+from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.telemetry import Log, repair
 
 

@@ -16,14 +16,15 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
+from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
+from mavdem.heading import Names
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
     Array,
     Columns,
-    Facts,
     Fields,
     Flags,
     Parameters,
@@ -52,7 +53,7 @@ Topics = Mapping[str, Mapping[int, Columns]]
 """Fields by pyulog's names ("q[0]"), (N,) each, and ``time`` (N,) s since boot, by topic and number of the instance."""
 
 _TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-NEEDED: Mapping[str, tuple[str, ...]] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
+NEEDED: Mapping[str, Names] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 _RENAMED = tomllib.loads(Path(__file__).with_name("px4_messages.toml").read_text(encoding="utf-8"))
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})

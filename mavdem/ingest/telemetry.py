@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.sources import Flaw, Repair
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-Facts = tuple[Fact, ...]
 Parameters = Mapping[str, float]  # Values by name
 Fields = dict[str, NDArray[Any]]  # Columns of a message that is being made
 Columns = Mapping[str, NDArray[Any]]

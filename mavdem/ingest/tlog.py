@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.sources import Repair, Source
-from mavdem.ingest.contents import PathName, file_bytes
+from mavdem.files import PathName
+from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import (
     GOOD,
@@ -27,7 +28,7 @@ from mavdem.ingest.mavlink.framing import (
     rows_of,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
-from mavdem.ingest.telemetry import Facts, Integers, Log, repair
+from mavdem.ingest.telemetry import Integers, Log, repair
 
 STAMP_BYTES = np.dtype(np.uint64).itemsize  # Bytes of the receive stamp before each frame
 

@@ -21,16 +21,16 @@ from pymavlink.dialects.v20 import all as dialect
 from pyulog import ULog, ULogIncompatibleFlagException
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.contents import PathName, file_bytes
+from mavdem.files import PathName
+from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import outliers
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.px4_topics import NEEDED, mav_type, messages, notes
 from mavdem.ingest.telemetry import (
     MAX_FIELDS,
     Columns,
-    Facts,
     Log,
     Telemetry,
     joined,

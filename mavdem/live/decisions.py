@@ -18,7 +18,6 @@ from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment, mean_rate
@@ -48,7 +47,7 @@ from mavdem.facts.session import Session
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
-from mavdem.ingest.telemetry import Array, Telemetry, joined, log_of_vehicles
+from mavdem.ingest.telemetry import Array, Fields, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.messages import Values
 from mavdem.live.recent import MAX_ROWS, Recent
@@ -123,7 +122,7 @@ class InputChoice:
 
         ``streams`` are by message and port; ``staying`` is the only message to consider.
         """
-        messages: dict[str, dict[str, NDArray[Any]]] = {}
+        messages: dict[str, Fields] = {}
         for (name, port), stream in sorted(streams.items()):
             if name in MOTOR_MESSAGES and staying in (None, name) and stream.time:
                 columns = self._columns(name, port, stream)
@@ -144,7 +143,7 @@ class InputChoice:
         shown = collective.time[recent], collective.boot[recent], collective.values[recent]
         return Inputs(motors, picks, Signal(*shown) if recent.any() else None)
 
-    def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
+    def _columns(self, name: str, port: int, stream: Samples) -> Fields:
         """The outputs of one port as columns."""
         every = 1 + len(stream.time) // MAX_ROWS
         recent = zip(stream.time[::every], stream.values[::every], strict=True)

@@ -17,9 +17,10 @@ from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
 from mavdem.assessment.limits import worst
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.event import Event
 from mavdem.facts.session import Session
+from mavdem.heading import Names
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.wind import WindRow
 
@@ -81,10 +82,10 @@ class SessionStatus:
     alarms: tuple[MotorAlarm, ...] = ()
     findings: Findings | None = None
     judgement: Judgement | None = None
-    alarm: tuple[Fact, ...] = ()
+    alarm: Facts = ()
     wind: WindRow | None = None
     no_wind: Fact | None = None
-    watched: tuple[Fact, ...] = ()
+    watched: Facts = ()
     lights: Mapping[str, Fact] = field(default_factory=dict)
 
     @property
@@ -147,7 +148,7 @@ class LiveHistory:
         self.now = nan
         self.shift = 0.0
         self._boot = 0
-        self.motors: tuple[str, ...] = ()
+        self.motors: Names = ()
         self.events: list[Event] = []
         self._rows: list[array[float]] = []  # of the lines, after the number of the segment
         self._stride = 1

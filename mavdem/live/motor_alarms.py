@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.alignment.drive import Motors
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.wind import WeakMotors
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
 from mavdem.health.in_flight import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
@@ -26,7 +26,7 @@ class MotorAlarms:
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.standing: tuple[Fact, ...] = ()
+        self.standing: Facts = ()
         self.landed = False
         self.changed = nan
         self._watch: MotorWatch | None = None

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact
+from mavdem.files import PathName
 from mavdem.ingest.mcap.records import raw_channel, started, write_message
 from mavdem.ingest.tlog import write_stamped
 from mavdem.live.messages import Frame
@@ -22,7 +22,7 @@ class RawRecording:
     Raises Unreadable: the file exists, or cannot be created.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: PathName) -> None:
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:

@@ -17,7 +17,6 @@ from math import inf, isfinite, isnan, nan, nextafter
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment import align
 from mavdem.alignment.learnability import MAX_STEP_RATIO
@@ -30,7 +29,7 @@ from mavdem.ingest.mavlink.clocks import (
     STEP_BACK,
     WRAP_GAP,
 )
-from mavdem.ingest.telemetry import MAX_GAP_SECONDS
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Array
 from mavdem.live.messages import Message, Values
 
 # Of each stream: enough to decide rates and steps, also of hostile stamps
@@ -53,8 +52,8 @@ class AlignedRow(NamedTuple):
     """
 
     time: float
-    inputs: NDArray[np.float64]
-    outputs: NDArray[np.float64]
+    inputs: Array
+    outputs: Array
     segment: int
     settled: bool
 
@@ -214,9 +213,7 @@ class Samples:
             else self.values[row]
         )
 
-    def weighted(
-        self, time: float, weights: NDArray[np.float64], offsets: NDArray[np.float64]
-    ) -> Values:
+    def weighted(self, time: float, weights: Array, offsets: Array) -> Values:
         """The values interpolated at ``offsets`` (L,) s from ``time``, summed by ``weights`` (L,)."""
         first = max(
             bisect_left(self.time, time + offsets[0]) - 1, bisect_left(self.time, self.since)
@@ -229,7 +226,7 @@ class Samples:
         return tuple((np.array(even) @ weights).tolist())
 
 
-_Sampling = tuple[NDArray[np.float64], NDArray[np.float64], bool]
+_Sampling = tuple[Array, Array, bool]
 """How a stream is sampled: by several weights at offsets, s, low-passed, by one interpolated; whether rows are kept."""
 
 
@@ -342,7 +339,7 @@ class Grid:
         return [*former, new][0]
 
 
-def _sampling(time: NDArray[np.float64], grid: NDArray[np.float64], dt: float) -> _Sampling:
+def _sampling(time: Array, grid: Array, dt: float) -> _Sampling:
     if not align.is_low_passed(time, dt):
         return np.ones(1), np.zeros(1), align.kept_rows(grid, time) is not None
     weights = align.impulse_response(rate := align.mean_rate(time), dt)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from mavdem.alignment.signals import (
 from mavdem.alignment.steadiness import strays
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.event import Event
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
@@ -35,7 +35,7 @@ from mavdem.facts.watch import Watch, Watched
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.decisions import PHASES, InputChoice, Inputs, Motion, Phase, Setup, tilt_of
 from mavdem.live.history import SessionStatus
@@ -110,7 +110,7 @@ class LiveStream:
         self._choice = InputChoice()
         self._recent = Recent()
         self._phase = Phase(self._recent)
-        self._settings: Mapping[str, float] = {}  # of the autopilot, as of the last choice
+        self._settings: Parameters = {}  # of the autopilot, as of the last choice
         self._grid = Grid()
         self.alarms = MotorAlarms()
         self.air = LiveWind()
@@ -211,7 +211,7 @@ class LiveStream:
         )
 
     @property
-    def watched(self) -> tuple[Fact, ...]:
+    def watched(self) -> Facts:
         """Since when each is watched, or why it is not, of all vehicles."""
         others = ((name, each.watched) for name, each in self.beside.items())
         return (

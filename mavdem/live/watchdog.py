@@ -22,7 +22,7 @@ from mavdem.assessment.vibration import vibration_light
 from mavdem.condition.condition import Condition
 from mavdem.condition.oscillation import begun_oscillation
 from mavdem.dem.online.wind import MEMORY_SECONDS
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
@@ -67,7 +67,7 @@ class Watchdog:
         self._reviewed = -inf
 
     @property
-    def alarms(self) -> tuple[Fact, ...]:
+    def alarms(self) -> Facts:
         """What is bad as of the last review."""
         return tuple(fact for fact in self.standing.values() if fact.level is Level.BAD)
 

@@ -35,7 +35,7 @@ from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.wind import FIRST_FIT_SECONDS
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind
 from mavdem.live.link import SILENCE_SECONDS
@@ -65,7 +65,7 @@ class WindRow(NamedTuple):
         return speed, max(speed - half, 0.0), speed + half, origin, turned
 
     @property
-    def facts(self) -> tuple[Fact, ...]:
+    def facts(self) -> Facts:
         """The speed, which is None where it may be calm, and where the wind comes from as far as that is known."""
         speed, low, high, origin, turned = self.by_compass
         status = speed_status(speed, low, high)

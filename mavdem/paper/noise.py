@@ -16,7 +16,7 @@ References:
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,7 @@ from scipy.stats import chi2, norm
 from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.window import Window
+from mavdem.heading import Values
 from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, Check, Result, Runner
 from mavdem.report.figures.style import Picture
@@ -129,7 +130,7 @@ class Noise(NamedTuple):
     whiteness: Significance  # test for white noise, of values that share no samples
     overlap: int  # values closer than so many steps share samples
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Values:
         """Returns plain JSON values by name."""
         return {
             "autocorrelation": self.autocorrelation.tolist(),

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from mavdem.facts import Level
+from mavdem.heading import Values
 from mavdem.paper import CLAIMS, INTRODUCTION, Claim, forecasts, landscape, noise, oracle, order
 from mavdem.paper.runner import ClaimStatus, Result, findings
-from mavdem.report.blocks import Block, Rated, Sentence, Table
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
 
@@ -55,7 +55,7 @@ class ItemReport:
             return f"Not tried: {' '.join(self.result.remarks)}"
         return f"{self.status.value.capitalize()}: {findings(self.result.checks)}."
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Values:
         """Returns plain JSON values by name."""
         claim = self.claim
         return {
@@ -73,7 +73,7 @@ class ItemReport:
         """Returns its part of the page: the claim, what was found, the rules of the checks, tables and figures."""
         claim = self.claim
         result = self.result
-        blocks: list[Block] = [
+        blocks: Blocks = [
             Sentence(f"“{claim.quote}” ({', '.join(claim.labels)})", f"{claim.section}:"),
             Sentence(self.sentence),
         ]
@@ -87,7 +87,7 @@ class ItemReport:
         return Chapter(claim.title, blocks, [one.group for one in result.pictures])
 
 
-def document(reports: Sequence[ItemReport], seconds: float) -> dict[str, Any]:
+def document(reports: Sequence[ItemReport], seconds: float) -> Values:
     """Returns all numbers as plain JSON values, the content of ``numbers.json``."""
     return {
         "paper": TITLE,
@@ -110,7 +110,7 @@ def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
         ]
         for report in reports
     ]
-    blocks: list[Block] = [
+    blocks: Blocks = [
         Sentence(INTRODUCTION),
         Table(["item", "verdict", "findings"], verdicts, words=True),
         Sentence(f"All numbers are in `{NUMBERS}`. It took {seconds:.0f} s."),

@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from itertools import chain, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.io import loadmat
@@ -30,7 +30,9 @@ from mavdem.evaluate.comparison import Method, Outcome, evaluate_window
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, USUAL_RATE
 from mavdem.evaluate.window import Window, part_samples, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
+from mavdem.files import PathName
 from mavdem.flight import Flight
+from mavdem.heading import Values
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
@@ -72,7 +74,7 @@ def logged(scenario: Scenario, name: str = "flight") -> Flight:
         return read_flight(log)
 
 
-def write_log(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:
+def write_log(path: PathName, scenario: Scenario, motion: Motion) -> None:
     """Writes a telemetry log of a simulated flight."""
     with open(path, "wb") as file:
         write_tlog(file, recorded(scenario, motion, cycle_of(scenario), lambda _: None))
@@ -176,7 +178,7 @@ class Result:
 
     # these decide the status; without any, ``remarks`` has the reason
     checks: tuple[Check, ...] = ()
-    numbers: dict[str, Any] = field(default_factory=dict)  # plain JSON values by name
+    numbers: Values = field(default_factory=dict)  # plain JSON values by name
     tables: tuple[Block, ...] = ()  # with the sentences above them
     pictures: tuple[Picture, ...] = ()
     remarks: tuple[str, ...] = ()  # sentences

@@ -53,6 +53,7 @@ class Table(NamedTuple):
 
 
 Block = Sentence | Table
+Blocks = list[Block]
 
 
 def text_of(blocks: Iterable[Block]) -> str:

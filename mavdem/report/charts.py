@@ -10,12 +10,13 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 
 from mavdem.dem.engine.linalg import Array
+from mavdem.heading import Names, Values
 from mavdem.report.numbers import named, rounded
 from mavdem.report.palette import MEASURED
 
@@ -46,7 +47,7 @@ class Axis(NamedTuple):
     label: str
     log: bool = False
     ends: tuple[float | None, float | None] | None = None
-    names: tuple[str, ...] = ()
+    names: Names = ()
 
 
 TIME = Axis("time since boot (s)")
@@ -163,10 +164,10 @@ class Chart(NamedTuple):
         grid = np.asarray(first + step * np.arange(int((last - first) / step) + 1), np.float64)
         return self._replace(lines=tuple(line.at(grid) for line in self.lines))
 
-    def as_json(self, points: int) -> dict[str, Any]:
+    def as_json(self, points: int) -> Values:
         """Returns what the page's script draws, with values as 16-bit integers, base64."""
         thinned = self.thinned(points)
-        lines: list[dict[str, Any]] = [
+        lines: list[Values] = [
             line._asdict()
             | {
                 key: _packed(getattr(line, key), self.y.log and not line.right)
@@ -228,7 +229,7 @@ def _said(line: Line) -> str:
     return f"{line.name or 'values'} from {rounded(known.min(), 3)} to {rounded(known.max(), 3)}"
 
 
-def _packed(values: Array | None, log: bool, even: bool = False) -> dict[str, Any] | None:
+def _packed(values: Array | None, log: bool, even: bool = False) -> Values | None:
     """The least value, the step of what is counted in it, and the counts as 16-bit integers in base64.
 
     Of a ``log`` axis these are the logarithms; where steps are ``even`` there are no counts.

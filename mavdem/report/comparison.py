@@ -14,16 +14,16 @@ from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.evaluate.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
-from mavdem.report.blocks import Block, Sentence, Table, caution
+from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.words import section
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 
 
-def comparison_report(comparison: Comparison) -> list[Block]:
+def comparison_report(comparison: Comparison) -> Blocks:
     """Returns the verdict on the first method of a ``comparison``, then errors, and what the columns mean."""
     questions = [KNOWN, *([UNKNOWN] if comparison.methods_of(UNKNOWN) else [])]
-    blocks: list[Block] = [Sentence("", lead=_verdict(comparison, KNOWN))]
+    blocks: Blocks = [Sentence("", lead=_verdict(comparison, KNOWN))]
     blocks += [Sentence(_verdict(comparison, one), WORDS[one]) for one in questions[1:]]
     for question in questions:
         blocks += _errors(comparison, question)
@@ -62,11 +62,11 @@ def _verdict(comparison: Comparison, question: Question) -> str:
     return said.lead
 
 
-def _errors(comparison: Comparison, question: Question) -> list[Block]:
+def _errors(comparison: Comparison, question: Question) -> Blocks:
     """A row a method, the lowest error first, and a caution if the first method's band holds too few samples."""
     reference = comparison.methods_of(question)[0]
     tests = comparison.verdicts(question)
-    blocks: list[Block] = [Sentence("error ratio by steps ahead.", WORDS[question])]
+    blocks: Blocks = [Sentence("error ratio by steps ahead.", WORDS[question])]
     table = list[list[str]]()
     for row in comparison.over_flights(question):
         share = row["inside"][-1]
@@ -96,11 +96,11 @@ def _shared_horizons(comparison: Comparison) -> list[str]:
     return [*map(str, HORIZONS[: min(counts) - 1]), "all"]
 
 
-def _flight(comparison: Comparison, flight: str) -> list[Block]:
+def _flight(comparison: Comparison, flight: str) -> Blocks:
     """How much was compared of a flight, and what failed."""
     windows = [window for window in comparison.windows if window.flight == flight]
     summaries = comparison.summaries(flight)
-    blocks: list[Block] = [
+    blocks: Blocks = [
         *section(
             "comparison_flight",
             windows[0],
@@ -128,9 +128,7 @@ def order_advice(choice: OrderChoice, known_inputs: bool = True) -> str:
     return said.text
 
 
-def order_report(
-    choice: OrderChoice, names: Sequence[str], known_inputs: bool = True
-) -> list[Block]:
+def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> Blocks:
     """Returns F̄ by order and flight, and the chosen order with its reason, and last what to do with it.
 
     ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``orders_of``.

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import coming_from
+from mavdem.heading import Values
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.report.blocks import Block, Sentence, Table, caution
+from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.words import advised, section
 
 # what a tier is called where it is shown
@@ -22,7 +21,7 @@ SLOW_HZ = 0.95
 MIN_LOST_SHARE = 0.01
 
 
-def log_blocks(held: dict[str, Any]) -> list[Block]:
+def log_blocks(held: Values) -> Blocks:
     """Returns all that a log ``held``, by ``mavdem.condition.inventory``: each vehicle, then what came from whom."""
     return [
         *(block for one in held["vehicles"] for block in vehicle_contents(one)),
@@ -30,7 +29,7 @@ def log_blocks(held: dict[str, Any]) -> list[Block]:
     ]
 
 
-def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
+def vehicle_contents(vehicle: Values) -> Blocks:
     """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
     verdict = vehicle["verdict"]
     names = vehicle["names"]
@@ -52,7 +51,7 @@ def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
     ]
 
 
-def stream_contents(held: dict[str, Any]) -> list[Sentence]:
+def stream_contents(held: Values) -> list[Sentence]:
     """Returns what was received from each sender, by the inventory ``held``, and what could not be decoded."""
     vehicles = [sender(one) for one in held["vehicles"]]
     blocks = list[Sentence]()
@@ -73,12 +72,12 @@ def stream_contents(held: dict[str, Any]) -> list[Sentence]:
     return [*blocks, *section("unread", unread=held["unread"])]
 
 
-def sender(component: dict[str, Any]) -> str:
+def sender(component: Values) -> str:
     """Returns system and number of a ``component``, as in "1:1"."""
     return f"{component['system']}:{component['component']}"
 
 
-def wind_blocks(air: Air) -> list[Block]:
+def wind_blocks(air: Air) -> Blocks:
     """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
     wind, own, reason = air
     if wind is None:
@@ -94,7 +93,7 @@ def wind_blocks(air: Air) -> list[Block]:
     return [*section("wind", wind=wind, own=estimate), *reasons]
 
 
-def air_blocks(assessment: Assessment) -> list[Block]:
+def air_blocks(assessment: Assessment) -> Blocks:
     """Returns the :func:`wind_blocks` of an ``assessment``, and what share of the wind torque that wind explains."""
     if assessment.evidence is None:
         return []

@@ -18,7 +18,7 @@ from mavdem.fleet.difference import (
     VehicleDifference,
 )
 from mavdem.fleet.row import UNKNOWN, FlightRow
-from mavdem.report.blocks import Block, Sentence, caution
+from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, short
 from mavdem.report.words import section
 
@@ -33,7 +33,7 @@ QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that
 
 def difference_blocks(
     found: VehicleDifference, parameters: Sequence[ParameterChange] = ()
-) -> list[Block]:
+) -> Blocks:
     """Returns in sentences what changed of two vehicles or one, and how sure that is.
 
     Which vehicles come first, then ``parameters`` that were set anew, what changed, is the same, uncertain or not
@@ -59,7 +59,7 @@ def difference_blocks(
     return [*_vehicles(found), *anew, *_changes(found), *missing, conditions, *sure]
 
 
-def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
+def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> Blocks:
     """Returns what differs between a vehicle's ``latest`` flight and its flights of the baseline."""
     lead = "Since the baseline:"
     if found is None:
@@ -69,7 +69,7 @@ def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[
     return [Sentence(text, lead), *_changes(found), *_vehicles(found)]
 
 
-def _changes(found: VehicleDifference) -> list[Block]:
+def _changes(found: VehicleDifference) -> Blocks:
     """What changed, what is the same, and what was compared without a result."""
     if not found.changes:
         return [Sentence("", "Nothing can be compared.")]
@@ -134,7 +134,7 @@ def _of_conditions(before: Conditions, after: Conditions) -> dict[str, object]:
     return {"before": before, "after": after, "lean": lean, "axes": axes}
 
 
-def _vehicles(found: VehicleDifference) -> list[Block]:
+def _vehicles(found: VehicleDifference) -> Blocks:
     before, after = found.vehicles
     if UNKNOWN in (*before, *after):
         return [*section("difference_unnamed")]

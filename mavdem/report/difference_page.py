@@ -11,7 +11,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
 from mavdem.report.difference import difference_blocks, surest_change
 from mavdem.report.flight_charts import SHARE
@@ -71,7 +71,7 @@ def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
 
 def _headline(
     both: Mapping[str, Review], found: VehicleDifference, parameters: Sequence[ParameterChange]
-) -> list[Block]:
+) -> Blocks:
     """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
     vehicles = [_known(one, "identity", "name") or UNKNOWN for one in both.values()]
     gains = [one for one in parameters if CONTROL_PARAMETERS.match(one.name) and one.before]

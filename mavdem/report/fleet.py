@@ -10,8 +10,8 @@ from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import Flights
-from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, is_shared, worst_health
-from mavdem.report.blocks import Block, Table
+from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, FlightRows, is_shared, worst_health
+from mavdem.report.blocks import Blocks, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
 from mavdem.report.words import go_on, section
@@ -27,7 +27,7 @@ LEVELS = {
 MAX_REASONS = 8  # why logs could not be used, the most frequent ones
 
 
-def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
+def fleet_blocks(rows: Sequence[FlightRow]) -> Blocks:
     """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
     vehicles = fleet_row.vehicles_of(rows)
     named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
@@ -38,7 +38,7 @@ def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
     }
     flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
     unjudged = [flights for flights in named.values() if vehicle_health(flights) == UNKNOWN]
-    blocks: list[Block] = [
+    blocks: Blocks = [
         *section(
             "fleet",
             **_needs_a_look(named),
@@ -136,9 +136,9 @@ def _flown(flown: Flights) -> dict[str, object] | None:
     return {"flights": len(flown), "hours": sum(seconds) / 3600, "dates": dates, "kinds": kinds}
 
 
-def _unused(refused: Sequence[FlightRow]) -> list[Block]:
+def _unused(refused: Sequence[FlightRow]) -> Blocks:
     """Why logs could not be used, the most frequent reason first."""
-    by_reason = dict[str, list[FlightRow]]()
+    by_reason = dict[str, FlightRows]()
     for row in refused:
         by_reason.setdefault(row.status_code or row.status, []).append(row)
     ranked = sorted(by_reason.values(), key=lambda rows: (-len(rows), rows[0].status))

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from itertools import chain
 from math import inf, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.analysis import LogAnalysis
@@ -27,10 +27,11 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.event import Event
 from mavdem.facts.session import Spent
+from mavdem.heading import Values
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 from mavdem.report import model_charts
-from mavdem.report.blocks import Block, Sentence, Table, caution, warning
+from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
 from mavdem.report.charts import FEW_POINTS, POINTS, Chart, Group
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.flight_charts import (
@@ -107,7 +108,7 @@ def flight_page(file: str, assessment: Assessment) -> str:
 def log_page(
     name: str,
     assessment: Assessment,
-    held: dict[str, Any] | None = None,
+    held: Values | None = None,
     back: tuple[str, str] | None = None,
 ) -> str:
     """Returns the HTML of one log of this ``name``, with models or without.
@@ -175,7 +176,7 @@ def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
 def responses_chapter(responses: Responses) -> Chapter:
     """Returns step responses as measured and predicted, their figures, and which of them is doubted."""
     rows = list[list[str]]()
-    blocks = list[Block]()
+    blocks = Blocks()
     refusals = dict[Fact, list[str]]()
     for axis, loops in responses.items():
         for loop, found in loops.items():
@@ -225,7 +226,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
         if not facts and isinstance(one.loop, Fact):
             facts = [one.loop]
         said += [(one.axis, fact) for fact in facts]
-    blocks: list[Block] = [*together(said)]
+    blocks: Blocks = [*together(said)]
     for axis, gains in advice.items():
         blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
         blocks += gain_blocks(gains)
@@ -247,7 +248,7 @@ def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Ch
     """The gyro's spectrum with the filters that are set, and its spectrograms."""
     noise = assessment.noise
     loops = [loop for loop in assessment.loops.values() if isinstance(loop, Loop)]
-    blocks: list[Block] = [Sentence(str(fact)) for fact in noise.facts]
+    blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
     first = max(loops, key=lambda loop: loop.crossover, default=None)
     if first is not None:
         filters = gyro_filters(first.controller, first.crossover)
@@ -307,7 +308,7 @@ def _parameters(telemetry: Telemetry) -> Chapter:
         for name, before in sorted(telemetry.earlier.items())
         if not OWN_PARAMETERS.search(name)
     ]
-    blocks: list[Block] = []
+    blocks: Blocks = []
     if changed:
         blocks.append(Table(["changed in flight", "from", "to"], changed))
     by_axis = dict[str, dict[str, str]]()
@@ -330,7 +331,7 @@ def _parameters(telemetry: Telemetry) -> Chapter:
 def _models(assessment: Assessment) -> Iterator[Chapter]:
     """What was learned of each axis, how well it forecasts and, folded, how it was learned."""
     for axis, analysis in assessment.analyses.items():
-        blocks = list[Block]()
+        blocks = Blocks()
         if analysis.learned is None and analysis.reason is not None:
             blocks.append(Sentence(str(analysis.reason), "No model:"))
         blocks += [*graded(analysis.findings), *map(warning, analysis.findings.warnings)]

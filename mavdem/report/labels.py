@@ -14,15 +14,16 @@ import numpy as np
 from mavdem.analysis.residuals import directions, weights
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
+from mavdem.heading import Names
 
 
 class Labels(NamedTuple):
     """Names and units of channels; a unit that is not known is empty."""
 
-    input_names: tuple[str, ...]
-    output_names: tuple[str, ...]
-    input_units: tuple[str, ...]
-    output_units: tuple[str, ...]
+    input_names: Names
+    output_names: Names
+    input_units: Names
+    output_units: Names
 
     @classmethod
     def of(cls, learned: Learned) -> Labels:

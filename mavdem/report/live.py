@@ -11,7 +11,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import Session, Spent
 from mavdem.health.in_flight import FALSE_ALARMS
 from mavdem.live.history import AHEAD, HorizonErrors, LiveHistory, SessionStatus
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import named, readable
 from mavdem.report.words import begin, go_on, section
 
@@ -32,7 +32,7 @@ def live_report(
     account: Mapping[Spent, float],
     axis: str,
     seconds: float = 0.0,
-) -> list[Block]:
+) -> Blocks:
     """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
 
     ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by what they
@@ -41,7 +41,7 @@ def live_report(
     errors = history.errors()
     best = min(errors, key=lambda one: abs(one.seconds - AHEAD), default=None)
     headline, *state = section("live_state", best=best, axis=axis, status=status)
-    made = list[Block]()
+    made = Blocks()
     if errors:
         how = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         made = [_errors(errors, axis), Sentence(how, "How they were made:")]

@@ -9,7 +9,7 @@ from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.facts import Fact
-from mavdem.report.blocks import Block, Sentence, Table, caution
+from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.numbers import rounded
 from mavdem.report.words import section
 
@@ -26,12 +26,12 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 FASTEST = 0.15
 
 
-def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> list[Block]:
+def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> Blocks:
     """Returns what is said of the loops by axis; a fact is why nothing is known of them.
 
     Unless ``whole``, that is a sentence each, and the gains to set.
     """
-    blocks = list[Block]()
+    blocks = Blocks()
     is_advised = False
     for axis, advice in found.items():
         lead = f"{axis.capitalize()}:"
@@ -46,7 +46,7 @@ def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> list[
     return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
 
 
-def _loop_blocks(advice: Advice) -> list[Block]:
+def _loop_blocks(advice: Advice) -> Blocks:
     """The margins, now and as advised, and what they rest on."""
     loop = advice.before
     after = {"advised": advice.after} if advice.parameters else {}
@@ -59,9 +59,9 @@ def _loop_blocks(advice: Advice) -> list[Block]:
     return [*blocks, *section("loop_measured", loop=loop), *map(caution, loop.cautions)]
 
 
-def margin_tables(loops: Mapping[str, Loop]) -> list[Block]:
+def margin_tables(loops: Mapping[str, Loop]) -> Blocks:
     """Returns a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
-    tables = list[Block]()
+    tables = Blocks()
     for which in ("rate", "attitude"):
         values = [getattr(one, which) for one in loops.values()]
         rows = [
@@ -79,7 +79,7 @@ def _interval(loop: OpenLoop, name: str, scale: float) -> str:
     return shown if "-" in ends else f"{shown} ({ends[0]} to {ends[1]})"
 
 
-def gain_blocks(advice: Advice) -> list[Block]:
+def gain_blocks(advice: Advice) -> Blocks:
     """Returns the gains to set, where they change, and what to expect of them."""
     rows = [
         [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{gain.set / gain.now:.2f}"]

@@ -23,7 +23,7 @@ from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Level
 from mavdem.flight import Flight
 from mavdem.report.blocks import (
-    Block,
+    Blocks,
     Rated,
     Sentence,
     Table,
@@ -52,7 +52,7 @@ ROWS: dict[str, str] = {
 }
 
 
-def screen(learned: Learned) -> list[Block]:
+def screen(learned: Learned) -> Blocks:
     """Returns what a ``learned`` model says without the log and windows that it has not seen."""
     found = findings_of(learned)
     step = Sentence(str(next_step(found.purposes)), "Next:")
@@ -64,7 +64,7 @@ def _model_blocks(
     learned: Learned,
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
-) -> list[Block]:
+) -> Blocks:
     """What was found, the vehicle, the wind torque, prediction and warnings."""
     return [
         *graded(found),
@@ -75,7 +75,7 @@ def _model_blocks(
     ]
 
 
-def graded(found: Findings) -> list[Block]:
+def graded(found: Findings) -> Blocks:
     """Returns a row a purpose of the model, with its verdict; nothing without a model."""
     rows = [
         [str(purpose), Rated(grade, grade.level), advised(reason)]
@@ -84,7 +84,7 @@ def graded(found: Findings) -> list[Block]:
     return [Table(["purpose", "grade", "because"], rows, words=True)] if rows else []
 
 
-def conclusion(judgement: Judgement) -> list[Block]:
+def conclusion(judgement: Judgement) -> Blocks:
     """Returns the headline, each other light that is bad or to be watched, and last what to do next."""
     lights = [
         Sentence(str(fact), f"{name.capitalize()}:")
@@ -95,9 +95,9 @@ def conclusion(judgement: Judgement) -> list[Block]:
     return [above, *lights, Sentence(str(judgement.next_step), "Next:")]
 
 
-def verdict_blocks(found: Findings, judgement: Judgement | None) -> list[Block]:
+def verdict_blocks(found: Findings, judgement: Judgement | None) -> Blocks:
     """Returns headline, lights and findings without a table, for a narrow column."""
-    blocks = list[Block]() if judgement is None else conclusion(judgement)
+    blocks = Blocks() if judgement is None else conclusion(judgement)
     blocks[-1:-1] = [
         Sentence(advised(reason), f"{purpose.capitalize()}: {grade}.")
         for purpose, grade, reason in found.purposes
@@ -105,7 +105,7 @@ def verdict_blocks(found: Findings, judgement: Judgement | None) -> list[Block]:
     return [*blocks, *map(warning, found.warnings)]
 
 
-def analysis_blocks(assessment: Assessment) -> list[Block]:
+def analysis_blocks(assessment: Assessment) -> Blocks:
     """Returns the screen of an ``assessment``: its model's, else what is known without one, and why there is none."""
     analysis = assessment.analysis
     if analysis is None:
@@ -140,12 +140,12 @@ def summary(learned: Learned) -> str:
     return text_of([*screen(learned), *map(caution, learned.cautions)])
 
 
-def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> list[Block]:
+def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     """Returns a row a motor, with its effectiveness, trim, headroom and saturation; and what is of all motors.
 
     Where the model ``learned`` has other inputs than motors, these have a table of their own.
     """
-    blocks = list[Block]()
+    blocks = Blocks()
     columns = {} if hover is None else _hover_columns(hover)
     physical = None if learned is None else learned.physical
     half = None
@@ -183,7 +183,7 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     }
 
 
-def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> list[Block]:
+def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> Blocks:
     """Returns the wind torque: its level, share and gusts; nothing where it is not known."""
     if physical is None or (wind := known_wind(wind, physical)) is None:
         return []
@@ -193,7 +193,7 @@ def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> list[Bl
     return [*section("torque", **known, share=physical.wind_share)]
 
 
-def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
+def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     """Returns the RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
@@ -220,13 +220,13 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     ]
 
 
-def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> list[Block]:
+def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> Blocks:
     """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
     unit = next((one.flights[0].input_units[0] for one in axes.values() if one.flights), "")
     header = ["all settled flight", f"mean effectiveness ({per(TORQUE, unit)})"]
     header += ["rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)"]
     known = {name: row for name, one in axes.items() if {*(row := _axis_row(one))} != {"-"}}
-    blocks = list[Block]()
+    blocks = Blocks()
     if known:
         blocks.append(Table(header, [[name, *row] for name, row in known.items()]))
     refused = [(name, one.reason) for name, one in axes.items() if one.reason]
@@ -273,7 +273,7 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items()]
 
 
-def detail_blocks(learned: Learned) -> list[Block]:
+def detail_blocks(learned: Learned) -> Blocks:
     """Returns cautions, the poles of the ``learned`` model and how it was learned; ``model.json`` has its matrices."""
     energy = learned.free_energy
     fit = learned.simulation_fit

@@ -7,7 +7,7 @@ from math import isfinite
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
-from mavdem.report.blocks import Block, Rated, Table
+from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.numbers import plus_minus, readable, rounded
 from mavdem.report.words import section
 
@@ -19,7 +19,7 @@ NAMES = {
 """What a parameter is called where it is shown."""
 
 
-def truth_blocks(found: TruthComparison) -> list[Block]:
+def truth_blocks(found: TruthComparison) -> Blocks:
     """Returns a row a parameter with the truth beside it, and how the wind torque compares, of what was ``found``."""
     wind = found.wind
     compared = list(found.parameters)

@@ -38,6 +38,7 @@ from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
 from mavdem.fleet.row import vehicles_of
 from mavdem.fleet.workers import LOOK_SECONDS
+from mavdem.heading import Values
 from mavdem.ingest.formats import format_of
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
@@ -194,7 +195,7 @@ class Server:
             raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
         return entry
 
-    def _known(self, request: HttpRequest) -> dict[str, Any]:
+    def _known(self, request: HttpRequest) -> Values:
         """What every page knows: who reads it, and where the server is."""
         may_read = self.rights.may(request, Use.READ)
         address = str(request.base_url).rstrip("/")
@@ -369,7 +370,7 @@ class Server:
     def _enter_logs(self, form: Form, is_flight_review: bool) -> Added:
         """Enters the logs of a form, which are then in the library; raises ``Refusal`` if there is none."""
         fields = form.fields
-        columns: dict[str, Any] = {"note": _unicode(fields.get("description", ""))[:4000]}
+        columns: Values = {"note": _unicode(fields.get("description", ""))[:4000]}
         columns["keep"] = int(fields.get("keep", "true").lower() != "false")
         if is_flight_review:
             is_public = fields.get("public", "").lower() in ("true", "1", "on")
@@ -407,10 +408,10 @@ class Server:
         listed = Flight.model_validate(entry).as_dict()
         return JSONResponse({"flight": listed, "review": self._review(entry)})
 
-    def _review(self, entry: Entry) -> dict[str, Any] | None:
+    def _review(self, entry: Entry) -> Values | None:
         """The document of a flight's review; None before it is done, and of a flight of `mavdem track`."""
         path = self.library.results_of(entry) / REPORT
-        review: dict[str, Any] | None = json.loads(path.read_bytes()) if path.is_file() else None
+        review: Values | None = json.loads(path.read_bytes()) if path.is_file() else None
         return review
 
     async def _change(self, request: HttpRequest) -> Response:
@@ -508,7 +509,7 @@ def _headers() -> dict[str, str]:
     }
 
 
-def _error(fact: Fact) -> dict[str, Any]:
+def _error(fact: Fact) -> Values:
     return {"reason": fact, "remedy": fact.remedy, "fact": fact}
 
 

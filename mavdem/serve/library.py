@@ -29,10 +29,11 @@ from mavdem.errors import Refusal, Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
-from mavdem.fleet.row import OK, FlightRow
+from mavdem.fleet.row import OK, FlightRows
 from mavdem.fleet.sources import Source, source_of
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import Limits, Outcome
+from mavdem.heading import Values
 from mavdem.results import PAGE
 
 EARLIER = "library.sqlite"  # where earlier versions have the index
@@ -193,7 +194,7 @@ class Library:
         """The folder of what was made of a log."""
         return self.folder / RESULTS / (entry.digest or entry.id)
 
-    def told(self, entry: Entry) -> dict[str, Any]:
+    def told(self, entry: Entry) -> Values:
         """Returns the columns that the process that reads a log has said of it so far."""
         for name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):
@@ -363,7 +364,7 @@ class Library:
             if entry.digest:
                 shutil.rmtree(self.path_of(entry).parent, ignore_errors=True)
 
-    def rows_of(self, entries: Iterable[Entry]) -> list[FlightRow]:
+    def rows_of(self, entries: Iterable[Entry]) -> FlightRows:
         """Returns the fleet's rows of these logs."""
         return self.store.rows_of(Source(str(self.path_of(entry)), -1, "") for entry in entries)
 
@@ -400,7 +401,7 @@ class Library:
         known = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
         query = f"select row, file from flights where file is not null and log not in ({known}) order by rowid"
         with self._transaction() as db:
-            logs = dict[str, list[FlightRow]]()
+            logs = dict[str, FlightRows]()
             for row in self.store.rows(query, [f"{self.folder}/"]):
                 logs.setdefault(row.file, []).append(row)
             for file, rows in logs.items():
@@ -418,7 +419,7 @@ def file_name(name: str) -> str:
     return plain.encode()[-MAX_NAME:].decode(errors="ignore").lstrip(".") or "log"
 
 
-def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
+def _of_rows(file: str, rows: FlightRows) -> Entry:
     """The entry of a log of a fleet."""
     first = rows[0]
     columns = columns_of(rows)
@@ -437,7 +438,7 @@ def _of_rows(file: str, rows: list[FlightRow]) -> Entry:
     )
 
 
-def columns_of(rows: list[FlightRow]) -> dict[str, Any]:
+def columns_of(rows: FlightRows) -> Values:
     """Returns what the index has of a log's rows."""
     first = rows[0]
     lights = {str(light): getattr(first, f"light_{light}") or "" for light in Light}

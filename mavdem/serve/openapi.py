@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pydantic.json_schema import models_json_schema
 
 from mavdem.documents.library import ANSWERS
+from mavdem.heading import Values
 from mavdem.report.library_page import words
 
 
@@ -55,7 +56,7 @@ UPLOAD = {
 
 
 @cache
-def openapi() -> dict[str, Any]:
+def openapi() -> Values:
     """Returns the description, plain JSON values."""
     template = "#/components/schemas/{model}"
     _, schemas = models_json_schema(
@@ -64,7 +65,7 @@ def openapi() -> dict[str, Any]:
     # A review is sent as it was written, which is not checked again.
     review = schemas["$defs"]["FlightReview"]["properties"]["review"]
     review["anyOf"][0] = _schema("Review")["schema"]
-    paths = dict[str, dict[str, Any]]()
+    paths = dict[str, Values]()
     for operation in OPERATIONS:
         paths.setdefault(operation.path, {})[operation.method] = _described(operation)
     return {
@@ -79,13 +80,13 @@ def openapi() -> dict[str, Any]:
     }
 
 
-def _described(operation: Operation) -> dict[str, Any]:
+def _described(operation: Operation) -> Values:
     kind = "text/event-stream" if operation.name == "progress" else "application/json"
     answer = {kind: _schema(operation.answer)} if operation.answer else {}
     places = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
     places |= dict.fromkeys(QUERIES.get(operation.name, ()), "query")
     summary = words()["interface"][operation.name]
-    described: dict[str, Any] = {
+    described: Values = {
         "operationId": operation.name,
         "summary": summary,
         "parameters": [
@@ -103,5 +104,5 @@ def _described(operation: Operation) -> dict[str, Any]:
     return described
 
 
-def _schema(name: str) -> dict[str, Any]:
+def _schema(name: str) -> Values:
     return {"schema": {"$ref": f"#/components/schemas/{name}"}}

@@ -25,11 +25,12 @@ from mavdem.facts.events import Reported
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
-from mavdem.fleet.row import OK, FlightRow
+from mavdem.fleet.row import OK, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.fleet.store import opened
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
+from mavdem.heading import Values
 from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.results import PAGE, result_files, write_result_files
@@ -47,7 +48,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     made = results / f".{digest}"
     shutil.rmtree(made, ignore_errors=True)
     made.mkdir()
-    told = dict[str, Any]()
+    told = Values()
 
     def tell(stage: Stage, **columns: Any) -> None:
         told.update(columns, stage=stage)
@@ -59,7 +60,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         log = read_log(path.name)
     if not log.vehicles:
         raise Unreadable(Fact(Reading.NO_VEHICLE))
-    judged = list[tuple[Assessment, list[FlightRow]]]()
+    judged = list[tuple[Assessment, FlightRows]]()
     for telemetry in log.vehicles:
         tell(Stage.JUDGING)
         assessment = assess_signals(log, Signals(telemetry))
@@ -90,7 +91,7 @@ def _judgement(assessment: Assessment) -> dict[str, str]:
     }
 
 
-def _told(assessment: Assessment, rows: list[FlightRow]) -> dict[str, Any]:
+def _told(assessment: Assessment, rows: FlightRows) -> Values:
     """What the index has of a log."""
     assert assessment.evidence is not None
     signals = assessment.evidence.signals

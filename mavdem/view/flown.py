@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.signals import MINIMUM_RATE
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Indices
+from mavdem.files import PathName
+from mavdem.heading import Names, Values
 from mavdem.ingest.motors import place_name
+from mavdem.ingest.telemetry import Flags
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts import Chart, Line, over_time
@@ -50,11 +50,11 @@ class Pose:
     rotor_speeds: Array
     wind: Array
     moment: Array
-    armed: NDArray[np.bool_]
+    armed: Flags
     rotors: Array
 
     @property
-    def motors(self) -> tuple[str, ...]:
+    def motors(self) -> Names:
         """The motors by their places, as ``front right``."""
         return tuple(place_name((float(forward), float(right))) for forward, right in self.rotors)
 
@@ -63,21 +63,21 @@ class Pose:
         """How far the farthest rotor is from the centre of mass, m."""
         return float(np.hypot(*self.rotors.T).max())
 
-    def carries(self) -> NDArray[np.bool_]:
+    def carries(self) -> Flags:
         """(N,) where the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
         hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
         carried = np.asarray(speed > 0.9 * hover)
         return carried if carried.any() else ~carried
 
-    def drawn(self) -> NDArray[np.intp]:
+    def drawn(self) -> Indices:
         """Rows of the flight, evenly, at about ``MINIMUM_RATE``, and fewer of a long flight."""
         step = float(np.median(np.diff(self.time)))
         count = len(self.time)
         return np.arange(0, count, max(round(1 / MINIMUM_RATE / step), ceil(count / MAX_STROKES)))
 
 
-def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
+def write_pose(path: PathName, name: str, pose: Pose) -> None:
     """Writes a flight, ``pose``, as an .rrd file ``path`` with its own blueprint; ``name`` is the recording's.
 
     It appears whole or not at all: ``OSError`` if it cannot be written there.
@@ -136,7 +136,7 @@ def _scene(pose: Pose) -> rrb.View:
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1)
     )
     # What moves along with the vehicle but does not turn with it: the eye does too.
-    here: dict[str, Any] = {"origin": "world/here", "contents": "world/**", "line_grid": False}
+    here: Values = {"origin": "world/here", "contents": "world/**", "line_grid": False}
     return rrb.Spatial3DView(name=said, eye_controls=controls, **here)
 
 
@@ -152,8 +152,8 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
     count = len(pose.rotors)
     hubs = np.column_stack([pose.rotors, np.full(count, -0.12 * arm)])
     arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
-    forward: dict[str, Any] = {"vectors": [[0.75 * arm, 0, 0]], "origins": [[0.3 * arm, 0, 0]]}
-    discs: dict[str, Any] = {"lengths": [0.02 * arm] * count, "radii": [0.48 * arm] * count}
+    forward: Values = {"vectors": [[0.75 * arm, 0, 0]], "origins": [[0.3 * arm, 0, 0]]}
+    discs: Values = {"lengths": [0.02 * arm] * count, "radii": [0.48 * arm] * count}
     parts = {
         "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY),
         "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY),

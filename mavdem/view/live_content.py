@@ -17,6 +17,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.facts import Level
+from mavdem.heading import Names
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
 from mavdem.live.rows import MAX_SAMPLES
@@ -53,10 +54,10 @@ class Channels(NamedTuple):
     title: str  # of the recording: vehicle and link
     dt: float  # sampling step, s
     horizons: tuple[int, ...]  # the learner's, in steps
-    input_names: tuple[str, ...]
-    output_names: tuple[str, ...]
-    input_units: tuple[str, ...]
-    output_units: tuple[str, ...]
+    input_names: Names
+    output_names: Names
+    input_units: Names
+    output_units: Names
 
 
 Sample = tuple[int, float, Sequence[float] | Array]
@@ -247,9 +248,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     return blueprint(rrb.Tabs(flight, details, status, active_tab=0), play_state="following")
 
 
-def figures(
-    status: SessionStatus, row: ShownRow, channels: Channels, until: float | None
-) -> tuple[str, ...]:
+def figures(status: SessionStatus, row: ShownRow, channels: Channels, until: float | None) -> Names:
     """Returns Markdown documents: state, prediction, wind, its torque, physical parameters, and what is watched.
 
     ``row`` is the latest, of these ``channels``; the model was learned ``until`` s of the boot clock.

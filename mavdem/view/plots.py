@@ -17,6 +17,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
 from mavdem.files import atomic_write
 from mavdem.fleet.row import as_text
+from mavdem.heading import Names, Values
 from mavdem.report import palette
 from mavdem.report.charts import Chart
 from mavdem.report.numbers import rounded
@@ -38,15 +39,15 @@ class Lines:
     """An entity of k lines over the same times, drawn in the order of the paths: one chunk a batch."""
 
     path: str  # of the entity
-    names: tuple[str, ...]  # of the lines, in the legend
-    colours: tuple[str, ...]  # of the palette
+    names: Names  # of the lines, in the legend
+    colours: Names  # of the palette
     width: float = 1.5  # points
     # whether the values are the edges of an area, drawn as one line of upright strokes
     filled: bool = False
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
-        look: dict[str, Any] = {
+        look: Values = {
             "names": self.names,
             "colors": [palette.channels(colour) for colour in self.colours],
         }

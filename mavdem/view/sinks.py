@@ -22,6 +22,8 @@ from urllib.parse import quote
 
 import rerun as rr
 
+from mavdem.files import PathName
+
 LOOPBACK = "127.0.0.1"
 CLOSING_SECONDS = 3.0  # how long a file, or any sink, that is closed may still be written
 SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
@@ -43,7 +45,7 @@ with subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL) as running:
 reason, even if it is killed. It runs in a session of its own."""
 
 
-def show(path: str | os.PathLike[str]) -> str:
+def show(path: PathName) -> str:
     """Opens the recording at ``path`` in the Rerun viewer; returns "" at once, or in one sentence why it cannot."""
     if not has_screen():
         program = ["rerun"] if shutil.which("rerun") else [sys.executable, "-m", "rerun"]
@@ -111,7 +113,7 @@ class RecordingFile(Sink):
     period = 1.0  # each chunk has a kilobyte of overhead
     retried = False
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: PathName) -> None:
         self.path = Path(path)
         self.name = str(self.path)
         self.broken = False  # whether something could not be written
@@ -224,7 +226,7 @@ class WebServer(Viewer):
 
 
 def sinks_for(
-    rrd: str | os.PathLike[str] | None = None, serve: bool = False, connect: str | None = None
+    rrd: PathName | None = None, serve: bool = False, connect: str | None = None
 ) -> list[Sink]:
     """Returns the sinks that a user asked for; with a screen and none of these, a window.
 

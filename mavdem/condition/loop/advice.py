@@ -8,7 +8,7 @@ vehicle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -31,8 +31,9 @@ from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Gains
+from mavdem.ingest.telemetry import Parameters
 
 GAINS = "p", "i", "d", "angle"
 STEP = 3.0
@@ -82,7 +83,7 @@ class Advice:
     """The margins asked for."""
     rating: Fact
     """Whether the loops of the flight have them."""
-    refusals: tuple[Fact, ...]
+    refusals: Facts
     """Why there are no gains; none where there are."""
     before: Loop
     """By the gains of the log."""
@@ -209,7 +210,7 @@ def _gains_of(loop: Loop) -> dict[str, float]:
     return {name: known[name] for name in names if known.get(name)}
 
 
-def lowered(oscillation: Oscillation, parameters: Mapping[str, float]) -> Fact:
+def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
     """Returns which gains to lower by a third, of a vehicle that oscillates by the controller of these ``parameters``.
 
     They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. No
@@ -231,7 +232,7 @@ def lowered(oscillation: Oscillation, parameters: Mapping[str, float]) -> Fact:
     )
 
 
-def _refusals(loop: Loop) -> tuple[Fact, ...]:
+def _refusals(loop: Loop) -> Facts:
     """Why the loop itself gives no gains; the first reason."""
     limited = _limited_share(loop.controller, loop.record)
     if changed := changed_in(loop.record, loop.controller):

@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Controllers
+from mavdem.heading import Values
+from mavdem.ingest.telemetry import Flags, Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 
 MOTORS = 4  # of the frames whose mixer is known
@@ -95,7 +96,7 @@ class Controller:
     # shares of the output's range at which thrust begins and ends
     spin: tuple[float, float] = (0.0, 1.0)
     names: Mapping[str, str]  # the parameter behind "p", "i", "d" and so on
-    parameters: Mapping[str, float]  # all that it was made of
+    parameters: Parameters  # all that it was made of
     # (4,) likewise, of the motors in the axis's torque, with ArduPilot
     weights: tuple[float, ...] = ()
 
@@ -108,7 +109,7 @@ class Controller:
                 raise NotLearnable(Fact(Controllers.PARAMETER_IMPOSSIBLE, name=what, value=value))
 
     @property
-    def cautions(self) -> tuple[Fact, ...]:
+    def cautions(self) -> Facts:
         """What is not modelled."""
         rate = self.names["p"][:-1]
         names = {end if "_" in end else rate + end: code for end, code in UNMODELLED.items()}
@@ -129,19 +130,19 @@ class Controller:
         slopes = (end - begin) / np.maximum(1 - self.expo + 2 * self.expo * thrust, 0.1)
         return tuple((slopes * self.mixer).tolist())
 
-    def limited(self, shares: Array, stop: float = 1.0) -> NDArray[np.bool_]:
+    def limited(self, shares: Array, stop: float = 1.0) -> Flags:
         """Returns (T,) whether some output, at ``shares`` (T, r) of the range, is within 0.5 % of its end or stop."""
         begin, end = (0.0, 1.0) if shares.shape[1] == 1 else self.spin
         at_limit = (shares <= begin + 0.005) | (shares >= min(end, stop) - 0.005)
         return np.asarray(at_limit.any(axis=1))
 
-    def changed(self, parameters: Mapping[str, float]) -> Controller:
+    def changed(self, parameters: Parameters) -> Controller:
         """Returns the controller with other values of some ``parameters``, by name."""
         return controller_of({**self.parameters, **parameters}, self.axis, self.weights)
 
 
 def controller_of(
-    parameters: Mapping[str, float], axis: str = "roll", weights: Sequence[float] = ()
+    parameters: Parameters, axis: str = "roll", weights: Sequence[float] = ()
 ) -> Controller:
     """Returns the controller that an autopilot's ``parameters`` describe, of which ``CONTROL_PARAMETERS`` count.
 
@@ -163,7 +164,7 @@ def controller_of(
     return Controller(axis=axis, parameters=own, weights=given, **known)
 
 
-def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) -> dict[str, Any]:
+def _ardupilot(own: Parameters, axis: str, weights: tuple[float, ...]) -> Values:
     """The fields of an ArduPilot's controller."""
     short = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}[axis]
     rate = f"ATC_RAT_{short}_"
@@ -209,12 +210,12 @@ def _ardupilot(own: Mapping[str, float], axis: str, weights: tuple[float, ...]) 
     return known
 
 
-def _is_moving(own: Mapping[str, float], prefix: str) -> bool:
+def _is_moving(own: Parameters, prefix: str) -> bool:
     """Whether a notch is on and follows what parameters do not have: motors' speeds, or peaks of a spectrum."""
     return bool(own.get(f"{prefix}ENABLE")) and own.get(f"{prefix}MODE", 0.0) > 1
 
 
-def _harmonic_notches(own: Mapping[str, float], prefix: str) -> Iterator[Notch]:
+def _harmonic_notches(own: Parameters, prefix: str) -> Iterator[Notch]:
     """Of a filter that is on: one that follows the throttle is where it hovers, another moving one at its lowest.
 
     Two or three beside each other, as its options may have them, are as late as the single one, within 3° at a quarter
@@ -239,7 +240,7 @@ def _harmonic_notches(own: Mapping[str, float], prefix: str) -> Iterator[Notch]:
         yield from [notch] * sources
 
 
-def _pid_notches(own: Mapping[str, float], name: str) -> Iterator[Notch]:
+def _pid_notches(own: Parameters, name: str) -> Iterator[Notch]:
     """Of setpoint or error: the parameter of this ``name`` has the number of the filter, if any."""
     number = int(own.get(name, 0.0))
     prefix = f"FILT{number}_"
@@ -267,7 +268,7 @@ def _harmonics(centre: float, bandwidth: float, depth: float, harmonics: float) 
             yield Notch(frequency, width * frequency, depth)
 
 
-def _px4(own: Mapping[str, float], axis: str, is_demand: bool) -> dict[str, Any]:
+def _px4(own: Parameters, axis: str, is_demand: bool) -> Values:
     """The fields of a PX4's controller."""
     rate = f"MC_{axis.upper()}RATE_"
     names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": f"MC_{axis.upper()}_P"}
@@ -290,18 +291,18 @@ def _px4(own: Mapping[str, float], axis: str, is_demand: bool) -> dict[str, Any]
     }
 
 
-def _gains(own: Mapping[str, float], names: Mapping[str, str], rate: str) -> dict[str, Any]:
+def _gains(own: Parameters, names: Mapping[str, str], rate: str) -> Values:
     values = dict(zip(names, _required(own, *names.values()), strict=True))
     return {"names": names, "ff": own.get(f"{rate}FF", 0.0), **values}
 
 
-def _required(parameters: Mapping[str, float], *names: str) -> list[float]:
+def _required(parameters: Parameters, *names: str) -> list[float]:
     if missing := [name for name in names if name not in parameters]:
         raise NotLearnable(Fact(Controllers.PARAMETERS_MISSING, names=missing))
     return [parameters[name] for name in names]
 
 
-def _allocation(parameters: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+def _allocation(parameters: Parameters) -> dict[str, tuple[float, ...]]:
     """PX4's mixer by axis: the inverse of the motors' torques and thrust, normalised as the control allocator does."""
     rotors = [f"CA_ROTOR{number}_" for number in range(MOTORS)]
     x, y, moment = (

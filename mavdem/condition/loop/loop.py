@@ -25,8 +25,9 @@ from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.parameters import wind_density
 from mavdem.dem.record import Record
 from mavdem.downstream import LoopDownstream
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops, Responses
+from mavdem.ingest.telemetry import Parameters
 
 
 class Target(NamedTuple):
@@ -61,7 +62,7 @@ class Loop(Margins, LoopDownstream):
     """(N,) angular acceleration per demand, rad/s², of the estimate, and then of draws."""
     draws: Array
     """(N, 3) likewise of damping, 1/s, lag and delay, s, without the gyro's filter."""
-    cautions: tuple[Fact, ...] = ()
+    cautions: Facts = ()
     """What the figures do not allow for."""
     measured: MeasuredResponse | None = None
     """The response of the rate in flight, where the log has setpoints."""
@@ -87,7 +88,7 @@ class Loop(Margins, LoopDownstream):
         margins = f"phase_margin={self.phase_margin:.0f}, gain_margin={self.gain_margin:.1f}"
         return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
 
-    def changed(self, parameters: Mapping[str, float]) -> Loop:
+    def changed(self, parameters: Parameters) -> Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
         return replace(self, controller=self.controller.changed(parameters), measured=None)
 

@@ -19,6 +19,7 @@ from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response, notched
 from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array
+from mavdem.ingest.telemetry import Flags
 
 Complex = NDArray[np.complex128]
 Interval = tuple[float, float]
@@ -87,7 +88,7 @@ class OpenLoop(Margins):
     """(N, F) from the wind's torque, rad/s², to the rate, rad/s, or the angle, rad."""
 
     @cached_property
-    def stable(self) -> NDArray[np.bool_]:
+    def stable(self) -> Flags:
         """(N,) whether closed loops are stable, whose open loops are so but for poles at 0 (Nyquist's criterion).
 
         1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.

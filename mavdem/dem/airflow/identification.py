@@ -7,7 +7,6 @@ it counts for as much as the manoeuvres are larger.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.dem.airflow.model import (
@@ -21,7 +20,7 @@ from mavdem.dem.airflow.model import (
     filtered,
     motion,
 )
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Flags
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.online import Airflow, DragSource
@@ -59,9 +58,7 @@ ITERATIONS = 12
 WEIGHTINGS = 5  # of a known wind's errors, by those that the drag leaves
 
 
-def checked(
-    time: Array, attitude: Array, velocity: Array
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array, Array, Flags]:
     """Returns the rows that are finite, and which; raises what ``estimate_wind`` says."""
     stamps = real_numbers(time, "time")
     angles = real_numbers(attitude, "attitude")

@@ -17,13 +17,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array, require_positive_definite
+from mavdem.dem.engine.linalg import Array, Flags, require_positive_definite
 from mavdem.facts.online import DragSource
+from mavdem.heading import Values
 
 POPULATION = np.log([0.3, 0.014, 1.0, 1.0])
 POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])
@@ -149,7 +149,7 @@ class Drag:
             self.mean * scale, self.covariance * np.outer(scale, scale) + change, self.source
         )
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Returns plain JSON values, which :meth:`from_dict` reads."""
         return {
             "linear": self.linear.tolist(),
@@ -207,13 +207,13 @@ class Motion(NamedTuple):
     step: float
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> Flags:
         """(T,) which steps have all of it."""
         return np.asarray(
             np.isfinite(self.force).all(axis=1) & np.isfinite(self.velocity).all(axis=1)
         )
 
-    def at(self, rows: NDArray[np.bool_] | slice) -> Motion:
+    def at(self, rows: Flags | slice) -> Motion:
         """Returns those steps."""
         columns = {name: part[rows] for name, part in self._asdict().items() if name != "step"}
         return Motion(**columns, step=self.step)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import ROUNDING, Array
+from mavdem.dem.engine.linalg import ROUNDING, Array, Indices
 from mavdem.dem.record import Record, Spread
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -412,7 +412,7 @@ class Var(NamedTuple):
         )
 
 
-def pieces(number: int, steps: int, length: int) -> np.typing.NDArray[np.intp]:
+def pieces(number: int, steps: int, length: int) -> Indices:
     """Returns (S, steps), the rows of each piece of ``length`` samples; the last one stays at the end."""
     return np.minimum(np.arange(number * steps), length - 1).reshape(-1, steps)
 

@@ -5,7 +5,6 @@ Effect, damping and lag are the same in all windows; trim and the level of the w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -23,7 +22,7 @@ from mavdem.dem.graybox.identifiability import (
 )
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
 from mavdem.dem.graybox.parameters import Physical, WindComponent, slopes_of, updated, windows_of
-from mavdem.dem.record import FEWEST_MOTORS, Record, UniformRecord
+from mavdem.dem.record import FEWEST_MOTORS, Record, Records
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
@@ -35,9 +34,7 @@ CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are ch
 BAND_HZ = (0.4, 6.0)
 
 
-def physical(
-    train: UniformRecord | Sequence[UniformRecord], prior: Physical | None = None
-) -> Physical | NotIdentifiable:
+def physical(train: Records, prior: Physical | None = None) -> Physical | NotIdentifiable:
     """Estimates the motors' effect, damping and lag from all that is given.
 
     >>> str(mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status["effect"])

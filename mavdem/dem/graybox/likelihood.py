@@ -17,12 +17,11 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gain
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.dem.engine.model import Transition, discretize
 from mavdem.dem.graybox.identifiability import RESOLVED_LAG
 from mavdem.facts.model import Refinement
@@ -111,7 +110,7 @@ class FlightWindows(NamedTuple):
     # (W, N, r) of the inputs, what answers what is new in the rate at the same sample
     answers: Array
 
-    def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
+    def of(self, some: slice | Indices) -> FlightWindows:
         """Returns some of them."""
         return self._replace(
             **{name: getattr(self, name)[some] for name in ("inputs", "rate", "answers")}

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL, SURE_DEVIATIONS, half_width
 from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS
 from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
 from mavdem.dem.priors import derivative_pairs
@@ -243,7 +242,7 @@ def rate_column(record: Record) -> int:
     return pairs[0][1]
 
 
-def _window_samples(record: Record) -> NDArray[np.intp]:
+def _window_samples(record: Record) -> Indices:
     """(W, N) samples of each window."""
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = step * MIN_SAMPLES

@@ -246,7 +246,7 @@ class AnomalyMarks:
         return bool(mark)
 
 
-def _limit(peaks: np.typing.NDArray[np.float64]) -> float:
+def _limit(peaks: Array) -> float:
     number = len(peaks)
     if number < MIN_PEAKS:
         return np.inf

@@ -21,8 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import Columns, Facts, Integers, repair, rows_by
+from mavdem.heading import Names
+from mavdem.ingest.telemetry import Columns, Integers, repair, rows_by
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"
@@ -64,7 +66,7 @@ class FormatDefinition:
     name: str
     length: int
     characters: str
-    fields: tuple[str, ...]
+    fields: Names
 
     @cached_property
     def wire(self) -> np.dtype[Any] | None:

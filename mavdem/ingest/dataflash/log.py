@@ -18,9 +18,10 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.contents import PathName, file_bytes, is_dataflash_text
+from mavdem.files import PathName
+from mavdem.ingest.contents import file_bytes, is_dataflash_text
 from mavdem.ingest.dataflash import binary
 from mavdem.ingest.dataflash.binary import (
     DataflashRecording,
@@ -43,7 +44,6 @@ from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import (
     Columns,
-    Facts,
     Log,
     Parameters,
     Telemetry,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mavdem.heading import Names
 from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, count, having, instance
 from mavdem.ingest.telemetry import Array, Columns, Parameters, Tables, joined, rows_by
 
@@ -53,7 +54,7 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
     return found
 
 
-def _plain(tables: Tables, message: str, fields: tuple[str, ...], number: int) -> Columns | None:
+def _plain(tables: Tables, message: str, fields: Names, number: int) -> Columns | None:
     """Those of one instance, at the stamps of the samples where these are logged."""
     logged = instance(having(tables, message, fields), "I", number)
     if logged is None or not count(logged):

@@ -28,13 +28,14 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
+from mavdem.heading import Names
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.telemetry import (
     FREQUENT_ENOUGH,
     Array,
     Columns,
-    Facts,
     Tables,
     joined,
     renamed,
@@ -53,7 +54,7 @@ from mavdem.ingest.vocabulary import (
 )
 
 
-def having(tables: Tables, name: str, fields: tuple[str, ...]) -> Columns | None:
+def having(tables: Tables, name: str, fields: Names) -> Columns | None:
     """Returns the messages of that name; None where there are none, or one of the fields is not there as numbers."""
     columns = tables.get(name, {})
     if not all(field in columns and columns[field].dtype.kind in "iuf" for field in fields):
@@ -74,7 +75,7 @@ def count(columns: Columns | None) -> int:
     return 0 if columns is None else len(columns["time"])
 
 
-def values(columns: Columns, fields: tuple[str, ...]) -> Array:
+def values(columns: Columns, fields: Names) -> Array:
     """Returns the fields as columns (N, k); NaN where not finite."""
     values = np.column_stack([np.asarray(columns[field], dtype=np.float64) for field in fields])
     values[~np.isfinite(values)] = np.nan
@@ -368,7 +369,7 @@ def _attitude(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
     return stamped(base, turned), named
 
 
-def _faster_angles(tables: Tables, fields: tuple[str, ...]) -> str:
+def _faster_angles(tables: Tables, fields: Names) -> str:
     return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
 
 

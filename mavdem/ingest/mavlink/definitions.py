@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.heading import Names
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.framing import (
     HEADER,
@@ -45,7 +46,7 @@ class MessageDefinition(NamedTuple):
 
     message_id: int
     name: str
-    fields: tuple[str, ...]
+    fields: Names
     wire: np.dtype[Any]
     seed: int
 

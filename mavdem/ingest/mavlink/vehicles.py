@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock, far_off
 from mavdem.ingest.mavlink.definitions import (
@@ -24,7 +25,6 @@ from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import (
     Columns,
     Component,
-    Facts,
     Fields,
     Log,
     Tables,

@@ -32,9 +32,10 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
 from mavdem.extras import require
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.contents import PathName, file_bytes
+from mavdem.files import PathName
+from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     MessageDefinition,
@@ -51,7 +52,7 @@ from mavdem.ingest.mavlink.framing import (
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
-from mavdem.ingest.telemetry import Facts, Log, repair
+from mavdem.ingest.telemetry import Log, repair
 
 JSON = frozenset({"json", "json5"})
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}

@@ -35,10 +35,11 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import FREE_BYTES, MAX_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from mavdem.ingest.telemetry import Facts, repair
+from mavdem.ingest.telemetry import repair
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record

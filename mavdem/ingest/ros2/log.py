@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
@@ -36,7 +36,6 @@ from mavdem.ingest.ros2.messages import CDR, TopicColumns, columns_of, decoder
 from mavdem.ingest.telemetry import (
     Array,
     Columns,
-    Facts,
     Integers,
     Log,
     Telemetry,

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.records import Schema
-from numpy.typing import NDArray
 
-from mavdem.ingest.telemetry import MAX_FIELDS, Integers
+from mavdem.ingest.telemetry import MAX_FIELDS, Fields, Integers
 
 CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
 DEFINITION = "ros2msg"  # Schema encoding of rosbag2 (https://mcap.dev/spec/registry)
@@ -30,7 +29,7 @@ class TopicColumns(NamedTuple):
     ``places`` (N,) are their numbers in the recording, ascending.
     """
 
-    columns: dict[str, NDArray[Any]]
+    columns: Fields
     places: Integers
 
 
@@ -65,7 +64,7 @@ def columns_of(
     All have those ``needed``, and one of those ``wanted`` at least, if any. "q[4]" is an array, cut or filled with
     zeros to that length.
     """
-    columns: dict[str, NDArray[Any]] = {}
+    columns: Fields = {}
     found = set()
     for field in (*needed, *wanted) if messages else ():
         with suppress(AttributeError, TypeError, ValueError):
@@ -76,7 +75,7 @@ def columns_of(
     return None
 
 
-def _columns(messages: Sequence[Any], field: str) -> dict[str, NDArray[Any]]:
+def _columns(messages: Sequence[Any], field: str) -> Fields:
     name, _, length = field.removesuffix("]").partition("[")
     values = [attrgetter(name)(message) for message in messages]
     if not length:

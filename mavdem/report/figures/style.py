@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike
 
+from mavdem.heading import Values
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Plan
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
@@ -144,7 +145,7 @@ def _label(axes: Axes, axis: Axis) -> None:
 
 def _draw_line(axes: Axes, line: Line) -> None:
     x, y = line.x, line.y
-    known: dict[str, Any] = {"color": line.colour, "label": line.name}
+    known: Values = {"color": line.colour, "label": line.name}
     if line.kind is Kind.STEMS:
         axes.vlines(x, 0, y, linewidth=1.3, **known)
     elif line.kind is Kind.DOTS:
@@ -153,5 +154,5 @@ def _draw_line(axes: Axes, line: Line) -> None:
     else:
         axes.plot(x, y, linewidth=1.1, dashes=(4, 2) if line.kind is Kind.DASHES else (), **known)
         if line.low is not None and line.high is not None:
-            shade: dict[str, Any] = {"alpha": BAND_OPACITY, "linewidth": 0}
+            shade: Values = {"alpha": BAND_OPACITY, "linewidth": 0}
             axes.fill_between(x, line.low, line.high, color=line.colour, **shade)
