@@ -28,6 +28,7 @@ SAMPLES = (
     ("gyro", "GYRO_AFTER", ("x", "y", "z")),
     ("accelerometer_before", "ACCEL_BEFORE", ("x", "y", "z")),
     ("accelerometer", "ACCEL_AFTER", ("x", "y", "z")),
+    ("d_term", "D_TERM", ("x", "y", "z")),
 )
 """Each sensor's messages and fields; PX4 fills HIGHRES_IMU with the gyro before its filters, rad/s."""
 RATE_MESSAGE = "ATTITUDE"
@@ -36,7 +37,7 @@ DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Of one sensor, or of what was asked of the motors.
+    """Of one sensor, of the rate controllers' D term, or of what was asked of the motors.
 
     Attributes:
         name: one in ``SAMPLES``, or "demand".
@@ -156,7 +157,7 @@ def _spectrum(
     if sum(map(len, times)) < FEWEST_WINDOWS:
         return None
     time = np.concatenate(times)
-    unit = "1" if name == "demand" else "rad/s" if "gyro" in name else "m/s²"
+    unit = "rad/s" if "gyro" in name else "m/s²" if "accelerometer" in name else "1"
     return Spectrum(
         name=name,
         unit=unit,

@@ -192,7 +192,7 @@ class Review(Document):
     model: Report | None
     """what was learned of the roll axis; null where there is no model"""
     spectra: dict[str, Spectrum]
-    """gyro and accelerometer, before filters and behind them, and demand"""
+    """gyro and accelerometer, before filters and behind them, demand and D term"""
     noise: Noise
     """what is said of the spectra"""
     files: dict[str, str]

@@ -122,7 +122,7 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> 
         beside = Axis("filters (dB)", ends=(-80.0, 3.0))
         marks.append(Mark(loop.crossover, "crossover", BAD))
     return Chart(
-        f"{name.capitalize()}, power ({unit})",
+        f"{name.replace('_', ' ').capitalize()}, power ({unit})",
         Axis("frequency (Hz)", ends=(0.0, highest)),
         Axis(f"power ({unit})", log=True),
         tuple(lines),
@@ -137,7 +137,7 @@ def spectrogram(spectrum: Spectrum) -> tuple[Chart, ...]:
     levels, over_levels = spectrum.by_throttle
     over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.whole[order])
     hertz = Axis("frequency (Hz)")
-    name = spectrum.name.removesuffix("_before").capitalize()
+    name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
     charts = [Chart(f"{name} over time (Hz)", TIME, hertz, heat=over_time, group="flight")]
     if len(levels) > 1:
         over_throttle = _heat(100 * levels, spectrum.frequency, over_levels)

@@ -82,7 +82,7 @@ ERRORS = {
 """Header of the figures of tracking."""
 DURATIONS = "rise_time", "settling", "delay"
 """Those that end with what is seen of a step, or later."""
-OTHERS = "accelerometer", "demand"
+OTHERS = "accelerometer", "demand", "d_term"
 """Names of spectra beside those of the gyro."""
 
 
@@ -151,7 +151,9 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
     yield _loops(evidence, advice)
     yield _noise(assessment, timeline, whole)
     others = (_spectra(assessment.noise, name, timeline, whole) for name in OTHERS)
-    yield Chapter("Spectra of accelerometer and motors' demand", (), [*chain(*others)], folded=True)
+    yield Chapter(
+        "Spectra of accelerometer, motors' demand and D term", (), [*chain(*others)], folded=True
+    )
     yield _motors(assessment, evidence)
     yield _wind(assessment, timeline)
     yield _parameters(evidence.signals.telemetry)

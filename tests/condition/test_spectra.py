@@ -84,6 +84,14 @@ def test_density_has_the_power_of_what_was_measured():
     assert by_throttle.shape == (12, len(spectrum.frequency))
 
 
+def test_the_d_term_has_a_spectrum():
+    telemetry = shaken(frame=80.0)
+    samples = telemetry.messages["GYRO_BEFORE"]
+    found = spectra_of_flight(Signals(changed(telemetry, "D_TERM", **samples)), FLOWN)
+    assert found["d_term"].power(75, 85) == approx(found["gyro_before"].power(75, 85))
+    assert found["d_term"].unit == "1"
+
+
 def test_stamps_that_hardly_differ_have_no_spectrum():
     telemetry = shaken()
     time = np.linspace(8.0, 9.0, len(telemetry.messages["GYRO_BEFORE"]["time"])) * 1e-308

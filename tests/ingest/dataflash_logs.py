@@ -50,6 +50,9 @@ MESSAGES = {
     "ERR": (141, "QBB", "TimeUS,Subsys,ECode"),
     "SIDS": (142, "QBf", "TimeUS,Ax,Mag"),
     "SIDD": (143, "Qff", "TimeUS,Time,Targ"),
+    "PIDR": (146, "Qf", "TimeUS,D"),
+    "PIDP": (147, "Qf", "TimeUS,D"),
+    "PIDY": (148, "Qf", "TimeUS,D"),
 }
 
 

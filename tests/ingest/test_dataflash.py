@@ -163,7 +163,7 @@ def test_a_made_up_log(tmp_path):
         "QUADROTOR",
         (),
     )
-    assert (log.bytes_skipped, log.frames) == (0, 18 + 4 + 600 + 6)
+    assert (log.bytes_skipped, log.frames) == (0, 21 + 4 + 600 + 6)
     errors = vehicle.messages["ERR"]
     assert errors["time"].tolist() == [21.9, 21.95]
     assert errors["Subsys"].tolist() == [16, 16]
@@ -383,6 +383,17 @@ def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
     assert injected[-1].signal.time == approx(21.104 + 0.0025 * np.arange(3))
     assert [one.where for one in Signals(vehicle, axis="pitch").injected] == [Injection.DEMAND]
     assert Signals(vehicle, axis="yaw").injected == ()
+
+
+@pytest.mark.parametrize("names", ["RPY", "RP"])
+def test_d_terms_are_those_of_all_axes_or_not_known(names, tmp_path):
+    pieces = made.flight(TIMES)
+    for row, name in enumerate(names * 2):
+        pieces[20 * row] += made.message(f"PID{name}", 20_503_000 + 200_000 * row, 0.1 * row)
+    messages = vehicle_of(made.log(*pieces), tmp_path).messages
+    assert ("D_TERM" in messages) == (names == "RPY")
+    if names == "RPY":
+        assert messages["D_TERM"]["z"] == approx([0.2, 0.5])
 
 
 def test_a_text_log_reads_as_the_binary_one(tmp_path):

@@ -252,7 +252,10 @@ OWN_GPS_GLITCH = (
     1 << 14
 )  # bit of the filter's own status, which below EKF_UNINITIALIZED is that of the message
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
+TUNING = "PIDR", "PIDP", "PIDY"
+"""The rate controllers of roll, pitch and yaw."""
 NEEDED = (
+    *TUNING,
     *OF_FLIGHT,
     *BATTERIES,
     "VIBE",
@@ -313,6 +316,7 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
         "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
         "ATTITUDE_TARGET": (asked, targets),
         "PID_TUNING": ("RATE", _tuning(tables, attitude)),
+        "D_TERM": ("PIDR, PIDP and PIDY", _derivative_terms(tables)),
         "SYS_STATUS": (measured, volts),
         "VIBRATION": ("VIBE", vibration(tables)),
         "SYSTEM_TIME": ("GPS", calendar_time(tables)),
@@ -435,6 +439,17 @@ def _tuning(tables: Tables, attitude: Columns | None) -> Columns | None:
         fields = {"desired": logged[desired], "achieved": logged[achieved]}
         parts.append(stamped(logged, {"axis": none + np.uint8(axis), **fields}))
     return joined(parts)
+
+
+def _derivative_terms(tables: Tables) -> Columns | None:
+    """D_TERM, what the rate controllers of roll, pitch and yaw make of the gyro's slope; None without all three."""
+    logged = [having(tables, name, ("D",)) for name in TUNING]
+    found = [one for one in logged if one is not None]
+    if len(found) < len(logged):
+        return None
+    rows = min(map(count, found))
+    terms = {name: one["D"][:rows] for name, one in zip("xyz", found, strict=True)}
+    return stamped(selected(found[0], slice(rows)), terms)
 
 
 def _parameters_set(tables: Tables) -> Columns | None:
