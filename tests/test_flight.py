@@ -3,6 +3,7 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from pytest import approx
 
 from mavdem import Flight
 from mavdem.dem import physical
@@ -22,7 +23,7 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
         output_units=("rad",),
         provenance={"source": "here"},
     )
-    assert flight.dt == pytest.approx(0.01)
+    assert flight.dt == approx(0.01)
     assert flight.outputs.shape == (6, 1)
     assert (flight.input_names, flight.input_units) == (("input 1", "input 2"), ("", ""))
     part = flight[2:4]
@@ -34,7 +35,7 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
         ("roll",),
         {"source": "here"},
     )
-    assert part.duration == pytest.approx(0.02)
+    assert part.duration == approx(0.02)
     known = Flight(TIME, INPUTS, OUTPUTS, effect_directions=[-1, 1])
     assert_array_equal(known[1:3].effect_directions, [-1, 1])
     assert flight.effect_directions is None

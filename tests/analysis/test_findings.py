@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from made_up_analysis import HOVER, held_out, model, physical
+from pytest import approx
 from refusals import prose
 
 from mavdem.analysis.findings import Finding, disown_torque, findings_of, next_step, warnings_of
@@ -60,7 +61,7 @@ def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that
 ):
     finding = found(PREDICTION, model(physical()), held_out(**figures))
     assert (finding.grade, finding.reason.code) == (grade, Because.FORECASTS_COMPARED)
-    assert finding.reason.figures["ratio"] == (ratio and pytest.approx(ratio, abs=0.001))
+    assert finding.reason.figures["ratio"] == (ratio and approx(ratio, abs=0.001))
     assert finding.reason.figures["name"] == "hold last" or ratio is None
 
 
@@ -255,7 +256,7 @@ def test_warnings_are_only_where_they_mean_something():
     assert (band.code, band.figures["share"]) == (Caveat.BAND_TOO_NARROW, 0.0)
     (larger,) = warnings_of(learned, held_out(expected=0.00333))
     assert larger.code is Caveat.ERRORS_LARGER_THAN_EXPECTED
-    assert larger.figures["ratio"] == pytest.approx(3.0, abs=0.01)
+    assert larger.figures["ratio"] == approx(3.0, abs=0.01)
     failed = replace(held_out(), failures=(prose("It is too short."),))
     assert [one.code for one in warnings_of(learned, failed)] == [Forecasts.PART_NOT_LEARNED]
     unstable = SimpleNamespace(stable=False, physical=None)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, with_texts
+from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
@@ -130,7 +131,7 @@ def test_arming_take_off_and_landing_have_time_and_height():
     found = events(FLOWN, *codes)
     assert [fact.code for fact in found] == list(codes)
     times = [5.0, 6.0, HOVER.landed, HOVER.landed + 1.0]
-    assert [fact.time for fact in found] == pytest.approx(times, abs=1.1)
+    assert [fact.time for fact in found] == approx(times, abs=1.1)
     assert found[1].figures["basis"] == ("SERVO_OUTPUT_RAW",)
     landed = columns(np.array([0.0, 5.0, 6.2, 70.0, 75.0]), landed_state=np.array([1, 1, 2, 2, 1]))
     time = np.arange(0.0, 70.0, 0.5)

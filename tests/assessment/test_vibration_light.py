@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
+from pytest import approx
 
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.vibration import ARDUPILOT, CLIPS, PX4, vibration_light
@@ -40,7 +41,7 @@ def test_the_limits_are_the_autopilot_s(autopilot, limits):
 def test_the_worst_axis_of_the_worst_imu_is_named():
     found = light([1, 2, 3, 4, 16, 5])
     assert (found.subject, found.figures["axis"], found.level) == ("IMU 2", "y", Level.WATCH)
-    assert found.figures["vibration"] == pytest.approx(16)
+    assert found.figures["vibration"] == approx(16)
     assert light([1, 2], autopilot="PX4").subject == "IMU 2"
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from peculiar_flights import TEST, TRAIN, back_from_other_units, in_other_units
 from simulated import simulated
 
@@ -18,20 +19,18 @@ def model():
 def test_forecasts_and_predictions_begin_anew_at_every_so_many_samples(model):
     past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
     every = model.forecast_every(20, TEST.inputs, TEST.outputs)
-    np.testing.assert_allclose(every[:20], model.forecast(TEST.inputs)[:20], rtol=1e-9)
-    np.testing.assert_allclose(
-        every[20:40], model.model.infer(past, TEST.inputs[20:40]).mean, rtol=1e-9
-    )
+    assert_allclose(every[:20], model.forecast(TEST.inputs)[:20], rtol=1e-9)
+    assert_allclose(every[20:40], model.model.infer(past, TEST.inputs[20:40]).mean, rtol=1e-9)
     every = model.predict_every(20, TEST.inputs, TEST.outputs)
-    np.testing.assert_allclose(every[:20], model.predict(20), rtol=1e-9)
-    np.testing.assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)
+    assert_allclose(every[:20], model.predict(20), rtol=1e-9)
+    assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)
 
 
 def test_no_lag_of_var_reaches_across_a_gap():
     """Each segment begins with what is known without a past."""
     again = baselines.var([*APART, APART[0]], order=4).one_step()
     assert again.shape == (900, 2)
-    np.testing.assert_allclose(again[:300], again[600:], rtol=1e-12)
+    assert_allclose(again[:300], again[600:], rtol=1e-12)
 
 
 def test_units_do_not_matter_to_it(model):
@@ -39,12 +38,10 @@ def test_units_do_not_matter_to_it(model):
     moved = in_other_units(TEST)
     for smooth in (False, True):
         found = back_from_other_units(other.forecast(moved.inputs, smooth=smooth))
-        np.testing.assert_allclose(
+        assert_allclose(
             found, model.forecast(TEST.inputs, smooth=smooth), atol=1e-6 * TRAIN.outputs.std()
         )
-    np.testing.assert_allclose(
-        back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9
-    )
+    assert_allclose(back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +72,7 @@ SEGMENTS = [FLIGHT[:300], FLIGHT[400:650]]
 )
 def test_forecasts_are_the_trivial_ones(method, expected):
     forecaster = method(FLIGHT[:700])
-    np.testing.assert_allclose(
+    assert_allclose(
         forecaster.forecast(FLIGHT.inputs[700:]), np.tile(expected, (150, 1)), atol=1e-14
     )
     assert isinstance(forecaster, Forecaster)
@@ -88,10 +85,8 @@ def test_one_step_begins_anew_in_each_segment():
     average = outputs.mean(axis=0)
     expected = np.vstack([average, outputs[:-1]])
     expected[300] = average
-    np.testing.assert_allclose(held.one_step(), expected, atol=1e-14)
-    np.testing.assert_allclose(
-        held.forecast(np.zeros((3, 4)), from_zero=True), np.tile(average, (3, 1))
-    )
+    assert_allclose(held.one_step(), expected, atol=1e-14)
+    assert_allclose(held.forecast(np.zeros((3, 4)), from_zero=True), np.tile(average, (3, 1)))
 
 
 def test_models_that_need_the_inputs_say_so_and_what_to_use():
@@ -106,5 +101,5 @@ def test_models_that_need_the_inputs_say_so_and_what_to_use():
         ):
             answer()
     ahead = FLIGHT.inputs[700:]
-    np.testing.assert_array_equal(found.simulate(ahead), found.forecast(ahead))
-    np.testing.assert_array_equal(found.forecast(ahead, smooth=True), found.forecast(ahead))
+    assert_array_equal(found.simulate(ahead), found.forecast(ahead))
+    assert_array_equal(found.forecast(ahead, smooth=True), found.forecast(ahead))

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from peculiar_flights import (
     FLIGHT,
@@ -53,12 +54,12 @@ def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_
     ahead = flight.inputs[300:]
     first, second = subspace.forecast(ahead, from_zero=True)[:2]
     state = model.B @ (ahead[0] - model.input_trim) + model.offset
-    np.testing.assert_allclose(first, model.output_trim, atol=1e-9)
-    np.testing.assert_allclose(second, model.C @ state + model.output_trim, atol=1e-9)
+    assert_allclose(first, model.output_trim, atol=1e-9)
+    assert_allclose(second, model.C @ state + model.output_trim, atol=1e-9)
     # Row 0 is the sample after training: the last training input acts on it, its own input does not.
     changed = ahead.copy()
     changed[0] += 1
-    np.testing.assert_allclose(subspace.forecast(changed)[0], subspace.forecast(ahead)[0])
+    assert_allclose(subspace.forecast(changed)[0], subspace.forecast(ahead)[0])
     assert np.abs(subspace.forecast(changed)[1] - subspace.forecast(ahead)[1]).max() > 0.01
 
 
@@ -222,7 +223,7 @@ def test_units_do_not_matter(method):
     )
     forecast = back_from_other_units(other.forecast(in_other_units(TEST).inputs))
     # Iterations end in other places.
-    np.testing.assert_allclose(forecast, model.forecast(TEST.inputs), atol=2e-3)
+    assert_allclose(forecast, model.forecast(TEST.inputs), atol=2e-3)
 
 
 @pytest.mark.parametrize("method", [baselines.subspace])
@@ -232,7 +233,7 @@ def test_inputs_that_tell_nothing_new_change_nothing(method, more):
     plain, found = (
         method(flight[:700]).forecast(flight.inputs[700:]) for flight in (FLIGHT, wider)
     )
-    np.testing.assert_allclose(found, plain, rtol=1e-4, atol=1e-6)
+    assert_allclose(found, plain, rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize("method", ALL)

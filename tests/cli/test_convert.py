@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from command_line import FLIGHT, LOGS, refused, run
+from pytest import approx
 
 from mavdem import read_flight
 
@@ -81,4 +82,4 @@ def test_a_log_that_no_model_can_be_learnt_from_is_a_table_with_a_caution(tmp_pa
     head, values = table_of(tmp_path / "slow.csv")
     assert not told["learnable"] and "ATTITUDE comes at 4.0 Hz" in told["cautions"][-1]
     assert head == told["columns"] and len(head) == 7 and len(values) == told["samples"] > 100
-    assert told["dt"] == pytest.approx(0.25, abs=0.01) and np.isfinite(values).all()
+    assert told["dt"] == approx(0.25, abs=0.01) and np.isfinite(values).all()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_line import FLIGHT, SLOW, run, strict_json
 from numpy.testing import assert_allclose
+from pytest import approx
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
@@ -119,7 +120,7 @@ def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_re
     report = strict_json(said.out)
     assert "Hz" in report["error"]["reason"] and report["error"]["remedy"] in said.err
     assert (report["tier"], report["next_tier"]["tier"]) == ("c", "b")
-    assert report["condition"]["hover"]["trim_share"] == pytest.approx([1, 1, 1, 1], abs=0.01)
+    assert report["condition"]["hover"]["trim_share"] == approx([1, 1, 1, 1], abs=0.01)
     assert names(tmp_path) == {"report.json", "report.html"}
     assert strict_json((tmp_path / "report.json").read_text()) == report
     assert report["error"]["reason"] in (tmp_path / "report.html").read_text()

@@ -12,6 +12,7 @@ from unittest.mock import Mock
 import psutil
 import pytest
 from command_line import MAVDEM, PATIENCE, refused, run
+from pytest import approx
 from rerun.chunk import RrdReader
 
 import mavdem
@@ -171,7 +172,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     ), said
     assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 200 and told["lost"] == 0
     assert told["record"]["frames"] > 1000 and flown["commands"] >= 4
-    assert told["rates"]["ATTITUDE"] == pytest.approx(100, rel=0.1), (
+    assert told["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
         "what comes faster already is not lowered"
     )
     learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())

@@ -6,6 +6,7 @@ from math import degrees
 import numpy as np
 import pytest
 from command_line import run
+from pytest import approx
 
 from mavdem import wind
 from mavdem.condition.wind_velocity import from_point
@@ -41,10 +42,8 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert np.nanmax(np.abs(off)) < 0.02 and np.isnan(table["wind_east_band_m_s"][0])
     (row, *_), _ = rows_of_log(log)
     earlier = earlier_drag(tmp_path / "learnt" / "model.json")
-    assert earlier.linear == pytest.approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
-    assert (row.wind_speed, degrees(row.wind_direction)) == pytest.approx(
-        (found.speed, found.direction)
-    )
+    assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
+    assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
     assert from_point(found.direction) in fleet_page([row])
     assert run("wind", log, "--prior", tmp_path / "learnt") == 2
     assert "of this very flight" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """The motion that drag and wind are identified from."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 from refusals import refused
 from scipy.constants import g as GRAVITY  # noqa: N812
 
@@ -28,7 +29,7 @@ def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     attitude = np.tile([roll, pitch, yaw], (len(time), 1))
     moved = motion(time, attitude, velocity, 0.2)
     assert moved.known.sum() > 90 and np.abs(np.diff(moved.velocity[:, 2])).max() > 0.5
-    np.testing.assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
+    assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
 
 
 def test_what_gives_no_wind_is_refused_with_its_reason():

@@ -7,6 +7,8 @@ from math import e
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from pytest import approx
 from simulated import simulated
 
 from mavdem import Flight, Learned, Settings, learn
@@ -38,7 +40,7 @@ def test_json_both_ways_keeps_every_forecast(settings):
         lambda model: model.process_noise()[1],
         lambda model: model.model_interval().B,
     ):
-        np.testing.assert_array_equal(answer(again), answer(learned))
+        assert_array_equal(answer(again), answer(learned))
 
 
 @pytest.mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
@@ -75,7 +77,7 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
     known = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions)
     learned = learn(known, Settings(order=3, d=2, window=9, parameter_precision=1.0))
     record = Learned.from_json(learned.to_json()).record
-    np.testing.assert_array_equal(record.effect_directions, directions)
+    assert_array_equal(record.effect_directions, directions)
     assert record.begins == (flight.time[0],)
     assert {name: getattr(record, name) for name in LABELS} == {
         name: getattr(known, name) for name in LABELS
@@ -103,7 +105,7 @@ def test_settings_of_former_versions_are_read():
 def test_paper_settings_are_those_of_section_v_d():
     paper = Settings.paper()
     assert (paper.order, paper.p, paper.d, paper.smoothness) == (2, 2, 1, None)
-    assert paper.parameter_precision == pytest.approx(e**4)
+    assert paper.parameter_precision == approx(e**4)
     assert (paper.lambda_z, paper.lambda_w, paper.lambda_log_precision) == (20, 3, (25, 20))
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from pytest import approx
 from random_models import models, random_belief, random_model, random_samples
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
@@ -63,7 +65,7 @@ def gradient(function, at, scale=1e-4):
 
 
 def close(actual, expected, relative=1e-6):
-    np.testing.assert_allclose(actual, expected, atol=relative * (np.abs(expected).max() + 1))
+    assert_allclose(actual, expected, atol=relative * (np.abs(expected).max() + 1))
 
 
 @of_any_model
@@ -78,7 +80,7 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
         model, SufficientStatistics.of(data, data), belief._replace(moments=doubled)
     )
     action = free_energy_action(model, samples, belief)
-    assert by_sample.sum() - (len(data) - 1) * (2 * action - twice) == pytest.approx(
+    assert by_sample.sum() - (len(data) - 1) * (2 * action - twice) == approx(
         action, rel=1e-9, abs=1e-6
     )
 
@@ -170,7 +172,7 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
         samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
     )
     total = free_energy_action(model, samples, belief) + estimated / 2
-    assert sum(terms.values()) == pytest.approx(total, rel=1e-9, abs=1e-6)
+    assert sum(terms.values()) == approx(total, rel=1e-9, abs=1e-6)
 
 
 @of_any_model
@@ -223,7 +225,7 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
     errors = data[:, : m * (p + 1)] - data[:, m * (p + 1) :] @ seen[:, len(of_x) :].T
     evidence = multivariate_normal(cov=covariance).logpdf(errors).sum()
     constant = 0.5 * len(data) * m * (p + 1) * np.log(2 * np.pi)
-    assert climb.free_energy[-1] - constant == pytest.approx(evidence, rel=1e-6)
+    assert climb.free_energy[-1] - constant == approx(evidence, rel=1e-6)
 
 
 @of_any_model
@@ -264,7 +266,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     ):
         energy += 0.5 * (np.linalg.slogdet(precision)[1] - (at - mean) @ precision @ (at - mean))
     actual = internal_energy(model, samples, belief.moments, belief.theta, belief.lambda_)
-    assert actual == pytest.approx(energy, rel=1e-9)
+    assert actual == approx(energy, rel=1e-9)
 
 
 @pytest.mark.slow

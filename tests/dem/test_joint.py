@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from simulated import in_closed_loop
 
 from mavdem.dem.engine.linalg import ROUNDING
@@ -53,12 +55,12 @@ def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log
     evidence = -0.5 * (
         np.linalg.slogdet(2 * np.pi * covariance)[1] + vector @ np.linalg.solve(covariance, vector)
     )
-    assert found.free_energy == pytest.approx(evidence, abs=1e-5)
+    assert found.free_energy == approx(evidence, abs=1e-5)
     posterior = np.linalg.inv(design.T @ design + precision)
     moved = posterior @ design.T @ error
     weights = np.linalg.inv(noise)
-    np.testing.assert_allclose(found.mean, np.eye(*moved.shape) + moved, atol=1e-7)
-    np.testing.assert_allclose(found.root.T @ found.root, posterior, rtol=1e-6, atol=1e-9)
+    assert_allclose(found.mean, np.eye(*moved.shape) + moved, atol=1e-7)
+    assert_allclose(found.root.T @ found.root, posterior, rtol=1e-6, atol=1e-9)
     left = error - design @ moved
     narrower = np.linalg.slogdet(posterior @ precision)[1]
     expected = {
@@ -67,7 +69,7 @@ def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log
         "parameter errors": -0.5 * np.trace(weights @ moved.T @ precision @ moved),
         "parameter entropy": 0.5 * K * narrower,
     }
-    assert found.terms == pytest.approx(expected, abs=1e-5)
+    assert found.terms == approx(expected, abs=1e-5)
 
 
 def test_between_choices_the_free_energy_differs_as_the_evidence_with_the_noise_integrated_out():
@@ -82,7 +84,7 @@ def test_between_choices_the_free_energy_differs_as_the_evidence_with_the_noise_
 
 
 def test_the_prior_is_of_each_lag():
-    np.testing.assert_allclose(SHORTER.prior, np.diag([0.3, 1.2, 2.7]), atol=1e-12)
+    assert_allclose(SHORTER.prior, np.diag([0.3, 1.2, 2.7]), atol=1e-12)
 
 
 def test_the_choice_is_that_of_the_highest_free_energy():
@@ -101,7 +103,7 @@ def test_the_choice_is_that_of_the_highest_free_energy():
 def test_predictions_are_the_process_s(model):
     combined = AHEAD[0] @ X_FRAME[:, None]
     plain = model.process.predict_every(model.past, 60, combined, AHEAD[1])
-    np.testing.assert_array_equal(model.unknown_every(60, *AHEAD).mean, plain.mean)
+    assert_array_equal(model.unknown_every(60, *AHEAD).mean, plain.mean)
 
 
 def turned_by(direction, samples=6000):
@@ -133,15 +135,15 @@ def turned_by(direction, samples=6000):
 def test_the_motors_that_turn_the_axis_are_found(direction):
     expected = np.array(direction) / np.linalg.norm(direction)
     (found,) = joint.turning_combinations(turned_by(expected)).T
-    assert np.linalg.norm(found) == pytest.approx(1)
+    assert np.linalg.norm(found) == approx(1)
     assert abs(found @ expected) > (1 - 1e-12 if set(direction) == {-1, 1} else 0.98)
 
 
 def test_known_directions_are_taken_and_inputs_that_are_no_rotors_as_they_are():
-    np.testing.assert_array_equal(joint.known_combinations(2, None), np.eye(2))
+    assert_array_equal(joint.known_combinations(2, None), np.eye(2))
     assert joint.known_combinations(4, np.zeros(4)) is None
     given = replace(turned_by(X_FRAME, 300), effect_directions=np.array([3.0, 3.0, -3.0, -3.0]))
-    np.testing.assert_allclose(joint.turning_combinations(given)[:, 0], [0.5, 0.5, -0.5, -0.5])
+    assert_allclose(joint.turning_combinations(given)[:, 0], [0.5, 0.5, -0.5, -0.5])
 
 
 @pytest.mark.slow
@@ -179,7 +181,7 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
             ]
             expected = learnt.one_step(Record.of(flight[row - 30 : row + 1]))[-1]
             offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
-            np.testing.assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
+            assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
         if closed:
             ahead.add(memory.blocks[-1])
     assert ahead._choice == learnt.choice

@@ -5,6 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
@@ -31,8 +33,8 @@ def test_a_clean_system_is_recovered_and_forecast():
     learned = learn(train, Settings(order=2, parameter_precision=0.01, window=3))
     model = learned.model
     # Motors are held over a step and read as running linearly, half a step late at worst: gain is not affected.
-    np.testing.assert_allclose(model.A[1], [-9, -RATE], rtol=0.1)
-    np.testing.assert_allclose(model.B[1], GAIN, rtol=0.1)
+    assert_allclose(model.A[1], [-9, -RATE], rtol=0.1)
+    assert_allclose(model.B[1], GAIN, rtol=0.1)
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
     assert isinstance(learned, Forecaster)
 
@@ -42,10 +44,10 @@ def test_units_of_the_stream_do_not_matter():
     other = Flight(flight.time, flight.inputs / 1000 - 1, np.degrees(flight.outputs))
     one = learn(flight[:700], QUICK)
     two = learn(other[:700], QUICK)
-    np.testing.assert_allclose(two.model.A, one.model.A, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(two.model.B, np.degrees(one.model.B) * 1000, rtol=1e-6, atol=1e-9)
+    assert_allclose(two.model.A, one.model.A, rtol=1e-6, atol=1e-9)
+    assert_allclose(two.model.B, np.degrees(one.model.B) * 1000, rtol=1e-6, atol=1e-9)
     forecast = np.degrees(one.forecast(flight[700:].inputs))
-    np.testing.assert_allclose(
+    assert_allclose(
         two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * np.abs(forecast).max()
     )
 
@@ -103,7 +105,7 @@ def test_the_band_holds_nine_samples_in_ten():
         assert (half > 0).all()
         inside.append(np.mean(np.abs(ahead.outputs - learned.forecast(ahead.inputs)) <= half))
     # The shares of one flight hang together, those of different flights do not: three standard errors of their mean.
-    assert np.mean(inside) == pytest.approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
+    assert np.mean(inside) == approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
 
 
 def test_unstable_models_are_said_to_be():
@@ -200,7 +202,7 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physica
         states.append(phi @ states[-1] + gamma0 @ now + gamma1 @ following + drift)
     expected = np.array(states) @ learned.model.C.T + learned.model.output_trim
     forecast = learned.forecast(inputs, from_zero=True)
-    np.testing.assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
+    assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
 
 
@@ -213,7 +215,7 @@ def test_predictions_and_noise_belong_to_their_segments():
     ahead = learned.one_step()
     assert ahead.shape == (640, 2)
     places, noise = learned.process_noise()
-    np.testing.assert_array_equal(places, np.r_[2:398, 402:638])
+    assert_array_equal(places, np.r_[2:398, 402:638])
     assert noise.shape == (len(places), 2)
     # What is predicted in the second segment depends neither on the first nor on later samples.
     record = learned.record
@@ -221,7 +223,7 @@ def test_predictions_and_noise_belong_to_their_segments():
     outputs[:400] += 1.0
     outputs[500:] += 1.0
     changed = learned.joint.one_step(replace(record, outputs=outputs))
-    np.testing.assert_array_equal(changed[400:501], ahead[400:501])
+    assert_array_equal(changed[400:501], ahead[400:501])
     assert np.abs(changed[501:] - ahead[501:]).max() > 0.1
 
 
@@ -241,7 +243,7 @@ def test_a_flight_is_cut_at_its_gaps():
         whole.time[kept] + 1e-6, whole.inputs[kept], whole.outputs[kept], output_names=("a", "b")
     )
     assert [len(segment) for segment in segments] == [300, 300]
-    assert segments[1].time[0] == pytest.approx(4.0) and segments[1].output_names == ("a", "b")
+    assert segments[1].time[0] == approx(4.0) and segments[1].output_names == ("a", "b")
 
 
 @pytest.mark.parametrize(

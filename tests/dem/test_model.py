@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import hermite
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from random_models import positive_definite
 from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete
@@ -31,9 +33,9 @@ def test_parameters_are_the_rows_of_a_then_b_then_c():
     C = np.arange(10.0, 12).reshape(1, 2)
     theta = pack(A, B, C)
     # The paper's θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], vec stacking columns.
-    np.testing.assert_array_equal(theta, np.concatenate([M.T.ravel(order="F") for M in (A, B, C)]))
+    assert_array_equal(theta, np.concatenate([M.T.ravel(order="F") for M in (A, B, C)]))
     for part, original in zip(unpack(theta, 2, 3, 1), (A, B, C), strict=True):
-        np.testing.assert_array_equal(part, original)
+        assert_array_equal(part, original)
 
 
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 4), r=st.integers(1, 3))
@@ -43,10 +45,10 @@ def test_first_order_hold_agrees_with_scipy(seed, n, r):
     B = rng.standard_normal((n, r))
     dt = 0.05
     step = discretize(A, B, dt)
-    np.testing.assert_allclose(step.state, expm(A * dt), atol=1e-12)
+    assert_allclose(step.state, expm(A * dt), atol=1e-12)
     # SciPy's first-order hold moves Γ₁ into the output equation: its input matrix is Γ₀ + Φ Γ₁.
     phi, gamma, *_ = cont2discrete((A, B, np.eye(n), np.zeros((n, r))), dt, "foh")
-    np.testing.assert_allclose(step.input_now + step.state @ step.input_next, gamma, atol=1e-12)
+    assert_allclose(step.input_now + step.state @ step.input_next, gamma, atol=1e-12)
 
 
 @given(seed=st.integers(0, 10**6), size=st.integers(1, 8))
@@ -54,14 +56,12 @@ def test_agrees_with_numpy_whatever_the_units(seed, size):
     rng = np.random.default_rng(seed)
     matrix = positive_definite(rng, size)
     right = rng.standard_normal((size, 3))
-    np.testing.assert_allclose(solve(matrix, right), np.linalg.solve(matrix, right), atol=1e-10)
+    assert_allclose(solve(matrix, right), np.linalg.solve(matrix, right), atol=1e-10)
     units = 10.0 ** rng.integers(-12, 12, size)
     scaled = matrix * np.outer(units, units)
-    np.testing.assert_allclose(
-        inverse(scaled) * np.outer(units, units), np.linalg.inv(matrix), atol=1e-9
-    )
-    np.testing.assert_array_equal(inverse(scaled), inverse(scaled).T)
-    assert logdet(scaled) == pytest.approx(
+    assert_allclose(inverse(scaled) * np.outer(units, units), np.linalg.inv(matrix), atol=1e-9)
+    assert_array_equal(inverse(scaled), inverse(scaled).T)
+    assert logdet(scaled) == approx(
         np.linalg.slogdet(matrix)[1] + 2 * np.log(units).sum(), abs=1e-8
     )
 
@@ -91,7 +91,7 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
     for push in pushes:
         state = F @ state + push
         expected.append(state)
-    np.testing.assert_allclose(states, expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(states, expected, rtol=1e-9, atol=1e-9)
 
 
 def random_filter(seed, n=3, r=2, m=2, dt=0.02):
@@ -113,25 +113,23 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     u = rng.standard_normal((40, 2))
     corrected, ahead = textbook.corrected(u, y)
     scale = np.abs(corrected).max()
-    np.testing.assert_allclose(predictor.one_step(u, y), ahead, atol=1e-8 * scale)
+    assert_allclose(predictor.one_step(u, y), ahead, atol=1e-8 * scale)
     # The state of the innovation form is the predicted one, less what the sample's own inputs add.
     predicted = [
         textbook._moved(state, now, now * 0) for state, now in zip(corrected, u, strict=True)
     ]
     start = predictor.second(u[0], y[0])
     states = predictor.filtered(start, u[1:], y[1:])
-    np.testing.assert_allclose(states, predicted, atol=1e-8 * scale)
-    np.testing.assert_allclose(predictor.at_end(u, y), states[-1], atol=0)
+    assert_allclose(states, predicted, atol=1e-8 * scale)
+    assert_allclose(predictor.at_end(u, y), states[-1], atol=0)
 
     forecast = textbook.forecast(corrected[9], u[9:])
     scale = np.abs(forecast).max()
-    np.testing.assert_allclose(predictor.simulated(states[9], u[10:]), forecast, atol=1e-8 * scale)
+    assert_allclose(predictor.simulated(states[9], u[10:]), forecast, atol=1e-8 * scale)
     from_there = predictor.simulated_from(np.array([10]), 30, states[[9]], u)
-    np.testing.assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
+    assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
     every = predictor.simulated_every(7, start, u[1:], y[1:])
-    np.testing.assert_allclose(
-        every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale
-    )
+    assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
     # One sample has no prediction.
     assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
     assert predictor.simulated(np.ones(3), np.ones((0, 2))).shape == (0, 2)
@@ -150,7 +148,7 @@ def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
     Q = process * power * dt
     R = np.diag(measurement) * (power / dt if power > dt else 1.0)
     P = solve_discrete_are(expm(A * dt).T, C.T, Q, R)
-    np.testing.assert_allclose(gain, P @ C.T @ np.linalg.inv(C @ P @ C.T + R), rtol=1e-9)
+    assert_allclose(gain, P @ C.T @ np.linalg.inv(C @ P @ C.T + R), rtol=1e-9)
 
 
 @given(order=st.integers(0, 6), extra=st.integers(0, 8), dt=st.floats(1e-3, 10), data=st.data())
@@ -166,7 +164,7 @@ def test_derivatives_of_polynomials_are_exact(order, extra, dt, data):
     derivatives = taylor_weights(order, dt, window, at) @ samples
     expected = [polynomial.deriv(k)(0) / dt**k if k else polynomial(0) for k in range(order + 1)]
     per_step = dt ** np.arange(order + 1)
-    np.testing.assert_allclose(derivatives * per_step, expected * per_step, atol=1e-7)
+    assert_allclose(derivatives * per_step, expected * per_step, atol=1e-7)
 
 
 def test_entries_are_derivatives_of_the_autocorrelation_at_zero():
@@ -178,7 +176,7 @@ def test_entries_are_derivatives_of_the_autocorrelation_at_zero():
         for j in range(order + 1):
             hermite_at_zero = hermite.hermval(0.0, [0] * (i + j) + [1])
             expected = (-1) ** i * (-1 / (2 * s)) ** (i + j) * hermite_at_zero
-            assert covariance[i, j] == pytest.approx(expected, abs=1e-12 * factorial(i + j))
+            assert covariance[i, j] == approx(expected, abs=1e-12 * factorial(i + j))
 
 
 @pytest.mark.parametrize("s", [1e-3, 0.5, 100.0])
@@ -187,7 +185,7 @@ def test_precision_is_the_inverse_in_any_unit_of_time(order, s):
     # Relative to the size of each row and column, which runs over s^-2p.
     units = s ** np.arange(order + 1)
     product = temporal_covariance(order, s) @ temporal_precision(order, s)
-    np.testing.assert_allclose(product * np.outer(units, 1 / units), np.eye(order + 1), atol=1e-8)
+    assert_allclose(product * np.outer(units, 1 / units), np.eye(order + 1), atol=1e-8)
 
 
 def random_gaussian_model(seed, n, k, m, radius=0.9):
@@ -257,12 +255,12 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
         states = smoothed(model, start, inputs, outputs)
     means, covariances, log_likelihood = joint(model, start, inputs, outputs)
     scale = np.abs(means).max() + 1
-    np.testing.assert_allclose(states.means, means, atol=1e-7 * scale)
+    assert_allclose(states.means, means, atol=1e-7 * scale)
     for t in range(samples):
-        np.testing.assert_allclose(states.covariances[t], covariances[t, :, t], atol=1e-7)
+        assert_allclose(states.covariances[t], covariances[t, :, t], atol=1e-7)
         if t:
-            np.testing.assert_allclose(states.lagged[t - 1], covariances[t, :, t - 1], atol=1e-7)
-    assert states.log_likelihood == pytest.approx(log_likelihood, rel=1e-7, abs=1e-6)
+            assert_allclose(states.lagged[t - 1], covariances[t, :, t - 1], atol=1e-7)
+    assert states.log_likelihood == approx(log_likelihood, rel=1e-7, abs=1e-6)
 
 
 @pytest.mark.parametrize("noise", [1.0, 1e-4, 1e-8])
@@ -280,13 +278,13 @@ def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     gain, P = steady_gain(A, C, joint[:4, :4], joint[4:, 4:], S)
     innovations = C @ P @ C.T + joint[4:, 4:]
     size = 1e-6 * np.abs(P).max()
-    np.testing.assert_allclose(gain @ innovations, A @ P @ C.T + S, atol=size)
+    assert_allclose(gain @ innovations, A @ P @ C.T + S, atol=size)
     following = A @ P @ A.T + joint[:4, :4] - gain @ innovations @ gain.T
-    np.testing.assert_allclose(following, P, atol=size)
+    assert_allclose(following, P, atol=size)
     first = np.eye(1, 4)
     gain, P = steady_gain(A, first, joint[:4, :4], joint[4:5, 4:5])
     rows = A[None], first, joint[None, :4, :4], joint[None, 4:5, 4:5]
-    np.testing.assert_allclose(steady_gain(*rows)[0][0], gain, atol=1e-8 * np.abs(gain).max())
+    assert_allclose(steady_gain(*rows)[0][0], gain, atol=1e-8 * np.abs(gain).max())
     # A state that grows unseen has none.
     with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

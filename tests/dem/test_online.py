@@ -7,6 +7,8 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from recorded_flights import shared
 from scipy.stats import norm
 from simulated import simulated
@@ -49,7 +51,7 @@ def test_a_memory_has_its_latest_samples():
     inputs, outputs = memory.latest(7)
     assert inputs.ravel().tolist() == list(range(93, 100))
     assert (outputs == -inputs).all()
-    assert memory.blocks[-1].until == pytest.approx(0.99)
+    assert memory.blocks[-1].until == approx(0.99)
     memory.end_segment()
     assert len(memory.latest(7)[0]) == 0
     for sample in range(100, 140):
@@ -79,14 +81,14 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     learned = round((estimate.until - flight.time[0]) / flight.dt) + 1
     assert len(flight) - learned <= LEARNING_SECONDS / flight.dt
     whole = mavdem.learn(flight[:learned], settings)
-    np.testing.assert_array_equal(estimate.model.A, whole.model.A)
+    assert_array_equal(estimate.model.A, whole.model.A)
     # F(t) of the last window, as the result itself has it.
     learner = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     flown(learner, flight[:800])
     energy = learner._tracker.evaluate(learner._memory)
     last = learner.learned.free_energy_of_samples[-1]
-    assert learner._tracker.until == pytest.approx(flight.time[799])
-    assert energy + learner._tracker.energy.priors == pytest.approx(last, abs=0.1)
+    assert learner._tracker.until == approx(flight.time[799])
+    assert energy + learner._tracker.energy.priors == approx(last, abs=0.1)
 
 
 @pytest.mark.slow
@@ -172,7 +174,7 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
         online.update(WINDY.time[449] + step * (row - 449), WINDY.outputs[row], WINDY.inputs[row])
         assert (online.obstacle is not None) == (row >= 454)
     assert online.obstacle.code is Online.SAMPLES_MISPLACED
-    assert online.obstacle.figures == pytest.approx({"interval": step, "step": 0.01})
+    assert online.obstacle.figures == approx({"interval": step, "step": 0.01})
     flown(online, WINDY[460:480])
     assert online.obstacle is None
 
@@ -227,7 +229,7 @@ def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
     half = fed(ErrorBands(1, 1, DT), errors)
     assert half[1000:].max() < 20
     after = 1200 + round(BAND_SECONDS / DT) + 10
-    np.testing.assert_allclose(half[after:], norm.ppf(0.95), rtol=0.2)
+    assert_allclose(half[after:], norm.ppf(0.95), rtol=0.2)
 
 
 @pytest.mark.parametrize("share", [0.99, 1.01, 2.0])
@@ -235,10 +237,10 @@ def test_a_band_and_the_unit_of_surprise_end_at_their_limits(share):
     """A fifth of the errors, and a tenth of F(t), lie ``share`` of the limit away, where the others are one away."""
     size = share * MAX_MEDIANS
     half = fed(ErrorBands(1, 1, DT), np.where(np.arange(1000) % 5, 1.0, size))[-1]
-    assert half == pytest.approx(min(size, MAX_MEDIANS))
+    assert half == approx(min(size, MAX_MEDIANS))
     low = share * MAX_QUARTILES
     values = np.resize([-low, -1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0], 2000)
-    assert Surprise(DT, values).add(-low) == pytest.approx(max(share, 1.0))
+    assert Surprise(DT, values).add(-low) == approx(max(share, 1.0))
 
 
 def test_predictions_meet_their_own_sample():
@@ -253,7 +255,7 @@ def test_predictions_meet_their_own_sample():
         errors = {30: [np.nan, np.nan], 32: [1.0, np.nan], 33: [1.0, 3.0]}.get(
             sample, ahead.errors[:, 0]
         )
-        np.testing.assert_array_equal(ahead.errors[:, 0], errors)
+        assert_array_equal(ahead.errors[:, 0], errors)
 
 
 def test_a_new_model_brings_the_past_of_its_own_free_energy():
@@ -265,14 +267,12 @@ def test_a_new_model_brings_the_past_of_its_own_free_energy():
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):
         memory.add(*row)
         energies.append(tracker.evaluate(memory))
-    np.testing.assert_allclose(
-        tracker.past, energies[tracker.learned.settings.window - 1 :], rtol=1e-9
-    )
+    assert_allclose(tracker.past, energies[tracker.learned.settings.window - 1 :], rtol=1e-9)
 
 
 def test_surprise_is_in_units_of_the_lowest_twentieth():
     surprise = Surprise(DT, np.random.default_rng(0).standard_normal(10_000))
-    assert surprise.add(norm.ppf(0.05)) == pytest.approx(1.0, abs=0.15)
+    assert surprise.add(norm.ppf(0.05)) == approx(1.0, abs=0.15)
     assert surprise.add(2.0) < 0
     # After a free energy that did not vary a drop is still a number.
     assert 1e6 < Surprise(DT, np.full(300, 5.0)).add(-1e5) < np.inf
@@ -309,7 +309,7 @@ def test_a_change_is_marked_promptly_and_so_is_the_next():
     failures = np.array([40.0, 80.0])
     for at in failures:
         surprise[round(at / DT) : round(at / DT) + 200] += 1000.0
-    np.testing.assert_allclose(marked(AnomalyMarks(DT), surprise), failures, atol=0.5)
+    assert_allclose(marked(AnomalyMarks(DT), surprise), failures, atol=0.5)
     # Nothing is marked before there are peaks to compare with.
     surprise = np.full(3000, 1e6)
     assert not len(marked(AnomalyMarks(DT), surprise[: round(3 * PEAK_SECONDS / DT)]))

@@ -6,8 +6,10 @@ from functools import cache, cached_property
 import as_published
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from oracle import case_a_generalized, case_a_model, case_a_truth, load, needs_oracle
+from pytest import approx
 
 import mavdem
 from mavdem.dem.engine.ascent import plain_rounds
@@ -57,8 +59,8 @@ def test_case_a_taken_as_published_ends_where_theirs_does():
         weights = np.exp(weights)
         if iteration in (20, 150):
             # 1e-5 is what is left at the end of differences in rounding in the first iterations.
-            np.testing.assert_allclose(theta, theirs["theta_mem"][:, iteration], rtol=0, atol=1e-5)
-            np.testing.assert_allclose(lambda_, theirs["h_mem"][:, iteration], rtol=0, atol=0.1)
+            assert_allclose(theta, theirs["theta_mem"][:, iteration], rtol=0, atol=1e-5)
+            assert_allclose(lambda_, theirs["h_mem"][:, iteration], rtol=0, atol=0.1)
 
 
 def test_case_a_ends_near_theirs_and_nearer_the_truth():
@@ -78,7 +80,7 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     for rounds in (20, 150):
         assert np.abs(beliefs[rounds].theta - theirs["theta_mem"][:, rounds]).max() < 1e-2
     assert np.linalg.norm(beliefs[-1].theta - truth) < np.linalg.norm(published - truth)
-    assert beliefs[-1].lambda_[0] == pytest.approx(theirs["h"].ravel()[0], abs=0.1)
+    assert beliefs[-1].lambda_[0] == approx(theirs["h"].ravel()[0], abs=0.1)
     heights = [free_energy_action(model, samples, belief) for belief in beliefs]
     assert (np.diff(heights) >= 0).all()
 
@@ -191,13 +193,13 @@ class Iteration:
 
 def equal(actual: Array, theirs: Array) -> None:
     """Within rounding of the largest."""
-    np.testing.assert_allclose(actual, theirs, rtol=0, atol=ROUNDING * np.abs(theirs).max())
+    assert_allclose(actual, theirs, rtol=0, atol=ROUNDING * np.abs(theirs).max())
 
 
 def equal_by_unit(actual: Array, theirs: Array) -> None:
     """Within rounding, for matrices whose rows have different units."""
     unit = np.sqrt(theirs.diagonal())
-    np.testing.assert_allclose(
+    assert_allclose(
         actual / unit / unit[:, None], theirs / unit / unit[:, None], rtol=0, atol=ROUNDING
     )
 
@@ -224,9 +226,7 @@ def test_embedding_is_theirs():
         for samples, order in ((data["y"], 6), (data["u"], 2))
     )
     size = np.append(np.repeat(of_y, 4), of_u)
-    np.testing.assert_allclose(
-        case_a_generalized(data) / size, embedded() / size, rtol=0, atol=SUMS
-    )
+    assert_allclose(case_a_generalized(data) / size, embedded() / size, rtol=0, atol=SUMS)
 
 
 @logged
@@ -240,13 +240,13 @@ def test_sums_slopes_and_curvatures_are_theirs(number):
     for theirs in (it.log("AA"), it.log("dFdpp") / 10 - T * it.log("dWdpp")):
         equal(curvature[AB, AB], theirs[AB, AB])
         last_place = np.spacing(prior.theta_precision.max())
-        np.testing.assert_allclose(curvature[C, C], theirs[C, C], rtol=0, atol=2 * last_place)
+        assert_allclose(curvature[C, C], theirs[C, C], rtol=0, atol=2 * last_place)
     slope = as_published.internal_slope(case_a(), it.moments, it.theta, it.weights)
     theirs = it.log("dFdp") / 10 - T * it.log("dWdp")
     equal(slope[AB], theirs[AB])
     # Theirs is the difference of two numbers of this size.
     size = np.abs(prior.theta_precision @ it.theta).max()
-    np.testing.assert_allclose(slope[C], theirs[C], rtol=0, atol=2 * np.spacing(size))
+    assert_allclose(slope[C], theirs[C], rtol=0, atol=2 * np.spacing(size))
 
 
 def lost(it: Iteration) -> float:
@@ -286,8 +286,8 @@ def test_terms_of_the_free_energy_are_theirs(number):
         after["prediction error of hyperparameters"],
         terms["hyperparameter entropy"],
     ]
-    np.testing.assert_allclose(ours, theirs[:7], rtol=ROUNDING)
+    assert_allclose(ours, theirs[:7], rtol=ROUNDING)
     # Their sum has the constant that ours leaves out. It is rounded to 2⁻⁷ at each of seven terms, and at each of the
     # 14 parameters in the largest.
     constant = -0.5 * (model.p + 1) * model.m * T * np.log(2 * np.pi)
-    assert sum(ours) + constant == pytest.approx(theirs[7], rel=0, abs=21 * np.spacing(-theirs[7]))
+    assert sum(ours) + constant == approx(theirs[7], rel=0, abs=21 * np.spacing(-theirs[7]))

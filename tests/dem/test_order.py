@@ -4,7 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from order_systems import random_flight
+from pytest import approx
 from scipy.stats import binom
 from simulated import simulated
 
@@ -46,8 +48,8 @@ def test_a_choice_says_why():
     assert told.reason.figures["order"] == 2 and told.reason.figures["free_energy_gain"] == -5.0
     rising = choice([0.0, 100.0], [0.0, 110.0])
     assert not rising.saturated and rising.reason.figures["free_energy_gain"] is None
-    assert rising.gain(2, over=1) == pytest.approx((105.0, 5.0))
-    assert rising.spread == pytest.approx([0.0, np.sqrt(50)])
+    assert rising.gain(2, over=1) == approx((105.0, 5.0))
+    assert rising.spread == approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()
     values = json.loads(json.dumps(rising.to_dict()))
     assert (values["mean"], values["chosen"]) == ([0.0, 105.0], 2)
@@ -61,7 +63,7 @@ def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     )
     told = orders_of(flight, 3, known_inputs=False).free_energy
     found = orders_of(other, 3, known_inputs=False).free_energy
-    np.testing.assert_allclose(found, told, rtol=1e-5)
+    assert_allclose(found, told, rtol=1e-5)
 
 
 @pytest.mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 99}])

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from pytest import approx
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 import mavdem
@@ -108,7 +110,7 @@ def settled(plan: Scenario, samples: int) -> tuple[Flight, dict[str, np.ndarray]
 def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, error):
     P = solve_continuous_lyapunov(noise.A, -noise.drive)
     for tau in (0.0, 0.5, 1.0, 2.0, 4.0):
-        assert noise.C @ expm(noise.A * tau) @ P @ noise.C == pytest.approx(
+        assert noise.C @ expm(noise.A * tau) @ P @ noise.C == approx(
             autocorrelation(tau), abs=error
         )
 
@@ -137,7 +139,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
         FlightWindows(inputs[None], measured[None], DT, 1.0, np.zeros((1, samples, 1))),
     )
     number = errors.shape[2]
-    assert errors[0].var() / variance[0] == pytest.approx(1.0, abs=4 * np.sqrt(2 / number))
+    assert errors[0].var() / variance[0] == approx(1.0, abs=4 * np.sqrt(2 / number))
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
     for lag in (1, 2, 5, 20):
         assert abs(np.mean(errors[0, 0, lag:] * errors[0, 0, :-lag])) / variance[0] < 4 / np.sqrt(
@@ -156,15 +158,15 @@ def test_convolution_with_responses_is_the_recursion_step_by_step():
         x = x @ np.swapaxes(step, 1, 2) + np.einsum("bnc,bcw->bwn", gains, inputs[..., k])
         expected.append(x[:, :, 0])
     found = convolved(inputs, np.swapaxes(responses(step, 30) @ gains, 1, 2))
-    np.testing.assert_allclose(found, np.stack(expected, axis=2), rtol=1e-9, atol=1e-12)
+    assert_allclose(found, np.stack(expected, axis=2), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
 def test_commands_act_as_late_as_they_are(steps):
     before, after = delayed(np.arange(20.0)[:, None], steps)
     now = np.arange(5, 19)
-    np.testing.assert_allclose(before[5:, 0], now - max(0.0, steps))
-    np.testing.assert_allclose(after[5:, 0], now + 1 - max(0.0, steps))
+    assert_allclose(before[5:, 0], now - max(0.0, steps))
+    assert_allclose(after[5:, 0], now + 1 - max(0.0, steps))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.003, 0.014])
@@ -197,7 +199,7 @@ def test_what_answers_a_sample_is_found(gain):
     slow = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
     inputs = (slow - gain * new)[:, :, None]
     found = answers(inputs, rate)[:, 10:, 0]
-    np.testing.assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
+    assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
 
 
 def test_the_slope_of_the_log_joint_is_that_of_its_value():
@@ -211,7 +213,7 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
     for place, slope in enumerate(about.slope):
         step = 1e-5 * np.eye(len(start))[place]
         ends = [objective.value(start + side * step)[0] for side in (-1, 1)]
-        assert slope == pytest.approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * np.abs(about.slope).max())
+        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * np.abs(about.slope).max())
 
 
 @pytest.mark.slow
@@ -314,7 +316,7 @@ def test_gaps_are_not_filtered_across():
     flight = flown(1, steering=1.0)
     whole = physical(flight)
     apart = physical([flight[:350], flight[350:]])
-    np.testing.assert_allclose(apart.effect @ MOTORS, whole.effect @ MOTORS, rtol=0.05)
+    assert_allclose(apart.effect @ MOTORS, whole.effect @ MOTORS, rtol=0.05)
     assert apart.windows == 2
 
 
@@ -328,9 +330,7 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
         flight.time, 1500 + unit * (np.sqrt(1 + 0.2 * off / unit) - 1) / 0.1, flight.outputs
     )
     assert Refinement.THRUST_CURVE in physical(curved).refinements
-    assert physical(flight).refinements.get(Refinement.THRUST_CURVE, 0.0) == pytest.approx(
-        0.0, abs=0.05
-    )
+    assert physical(flight).refinements.get(Refinement.THRUST_CURVE, 0.0) == approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -362,7 +362,7 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     test = flight[400:]
     found = simulated(TRUE, Record.of(train), test.inputs).mean
     # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
-    np.testing.assert_allclose(found, test.outputs, atol=0.04)
+    assert_allclose(found, test.outputs, atol=0.04)
     assert np.ptp(test.outputs, axis=0).min() > 0.4
 
 
@@ -384,7 +384,7 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
             drift = keeps * drift + np.sqrt(1 - keeps**2) * rng.standard_normal(flights)
         if k in (9, 49, 99):
             found = np.array([angle.var(), rate.var()])
-            np.testing.assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
+            assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
 
 
 def test_uncertain_parameters_widen_it_to_first_order():
@@ -395,17 +395,15 @@ def test_uncertain_parameters_widen_it_to_first_order():
     uncertain = simulated(TRUE._replace(covariance=covariance), record, 1500 + DOUBLET).variance
     base = simulated(TRUE, record, 1500 + DOUBLET)
     other = simulated(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
-    np.testing.assert_allclose(
-        uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12
-    )
+    assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
 
 
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     flight = flown(0, steering=0.5)
     turned = Flight(flight.time, flight.inputs, flight.outputs[:, ::-1])
     one, other = (simulated(TRUE, Record.of(each), 1500 + DOUBLET) for each in (flight, turned))
-    np.testing.assert_allclose(one.mean, other.mean[:, ::-1])
-    np.testing.assert_allclose(one.variance, other.variance[:, ::-1])
+    assert_allclose(one.mean, other.mean[:, ::-1])
+    assert_allclose(one.variance, other.variance[:, ::-1])
     with pytest.raises(ValueError, match="an angle and its rate"):
         simulated(
             TRUE,

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from scipy.linalg import expm
 from simulated import DT, GAIN, RATE, simulated
 
@@ -37,10 +39,10 @@ def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
     centred = Flight(flight.time, inputs, outputs)
     plain = learn(centred, replace(SETTINGS, scaling="none", lambda_w=0.0))
     for learned in (scaled, plain):
-        np.testing.assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.15)
-        np.testing.assert_allclose(learned.model.B[1], GAIN, rtol=0.15)
-    np.testing.assert_allclose(scaled.model.A, plain.model.A, atol=0.1)
-    np.testing.assert_allclose(scaled.model.B, plain.model.B, atol=2e-3)
+        assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.15)
+        assert_allclose(learned.model.B[1], GAIN, rtol=0.15)
+    assert_allclose(scaled.model.A, plain.model.A, atol=0.1)
+    assert_allclose(scaled.model.B, plain.model.B, atol=2e-3)
 
 
 def test_a_known_parameter_stays_and_is_reported_as_known():
@@ -52,7 +54,7 @@ def test_a_known_parameter_stays_and_is_reported_as_known():
         simulated(wind=0.5)[:700], replace(SETTINGS, prior=Gaussian(mean, prior.precision))
     )
     # To within five of the prior's standard deviations, 1e-4 each.
-    np.testing.assert_allclose(learned.model.B[1], off * GAIN, atol=5e-4)
+    assert_allclose(learned.model.B[1], off * GAIN, atol=5e-4)
     A, B, C = unpack(learned.known, 2, 4, 2)
     assert B.all() and C.all() and A[0].all() and not A[1].any()
 
@@ -66,7 +68,7 @@ def test_coupled_parameters_may_be_known_by_their_sum_alone():
     mean[8:10] = 0.3, -0.3
     learned = learn(simulated(wind=0.1)[:700], replace(SETTINGS, prior=Gaussian(mean, precision)))
     assert abs(learned.model.B[1, 0] + learned.model.B[1, 1]) < 1e-3
-    assert learned.model.B[1, 0] == pytest.approx(GAIN[0], rel=0.2)
+    assert learned.model.B[1, 0] == approx(GAIN[0], rel=0.2)
 
 
 def test_unknown_inputs_are_process_noise_of_the_filter():
@@ -93,13 +95,9 @@ def test_unknown_inputs_are_process_noise_of_the_filter():
     expected = filter_gain(A, C, DT, np.full(2, of_z), process, 0.3)
     # A Riccati equation is solved to rounding relative to the whole matrix, not to an element that is 5e-5 of it.
     expected = expm(A * DT) @ expected
-    np.testing.assert_allclose(
-        learned.predictor.K, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
-    )
+    assert_allclose(learned.predictor.K, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     # Nothing is known of inputs to come, whatever is handed in.
-    np.testing.assert_array_equal(
-        learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1)))
-    )
+    assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
 
 
 @pytest.mark.slow

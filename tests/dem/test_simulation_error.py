@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from scipy.ndimage import zoom
 from simulated import GAIN, simulated
 from textbook_filter import TextbookFilter
@@ -56,7 +58,7 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
         known = inputs[..., stretch], outputs[..., stretch]
         states, _ = textbook.corrected(*(each[: settle + 1] for each in known))
         ahead = textbook.forecast(states[-1], known[0][settle:])
-        np.testing.assert_allclose(errors[..., stretch], known[1][settle + 1 :] - ahead, atol=1e-9)
+        assert_allclose(errors[..., stretch], known[1][settle + 1 :] - ahead, atol=1e-9)
 
 
 def test_slopes_and_curvature_are_those_of_the_height():
@@ -70,9 +72,7 @@ def test_slopes_and_curvature_are_those_of_the_height():
     by_differences = [
         (height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)
     ]
-    np.testing.assert_allclose(
-        here.slope, by_differences, rtol=1e-3, atol=1e-4 * np.abs(here.slope).max()
-    )
+    assert_allclose(here.slope, by_differences, rtol=1e-3, atol=1e-4 * np.abs(here.slope).max())
     assert np.linalg.eigvalsh(here.curvature).min() > 0
 
 
@@ -125,10 +125,10 @@ def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_s
     learned = learn(FLIGHT[:60], COMPLETE)
     assert learned.simulation_fit is None
     cautions = {caution.code: caution.figures for caution in learned.cautions}
-    assert cautions[ModelCaution.NO_SIMULATION_FIT]["duration"] == pytest.approx(0.6)
+    assert cautions[ModelCaution.NO_SIMULATION_FIT]["duration"] == approx(0.6)
     short = learn(FLIGHT[:60], replace(COMPLETE, horizon=None))
     assert ModelCaution.NO_SIMULATION_FIT not in {caution.code for caution in short.cautions}
-    np.testing.assert_array_equal(learned.theta, short.theta)
+    assert_array_equal(learned.theta, short.theta)
 
 
 def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
@@ -140,14 +140,12 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     both = simulation_error.SimulationSegments.of(parts, 30)
     alone = [simulation_error.SimulationSegments.of([part], 30) for part in parts]
     assert both is not None and all(alone)
-    np.testing.assert_array_equal(
-        both.outputs, np.concatenate([each.outputs for each in alone], axis=2)
-    )
-    assert both.number == pytest.approx((150 + 200) / 30)
+    assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=2))
+    assert both.number == approx((150 + 200) / 30)
     nothing = np.zeros((simulation_error.MAX_SEGMENTS * 20, 1))
     many = simulation_error.SimulationSegments.of([(nothing, nothing)], 30)
     assert many is not None and many.outputs.shape[2] == simulation_error.MAX_SEGMENTS
-    assert many.number == pytest.approx(simulation_error.MAX_SEGMENTS * 20 / 30)
+    assert many.number == approx(simulation_error.MAX_SEGMENTS * 20 / 30)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +173,7 @@ def test_an_x_is_found_where_nothing_but_roll_is_flown():
         flight.outputs,
         dt=flight.dt,
     )
-    assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == pytest.approx(1)
+    assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == approx(1)
 
 
 @pytest.mark.slow
@@ -189,10 +187,8 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
             _with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])),
         )
     )
-    np.testing.assert_allclose(
-        known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12
-    )
-    np.testing.assert_allclose(known.theta, inferred.theta, atol=1e-4)
+    assert_allclose(known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    assert_allclose(known.theta, inferred.theta, atol=1e-4)
     assert np.abs(other.theta - inferred.theta).max() > 1e-2
 
 

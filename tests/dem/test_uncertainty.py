@@ -3,6 +3,8 @@
 import calibration
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from pytest import approx
 from simulated import simulated
 
 from mavdem import Settings, learn
@@ -26,5 +28,5 @@ def test_a_level_that_is_no_probability_is_named(level):
 
 def test_half_widths_are_those_of_normal_deviations_or_of_students():
     widths = half_width(np.array([1.0, 4.0, 4.0]), 0.9, [np.inf, np.inf, 3.0])
-    np.testing.assert_allclose(widths, [1.645, 3.290, 4.707], rtol=1e-3)
-    assert quantile() == pytest.approx(float(half_width(1.0)))
+    assert_allclose(widths, [1.645, 3.290, 4.707], rtol=1e-3)
+    assert quantile() == approx(float(half_width(1.0)))

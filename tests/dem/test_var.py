@@ -3,6 +3,7 @@
 from itertools import product
 
 import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
 
 from mavdem.dem.forecast.var import (
     RIDGE,
@@ -88,19 +89,15 @@ def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_eac
     inferred = {smooth: true.infer(pasts, inputs, smooth) for smooth in (False, True)}
     for number, past in enumerate(pasts):
         mean, covariance = joint(true, past, STEPS)
-        np.testing.assert_allclose(predicted.mean[number].ravel(), mean, rtol=1e-9)
-        np.testing.assert_allclose(
-            predicted.variance[number].ravel(), covariance.diagonal(), rtol=1e-9
-        )
+        assert_allclose(predicted.mean[number].ravel(), mean, rtol=1e-9)
+        assert_allclose(predicted.variance[number].ravel(), covariance.diagonal(), rtol=1e-9)
         for smooth, step in product((False, True), range(STEPS)):
             seen = slice(STEPS if smooth else step + 1)
             known = places[seen, OUTPUTS:].ravel()
             asked = places[step, :OUTPUTS]
             expected = given(mean, covariance, known, inputs[number, seen].ravel(), asked)
-            np.testing.assert_allclose(inferred[smooth].mean[number, step], expected[0], rtol=1e-6)
-            np.testing.assert_allclose(
-                inferred[smooth].variance[number, step], expected[1], rtol=1e-6
-            )
+            assert_allclose(inferred[smooth].mean[number, step], expected[0], rtol=1e-6)
+            assert_allclose(inferred[smooth].variance[number, step], expected[1], rtol=1e-6)
 
 
 def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
@@ -113,13 +110,13 @@ def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior(
     regressors = np.vstack(rows)
     targets = np.vstack([each[LAGS:] for each in segments])
     expected, squares, *_ = np.linalg.lstsq(regressors, targets)
-    np.testing.assert_allclose(
+    assert_allclose(
         np.hstack([found.across, found.offset[:, None]]).T, expected, rtol=1e-6, atol=1e-9
     )
     freedom = len(targets) - len(expected)
-    np.testing.assert_allclose(found.covariance.diagonal(), squares / freedom, rtol=1e-6)
+    assert_allclose(found.covariance.diagonal(), squares / freedom, rtol=1e-6)
     precision = np.linalg.inv(regression.root.T @ regression.root)
-    np.testing.assert_allclose(precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
+    assert_allclose(precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
 
 
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
@@ -136,8 +133,8 @@ def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_la
         expected = plain.infer(samples[-LAGS:], ahead, smooth)
         got = found.infer(more[-LAGS:], wider, smooth)
         # The prior is of other coefficients, so that the posterior is not quite the same.
-        np.testing.assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
-        np.testing.assert_allclose(got.variance, expected.variance, rtol=0.02)
+        assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
+        assert_allclose(got.variance, expected.variance, rtol=0.02)
         # Motors that contradict what they always did.
         assert np.isfinite(found.infer(more[-LAGS:], wider[::-1] * wider, smooth).mean).all()
 
@@ -157,6 +154,6 @@ def test_what_overflows_is_the_training_mean_with_infinite_variance():
 
 def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     samples = run(model(), 5)
-    np.testing.assert_array_equal(initial_lags(samples, 3), samples[2:])
-    np.testing.assert_array_equal(initial_lags(samples[:2], 4), samples[[0, 0, 0, 1]])
-    np.testing.assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))
+    assert_array_equal(initial_lags(samples, 3), samples[2:])
+    assert_array_equal(initial_lags(samples[:2], 4), samples[[0, 0, 0, 1]])
+    assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from pytest import approx
 from scipy.stats import binom
 from simulated import simulated
 from test_model import joint
@@ -105,8 +107,8 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     means, covariances, _ = joint(model, start, pushes, rate[:, None], steady)
     mean = means @ of.wind
     variance = np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
-    np.testing.assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
-    np.testing.assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
+    assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
+    assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
 
 @pytest.mark.slow
@@ -115,8 +117,8 @@ def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
     flight, torque = flown(1, 12000, known, steady=-2.5)
     found = wind(known, Record.of(flight))
     assert np.corrcoef(found.torque, torque)[0, 1] > 0.95
-    assert found.sd == pytest.approx(torque.std(), rel=0.05)
-    assert found.mean == pytest.approx(torque.mean(), abs=0.02)
+    assert found.sd == approx(torque.std(), rel=0.05)
+    assert found.mean == approx(torque.mean(), abs=0.02)
     assert found.resolved
     assert np.mean(np.abs(found.torque - torque) <= found.band) > 0.9
 
@@ -131,11 +133,9 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
         ).torque
 
     shift = torque(20 * np.sign(EFFECT), known) - torque(np.zeros(4), known)
-    np.testing.assert_allclose(shift, -20 * np.abs(EFFECT).sum(), atol=1e-6)
+    assert_allclose(shift, -20 * np.abs(EFFECT).sum(), atol=1e-6)
     uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
-    np.testing.assert_allclose(
-        torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6
-    )
+    assert_allclose(torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6)
 
 
 def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
@@ -145,7 +145,7 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     uncertain.covariance[:4, :4] = 0.2**2 * np.outer(EFFECT, EFFECT)
     sure = wind(known, Record.of(flight))
     unsure = wind(uncertain, Record.of(flight))
-    assert unsure.mean_band == pytest.approx(1.645 * 0.2 * abs(sure.mean), rel=0.05)
+    assert unsure.mean_band == approx(1.645 * 0.2 * abs(sure.mean), rel=0.05)
     assert np.all(unsure.band >= sure.band)
 
 
@@ -181,10 +181,10 @@ def test_a_gust_is_found_where_it_is_with_its_length_and_size():
     torque[3000:3080] += 8.0 * np.sin(np.pi * np.arange(80) / 80)
     found = gusts(torque, np.zeros(6000), record_of(6000)).found
     (gust,) = [each for each in found if 29.0 < each.start < 32.0]
-    assert gust.start == pytest.approx(30.2, abs=0.2)
+    assert gust.start == approx(30.2, abs=0.2)
     assert gust.start == gust.sample * DT
-    assert gust.length == pytest.approx(0.6, abs=0.25)
-    assert gust.size == pytest.approx(8.0, abs=2.0)
+    assert gust.length == approx(0.6, abs=0.25)
+    assert gust.size == approx(8.0, abs=2.0)
     assert gusts(torque, np.full(6000, 10.0), record_of(6000)).found == ()
 
 
@@ -193,7 +193,7 @@ def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_
     torque[3000:3003] += 12.0  # 30 ms
     torque[4000:] += 20.0  # a step stays
     (short,) = gusts(torque, np.zeros(6000), record_of(6000)).found
-    assert short.start == pytest.approx(30.0, abs=0.2)
+    assert short.start == approx(30.0, abs=0.2)
     assert gusts(torque, np.zeros(6000), record_of(6000), shortest=0.05).found == ()
 
 
@@ -204,12 +204,12 @@ def test_a_motors_step_is_no_wind():
     inputs = flight.inputs + np.outer(np.arange(6000) >= 3000, 20 * np.sign(EFFECT))
     record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
     for found in (wind(known, record), wind(known, record, [37.0])):
-        assert found.sd == pytest.approx(torque.std(), rel=0.2)
+        assert found.sd == approx(torque.std(), rel=0.2)
         assert not [gust for gust in found.gusts if 28.0 < gust.start < 32.0]
     sample, size = wind(known, record).step
     assert (sample, size) == (
-        pytest.approx(3000, abs=50),
-        pytest.approx(-20 * np.abs(EFFECT).sum(), rel=0.1),
+        approx(3000, abs=50),
+        approx(-20 * np.abs(EFFECT).sum(), rel=0.1),
     )
     assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
 
@@ -293,7 +293,7 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
         by_slope = np.sqrt(np.diff(np.square([sure, torques(effect, step**2)])[..., 1], axis=0)[0])
         exact = torques(effect + step, np.zeros(4))[:, 0] - sure[:, 0]
         close = 0.1 * np.abs(exact).max()
-        np.testing.assert_allclose(by_slope / quantile(), np.abs(exact), atol=close)
+        assert_allclose(by_slope / quantile(), np.abs(exact), atol=close)
 
 
 @pytest.mark.slow
@@ -345,7 +345,7 @@ def test_an_estimate_has_it_and_says_of_when():
             flight.time[:1000], flight.outputs, flight.inputs, strict=False
         ):
             estimate = online.update(time, outputs, inputs)
-        assert estimate.wind_time == pytest.approx(estimate.time - DELAY_SECONDS)
+        assert estimate.wind_time == approx(estimate.time - DELAY_SECONDS)
         # Where the motors' effect is not identifiable, neither is the torque that follows from it.
         assert estimate.physical is not None and estimate.physical.identifiable == known
         assert np.isfinite([estimate.wind_torque, estimate.wind_torque_band]).all() == known

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from pytest import approx
 from simulated import simulated
 
 from mavdem import Flight, baselines, learn
@@ -84,7 +86,7 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
         FROM_ZERO: model.forecast(window.test.inputs, True),
     }
     for question, forecast in forecasts.items():
-        np.testing.assert_array_equal(found.forecasts[question], forecast)
+        assert_array_equal(found.forecasts[question], forecast)
         assert whole(found, question) == relative_mspe(window.train, window.test, forecast)
     assert found.scores[KNOWN].steps == HORIZONS and UNKNOWN not in found.scores
 
@@ -140,7 +142,7 @@ def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
     ours, theirs = (
         np.array([whole(row[column]) for row in compared.outcomes[:3]]) for column in (0, 2)
     )
-    assert found["subspace"].ratio == pytest.approx(np.median(ours / theirs))
+    assert found["subspace"].ratio == approx(np.median(ours / theirs))
     assert (found["subspace"].windows, found["subspace"].tested) == (3, 2)
     assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
     assert found["hold"] == Paired(1.0, 0, 3, 2, 1.0)
@@ -151,7 +153,7 @@ def test_over_flights_each_counts_once(compared):
     ours = row_of(rows, "subspace")
     refused = row_of(rows, "refuses")
     medians = [row_of(compared.summaries(flight), "subspace")["relative"] for flight in ("a", "b")]
-    assert ours["relative"] == pytest.approx(np.sqrt(np.prod(medians)))
+    assert ours["relative"] == approx(np.sqrt(np.prod(medians)))
     assert (ours["flights"], ours["windows"], ours["reference"].windows) == (2, 6, 2)
     assert refused["relative"] == np.inf and refused["failed"] == 6
 
@@ -208,16 +210,16 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     window = WINDOWS[1]
     outcome = predicted.outcomes[1][0]
     model = learn(window.train)
-    np.testing.assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
+    assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
     inside = np.abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
     expected = [inside[:steps].mean() for steps in HORIZONS]
-    assert outcome.scores[UNKNOWN].inside == pytest.approx(expected)
+    assert outcome.scores[UNKNOWN].inside == approx(expected)
     # Hold needs no inputs: it is the same with and without.
     one, other = (
         row_of(predicted.summaries("a", question), "hold")["relative"]
         for question in (KNOWN, UNKNOWN)
     )
-    assert one == pytest.approx(other)
+    assert one == approx(other)
     assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
     assert predicted.to_dict()["predictions"]["methods"] == [
         "DEM joint",
@@ -234,8 +236,8 @@ def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
     windows_of_a = [
         row[0].scores[UNKNOWN].inside[2] for row in predicted.outcomes if row[0].flight == "a"
     ]
-    assert shares[0] == pytest.approx(np.mean(windows_of_a))
-    assert row_of(predicted.over_flights(UNKNOWN), "DEM joint")["inside"][2] == pytest.approx(
+    assert shares[0] == approx(np.mean(windows_of_a))
+    assert row_of(predicted.over_flights(UNKNOWN), "DEM joint")["inside"][2] == approx(
         np.mean(shares)
     )
     assert row_of(predicted.over_flights(), "hold")["inside"] == [None] * len(HORIZONS)

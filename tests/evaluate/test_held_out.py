@@ -4,6 +4,8 @@ from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from simulated import SIGNS, simulated
 
 import mavdem
@@ -36,7 +38,7 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     # Up to a window is lost at the end of each part.
     assert len(time) > len(FLIGHT) - lead - FOLDS * STEPS
     at = np.searchsorted(FLIGHT.time, time)
-    np.testing.assert_array_equal(held_out.measured.reshape(-1, 2), FLIGHT.outputs[at])
+    assert_array_equal(held_out.measured.reshape(-1, 2), FLIGHT.outputs[at])
 
 
 def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
@@ -69,12 +71,10 @@ def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
     moved[last:] += 30.0 * SIGNS
     again = held_out_windows([mavdem.Flight(FLIGHT.time, FLIGHT.inputs, changed)], QUICK, STEPS)
     for name in ("forecast", "prediction"):
-        np.testing.assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])
+        assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])
     # A prediction does not know the motors of its window either; a forecast does.
     driven = held_out_windows([mavdem.Flight(FLIGHT.time, moved, FLIGHT.outputs)], QUICK, STEPS)
-    np.testing.assert_array_equal(
-        driven.forecasts["prediction"][-1], held_out.forecasts["prediction"][-1]
-    )
+    assert_array_equal(driven.forecasts["prediction"][-1], held_out.forecasts["prediction"][-1])
     assert not np.array_equal(driven.forecasts["forecast"][-1], held_out.forecasts["forecast"][-1])
 
 
@@ -83,29 +83,23 @@ def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
     test = FLIGHT[600:700]
     learned = mavdem.learn(train, QUICK)
     window = held_out_test(train, test, learned)
-    np.testing.assert_allclose(
-        window.forecasts["forecast"][0], learned.forecast(test.inputs), rtol=1e-7
-    )
-    np.testing.assert_allclose(window.forecasts["prediction"][0], learned.predict(100), rtol=1e-7)
-    np.testing.assert_allclose(window.band[0], learned.forecast_band(test.inputs), rtol=1e-7)
-    np.testing.assert_array_equal(
-        window.forecasts[HOLD_LAST][0], np.tile(train.outputs[-1], (100, 1))
-    )
-    assert window.error_ratio() == pytest.approx(
-        relative_mspe(train, test, learned.forecast(test.inputs))
-    )
+    assert_allclose(window.forecasts["forecast"][0], learned.forecast(test.inputs), rtol=1e-7)
+    assert_allclose(window.forecasts["prediction"][0], learned.predict(100), rtol=1e-7)
+    assert_allclose(window.band[0], learned.forecast_band(test.inputs), rtol=1e-7)
+    assert_array_equal(window.forecasts[HOLD_LAST][0], np.tile(train.outputs[-1], (100, 1)))
+    assert window.error_ratio() == approx(relative_mspe(train, test, learned.forecast(test.inputs)))
 
 
 def test_figures_are_those_of_the_windows(held_out):
     errors = ((held_out.measured - held_out.forecasts["forecast"]) ** 2).mean(axis=1)
     mean = ((held_out.measured - held_out.forecasts[CONSTANT_MEAN]) ** 2).mean(axis=1)
-    np.testing.assert_allclose(held_out.rmse(), np.sqrt(errors.mean(axis=0)))
+    assert_allclose(held_out.rmse(), np.sqrt(errors.mean(axis=0)))
     own = (errors / held_out.variance).sum(axis=1)
     others = (mean / held_out.variance).sum(axis=1)
-    assert held_out.error_ratio() == pytest.approx(own.sum() / others.sum())
+    assert held_out.error_ratio() == approx(own.sum() / others.sum())
     assert held_out.best_baseline in (CONSTANT_MEAN, HOLD_LAST)
     found = held_out.as_dict()
-    assert found["median_error_ratio"] == pytest.approx(np.median(own / others))
+    assert found["median_error_ratio"] == approx(np.median(own / others))
     assert found["inside_90_percent_band"] == held_out.coverage
 
 
@@ -131,12 +125,12 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
     assert none.error_ratio() == np.inf and none.coverage == 0.0
     # The baselines need no model, and the band is judged by what was forecast.
     for name in (CONSTANT_MEAN, HOLD_LAST):
-        np.testing.assert_allclose(none.forecasts[name], held_out.forecasts[name])
+        assert_allclose(none.forecasts[name], held_out.forecasts[name])
     monkeypatch.setattr(module, "learn_forecasts", once)
     some = held_out_windows([FLIGHT], QUICK, STEPS)
     lost = int(np.isnan(some.band[:, 0, 0]).sum())
     inside = np.abs(held_out.measured - held_out.forecasts["forecast"]) <= held_out.band
-    assert 0 < lost < len(some) and some.coverage == pytest.approx(inside[lost:].mean())
+    assert 0 < lost < len(some) and some.coverage == approx(inside[lost:].mean())
 
 
 def test_a_flight_without_room_for_a_window_is_refused():

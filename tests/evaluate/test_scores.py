@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from scipy.stats import wilcoxon
 
 from mavdem import Flight, baselines, evaluate
@@ -28,7 +30,7 @@ def scores_of(model, flight: Flight = FLIGHT) -> Scores:
 
 def test_mspe_is_per_output_and_summed():
     error = evaluate.mspe([[0.0, 0.0], [2.0, 1.0]], np.zeros((2, 2)))
-    np.testing.assert_array_equal(error.per_output, [2.0, 0.5])
+    assert_array_equal(error.per_output, [2.0, 0.5])
     assert error.total == 2.5
 
 
@@ -49,15 +51,13 @@ def test_a_prediction_beyond_all_numbers_errs_infinitely(wild):
 
 def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
     scores = scores_of(baselines.constant_mean)
-    np.testing.assert_allclose(scores.ratio, 1)
+    assert_allclose(scores.ratio, 1)
     assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
     still = Flight(TEST.time, TEST.inputs, np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
     assert evaluate.relative_mspe(TRAIN, still, still.outputs) == 1  # neither errs
     # Outputs count in units of their training variance.
     scaled = Flight(FLIGHT.time, FLIGHT.inputs, FLIGHT.outputs * [57.3, 0.01] + 5)
-    np.testing.assert_allclose(
-        scores_of(baselines.hold).ratio, scores_of(baselines.hold, scaled).ratio
-    )
+    assert_allclose(scores_of(baselines.hold).ratio, scores_of(baselines.hold, scaled).ratio)
     # One that is constant in training has none.
     train = Flight(TRAIN.time, TRAIN.inputs, TRAIN.outputs * [1, 0] + [0, 0.1])
     with pytest.raises(ValueError, match="^train must vary"):
@@ -70,9 +70,9 @@ def test_each_sample_counts_once_and_the_last_horizon_is_the_mspe():
     before = np.vstack([TRAIN.outputs[-1:], TEST.outputs[24:-1:25]])
     errors = (TEST.outputs - np.repeat(before, 25, axis=0)) ** 2
     place = HORIZONS.index(25)
-    np.testing.assert_allclose(scores.squared_error[place], errors.mean(axis=0))
+    assert_allclose(scores.squared_error[place], errors.mean(axis=0))
     whole = baselines.hold(TRAIN).forecast(TEST.inputs)
-    assert scores.ratio[-1] == pytest.approx(evaluate.relative_mspe(TRAIN, TEST, whole))
+    assert scores.ratio[-1] == approx(evaluate.relative_mspe(TRAIN, TEST, whole))
 
 
 def test_horizons_are_those_of_the_test_part():
@@ -105,7 +105,7 @@ def test_the_test_is_wilcoxons_on_log_ratios():
     ours, theirs = rng.lognormal(size=(2, 15))
     found = paired(ours, theirs, overlapping(15))
     assert found.p_value == wilcoxon(np.log(ours / theirs)[::2]).pvalue
-    assert found.ratio == pytest.approx(np.median(ours / theirs))
+    assert found.ratio == approx(np.median(ours / theirs))
     assert (found.less, found.windows, found.tested) == (int((ours < theirs).sum()), 15, 8)
 
 
@@ -149,8 +149,8 @@ def test_every_window_that_fits_is_cut():
         ("a", 425, 1275),
         ("a", 850, 1700),
     ]
-    np.testing.assert_array_equal(cut[1].train.outputs[:, 0], np.arange(425, 1125))
-    np.testing.assert_array_equal(cut[1].test.outputs[:, 0], np.arange(1125, 1275))
+    assert_array_equal(cut[1].train.outputs[:, 0], np.arange(425, 1125))
+    assert_array_equal(cut[1].test.outputs[:, 0], np.arange(1125, 1275))
     stops = [one.stop for one in windows("a", uniform(30), train=10, test=5, hop=5)]
     assert stops == [15, 20, 25, 30]
     assert windows("a", uniform(849)) == () and len(windows("a", uniform(850))) == 1

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pytest import approx
 from refusals import refused
 
 from mavdem import Flight
@@ -77,12 +78,12 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
         "roll_effect"
     ].tolist()
     mean = by_name["mean effect"]
-    assert mean.truth == pytest.approx(np.abs(known["roll_effect"]).mean())
+    assert mean.truth == approx(np.abs(known["roll_effect"]).mean())
     assert (mean.estimate, mean.half_width) == learned.physical.mean_effect() and mean.inside
     assert by_name["damping"].truth == -known["roll_A"][1, 1]
     assert by_name["lag of the motors"].truth == known["lag"][0]
     # Commands are held for a cycle of 4 ms, and sensors are 4 ms late.
-    assert by_name["delay"].truth == pytest.approx(0.006)
+    assert by_name["delay"].truth == approx(0.006)
     true = np.interp(flight.time, motion.time, known["roll_disturbance"])
     assert found.wind.true_sd == true.std() and found.wind.mean.truth == true.mean()
     assert found.wind.correlation == np.corrcoef(learned.wind_torque.torque, true)[0, 1] > 0.5

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fleet_rows import flight_row
+from pytest import approx
 
 from mavdem.documents import whole
 from mavdem.evaluate.paired_test import SIGNIFICANCE
@@ -90,7 +91,7 @@ def test_a_motor_that_works_harder_and_does_less_is_found_and_named():
     changed = {one.quantity: one for one in found.of(Outcome.CHANGED)}
     assert changed[Quantity(SHARE, 3)].difference > 0
     effect = changed[Quantity(EFFECT, 3)]
-    assert effect.difference == pytest.approx(-0.18, abs=effect.half_width)
+    assert effect.difference == approx(-0.18, abs=effect.half_width)
     surest = min(
         (one for one in found.changes if one.quantity.kind == EFFECT), key=lambda one: one.p
     )

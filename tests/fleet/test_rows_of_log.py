@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pytest import approx
 from recorded_flights import LOGS
 
 import mavdem
@@ -37,13 +38,9 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
             "ok",
             None,
         ) and "4.0 Hz" in row.tier_reason
-        assert row.trim == pytest.approx(hover.trim) and row.headroom == pytest.approx(
-            hover.headroom
-        )
-        assert row.duration == pytest.approx(hover.seconds) and row.attitude_rate == pytest.approx(
-            4, abs=0.2
-        )
-        assert row.lean_roll == pytest.approx(np.radians(hover.roll))
+        assert row.trim == approx(hover.trim) and row.headroom == approx(hover.headroom)
+        assert row.duration == approx(hover.seconds) and row.attitude_rate == approx(4, abs=0.2)
+        assert row.lean_roll == approx(np.radians(hover.roll))
         assert len(row.positions) == len(row.spins) == len(row.motors) == 4
 
 

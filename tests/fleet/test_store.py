@@ -16,6 +16,7 @@ from unittest.mock import Mock
 
 import pytest
 from pyarrow import parquet
+from pytest import approx
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
 from mavdem.errors import Unreadable
@@ -294,13 +295,13 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
         for number in (-1, 0, 1)
     ]
     new = flight("new", (1510, 1500), inputs="motors")
-    assert residual_mean(new, healthy) == pytest.approx(-10)
-    assert residual_mean(healthy[0], healthy) == pytest.approx(3)
+    assert residual_mean(new, healthy) == approx(-10)
+    assert residual_mean(healthy[0], healthy) == approx(3)
     # Other axes, motors and inputs are other models.
     by_demand = flight("demand", (0.1,), inputs="demand", effect=(2.0,))
     for other in (replace(new, axis="pitch"), replace(new, motors=("other", "names")), by_demand):
         assert residual_mean(other, healthy) is None
-    assert residual_mean(healthy[0], [*healthy, by_demand]) == pytest.approx(3)
+    assert residual_mean(healthy[0], [*healthy, by_demand]) == approx(3)
 
 
 def test_health_comes_from_the_vehicle_s_healthy_flights():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from frames import geometry
 from numpy.testing import assert_allclose
+from pytest import approx
 from recorded_flights import shared
 
 from mavdem.alignment.read import choose_vehicle
@@ -61,7 +62,7 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
                 *((found.lean_effect - EFFECT) / found.lean_effect_error).ravel(),
             ]
         )
-        assert found.lean == pytest.approx(lean.mean(axis=0), abs=1e-3)
+        assert found.lean == approx(lean.mean(axis=0), abs=1e-3)
     # Standard scores: their mean is 0 and their size 1, within what 60 flights show (3 standard errors).
     assert np.abs(np.mean(away, axis=0)).max() < 3 / np.sqrt(60) * 1.2
     assert np.std(away, axis=0).max() < 1.5
@@ -197,7 +198,7 @@ def test_each_flight_by_itself_is_judged_as_the_documentation_says(verdicts):
     for name, (health, *probabilities) in shown.items():
         found = verdicts[name]
         assert found.health == health
-        assert [found.fault_probability, found.change_probability] == pytest.approx(
+        assert [found.fault_probability, found.change_probability] == approx(
             probabilities, abs=0.005
         )
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from frames import FRAMES, geometry
+from pytest import approx
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
@@ -39,7 +40,7 @@ def test_the_pattern_is_named(mean, code, figures):
     assert found.level is (Level.GOOD if code is Trim.TRIM_EVEN else Level.WATCH)
     named = {name: found.figures[name] for name in figures}
     assert named == {
-        name: value if isinstance(value, str) else pytest.approx(value, abs=0.005)
+        name: value if isinstance(value, str) else approx(value, abs=0.005)
         for name, value in figures.items()
     }
 
@@ -54,7 +55,7 @@ def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
         assert found.subject == (name if motors == 4 else "")
         if found.subject:
             assert found.code is Trim.TRIM_OF_ONE_MOTOR
-            assert found.figures["rise"][0] == pytest.approx(0.4, abs=0.05)
+            assert found.figures["rise"][0] == approx(0.4, abs=0.05)
         # Of a little, or in another ratio, none is.
         assert not trim_of(flown(0.3 * signature), plan).subject
         assert not trim_of(flown(signature * [1, 1, -0.3]), plan).subject

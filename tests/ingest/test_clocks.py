@@ -4,10 +4,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pytest import approx
 
 from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
@@ -78,7 +78,7 @@ def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells():
     servo = times + 0.01
     servo[39] = 3.9
     made = interleaved(times, servo)
-    assert made.boot[79] == 1 and made.time[79] == pytest.approx(3.9)
+    assert made.boot[79] == 1 and made.time[79] == approx(3.9)
     assert made.boot[77] == 0 and made.boot[81] == 1
 
 
@@ -127,7 +127,7 @@ def test_unix_time_is_moved_to_the_boot_clock():
     assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
     (moved,) = made.repairs
     assert moved.code is Repair.CLOCK_MOVED
-    assert moved.figures["offset"] == pytest.approx(1.6e9, abs=0.2)
+    assert moved.figures["offset"] == approx(1.6e9, abs=0.2)
     # Messages without a clock take the last before them.
     stamps = [Sent("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
     assert clock(stamps, 6).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]

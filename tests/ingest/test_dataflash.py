@@ -7,6 +7,7 @@ from pathlib import Path
 import dataflash_logs as made
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pymavlink import DFReader
 from pytest import approx
 from recorded_flights import shared
@@ -132,7 +133,7 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
     for message, field, own, name, factor in TRANSLATED[log]:
         primary = np.array(read[own].get("C", np.zeros(len(read[own][name])))) == 0
         expected = factor * np.array(read[own][name])[primary]
-        np.testing.assert_allclose(vehicle.messages[message][field], expected, rtol=1e-14)
+        assert_allclose(vehicle.messages[message][field], expected, rtol=1e-14)
         assert vehicle.called(message) in (own, "ANG")
     named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
     assert vehicle.parameters == named
@@ -354,10 +355,8 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
         for one, each, late in ((rate, degrees[0], 0.003), (angle, degrees[1], 0.008)):
             at = 20.5 + 0.1 * np.arange(4) + late
             rows = np.searchsorted(one.signal.time, at - 1e-4)
-            np.testing.assert_allclose(one.signal.time[rows], at, atol=1e-9)
-            np.testing.assert_allclose(
-                one.signal.values[rows], np.radians(each) * np.arange(4), atol=1e-9
-            )
+            assert_allclose(one.signal.time[rows], at, atol=1e-9)
+            assert_allclose(one.signal.values[rows], np.radians(each) * np.arange(4), atol=1e-9)
     assert [one.name for one in setpoints(vehicle, "yaw")] == ["yaw rate setpoint"]
     assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT"
 

@@ -7,6 +7,7 @@ import dataflash_logs as dataflash
 import numpy as np
 import pytest
 from mavlink_streams import refused
+from numpy.testing import assert_allclose, assert_array_equal
 from pyulog import ULog
 from recorded_flights import shared
 
@@ -73,37 +74,33 @@ def log(
 @pytest.mark.parametrize(("rate", "gyro"), [(100, True), (1, True), (1, False)])
 def test_the_unit_of_rate_is_told_by_the_gyro(tmp_path, rate, gyro):
     vehicle = log(tmp_path, rate, gyro=gyro)
-    np.testing.assert_allclose(
-        vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6
-    )
+    assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     assert [fact.code is CENTIDEGREES for fact in vehicle.repairs].count(True) == (rate == 100)
     (asked,) = setpoints(vehicle, "roll")
-    np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
+    assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
     # Rounding and bias of a vehicle at rest make any ratio.
     assert CENTIDEGREES not in [fact.code for fact in log(tmp_path, 100.0, swing=0.001).repairs]
 
 
 def test_demands_of_4500_are_full_demands(tmp_path):
     controls = log(tmp_path, 100.0).messages["ACTUATOR_CONTROL_TARGET"]["controls"]
-    np.testing.assert_allclose(controls[:, 0], 10.0 / 4500)
-    np.testing.assert_allclose(controls[:, 3], 0.4)
+    assert_allclose(controls[:, 0], 10.0 / 4500)
+    assert_allclose(controls[:, 3], 0.4)
     controls = log(tmp_path).messages["ACTUATOR_CONTROL_TARGET"]["controls"]
-    np.testing.assert_allclose(controls[:, [0, 3]], [[0.1, 0.4]] * len(TIMES))
+    assert_allclose(controls[:, [0, 3]], [[0.1, 0.4]] * len(TIMES))
 
 
 def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,a,b,c,d,e,f,g,h,i,j")
-    np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, atol=1e-9)
+    assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, atol=1e-9)
     assert vehicle.called("ATTITUDE") == "ATT" and "ACTUATOR_CONTROL_TARGET" not in vehicle.messages
 
 
 def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,Rll,Pit,Yaw,RllOut,PitOut,YawOut,x,RllDes,PitDes,YawDes")
     (asked,) = setpoints(vehicle, "roll")
-    np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(
-        vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6
-    )
+    assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
+    assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert (controls[:, 0] == 0.1).all() and np.isnan(controls[:, 3]).all()
     assert Signals(vehicle).collective is None
@@ -146,7 +143,7 @@ def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, batter
     vehicle = log(tmp_path, battery=battery)
     signal = Signals(vehicle).voltage
     assert signal is not None and len(signal.time) == len(TIMES)
-    np.testing.assert_allclose(signal.values, 15.25)
+    assert_allclose(signal.values, 15.25)
     assert vehicle.called("SYS_STATUS") == battery
     assert Signals(log(tmp_path)).voltage is None
 
@@ -179,16 +176,14 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     power, shaking, clock = (
         found.messages[name] for name in ("SYS_STATUS", "VIBRATION", "SYSTEM_TIME")
     )
-    np.testing.assert_allclose(power["voltage_battery"], 12500)
-    np.testing.assert_allclose(power["current_battery"], 1525)
-    np.testing.assert_allclose(shaking["vibration_z"], 3.5)
-    np.testing.assert_array_equal(shaking["clipping_0"], range(5))
-    np.testing.assert_array_equal(shaking["clipping_1"], range(7, 12))
-    np.testing.assert_allclose(shaking["levels"], [[1.5, 2.5, 3.5, 1.5, 2.5, 4.5]] * 5)
+    assert_allclose(power["voltage_battery"], 12500)
+    assert_allclose(power["current_battery"], 1525)
+    assert_allclose(shaking["vibration_z"], 3.5)
+    assert_array_equal(shaking["clipping_0"], range(5))
+    assert_array_equal(shaking["clipping_1"], range(7, 12))
+    assert_allclose(shaking["levels"], [[1.5, 2.5, 3.5, 1.5, 2.5, 4.5]] * 5)
     # with a fix
-    np.testing.assert_allclose(
-        clock["time_unix_usec"] / 1e6, moment.timestamp() + np.arange(1, 5), rtol=1e-12
-    )
+    assert_allclose(clock["time_unix_usec"] / 1e6, moment.timestamp() + np.arange(1, 5), rtol=1e-12)
 
 
 def test_a_ulog_has_what_pyulog_reads_of_it():
@@ -197,10 +192,10 @@ def test_a_ulog_has_what_pyulog_reads_of_it():
     log = ULog(str(path), ["vehicle_imu_status", "battery_status"])
     status = log.get_dataset("vehicle_imu_status").data
     power = log.get_dataset("battery_status").data
-    np.testing.assert_array_equal(
+    assert_array_equal(
         vehicle.messages["VIBRATION"]["vibration_z"], status["accel_vibration_metric"]
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         vehicle.messages["SYS_STATUS"]["current_battery"], 100.0 * power["current_a"], rtol=1e-6
     )
     assert vehicle.board == log.msg_info_dict["sys_uuid"]

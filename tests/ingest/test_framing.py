@@ -13,6 +13,7 @@ from mavlink_streams import NOW, beginning, flight, frame, frames_in, heartbeat,
 from numpy.typing import NDArray
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
+from pytest import approx
 from whole_logs import read
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
@@ -193,7 +194,7 @@ def test_a_damaged_stamp_misleads_nobody(row, wrong):
     first = NOW / 1e6
     last = NOW / 1e6 + 0.01 * (len(frames) - 1)
     assert (
-        log.receive_time == pytest.approx((first, last))
+        log.receive_time == approx((first, last))
         or abs(struct.unpack(">Q", wrong)[0] / 1e6 - first) <= MAX_STAMP_JUMP
     )
     assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)

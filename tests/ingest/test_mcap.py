@@ -14,6 +14,7 @@ from mavlink_streams import NOW, SAMPLES, beginning, flight, heartbeat, refused,
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_files import Recorder, converted, json_only, spoil
+from pytest import approx
 from ros2_files import TIMES as SHORT
 from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
 
@@ -195,7 +196,7 @@ def test_frames_may_come_in_pieces(encoding, recorder):
     log = recorder.log()
     assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
     first, last = log.receive_time
-    assert (first, last) == pytest.approx(
+    assert (first, last) == approx(
         (NOW / 1e6 + 0.01, NOW / 1e6 + 0.02 * (len(content) // size) + 0.01)
     )
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from pytest import approx
 
 from mavdem.ingest.motors import motor_geometry, output_scale
 
@@ -100,7 +102,7 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, par
 def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest):
     """The highest outputs in logs of 4.2, 3.3 and 3.2, in which a motor was at its limit for long."""
     scale = output_scale(np.array([[1061.0, 1800.0]]), parameters)
-    assert scale.low + scale.stop * (scale.high - scale.low) == pytest.approx(highest, abs=1.0)
+    assert scale.low + scale.stop * (scale.high - scale.low) == approx(highest, abs=1.0)
 
 
 def test_a_gimbals_channels_are_no_motors():
@@ -138,4 +140,4 @@ def test_a_motor_whose_output_never_changes_is_a_motor():
     found = motor_geometry("QUADROTOR", "PX4", on_aux, moving=[18, 19, 20], bank=16)
     assert found is not None and found.channels == (17, 18, 19, 20) and not found.channels_assumed
     scale = scale_of((0.0, 1000.0, 2000.0), {})  # without pulses it is off
-    np.testing.assert_allclose(scale.fraction(np.array([0.0, 900.0, 1500.0])), [0.0, -0.1, 0.5])
+    assert_allclose(scale.fraction(np.array([0.0, 900.0, 1500.0])), [0.0, -0.1, 0.5])

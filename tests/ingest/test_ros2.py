@@ -11,6 +11,7 @@ import pytest
 from mavlink_streams import flight, heartbeat, refused
 from mcap_files import Recorder
 from numpy.typing import NDArray
+from pytest import approx
 from ros2_files import (
     DEFINITIONS,
     TIMES,
@@ -190,7 +191,7 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
     ]
     with pytest.raises(NotLearnable, match="several vehicles"):
         mavdem.read_flight(path)
-    assert mavdem.read_flight(path, vehicle="2").time[0] == pytest.approx(120)
+    assert mavdem.read_flight(path, vehicle="2").time[0] == approx(120)
 
 
 def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
@@ -339,8 +340,8 @@ def test_the_battery_of_either_bridge(tmp_path):
 
     for vehicle in read_log(written(tmp_path, write)).vehicles:
         signal = Signals(vehicle).voltage
-        assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14, 13, 12])
-        assert np.diff(signal.time) == pytest.approx([1, 1, 1, 1], abs=1e-6)
+        assert signal is not None and signal.values.tolist() == approx([16, 15, 14, 13, 12])
+        assert np.diff(signal.time) == approx([1, 1, 1, 1], abs=1e-6)
 
 
 def test_setpoints_of_mavros_are_turned_back(recorder):
@@ -353,11 +354,11 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
     recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
     vehicle = recorder.vehicle()
     assert [(one.name, one.signal.values.tolist()) for one in setpoints(vehicle, "roll")] == [
-        ("roll setpoint", [pytest.approx(rpy[0])])
+        ("roll setpoint", [approx(rpy[0])])
     ]
     assert {one.name: one.signal.values[0] for one in setpoints(vehicle, "pitch")} == {
-        "pitch rate setpoint": pytest.approx(pqr[1]),
-        "pitch setpoint": pytest.approx(rpy[1]),
+        "pitch rate setpoint": approx(pqr[1]),
+        "pitch setpoint": approx(rpy[1]),
     }
 
 

@@ -8,7 +8,9 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from mavlink_streams import refused
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from pytest import approx
 from pyulog import ULog
 from recorded_flights import shared
 from ulog_files import (
@@ -90,7 +92,7 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     messages = vehicle.messages["ATTITUDE_QUATERNION"]
     time = messages["time"] - 20
     assert vehicle.repairs[0].code is Repair.ATTITUDE_INTERPOLATED
-    assert dict(vehicle.repairs[0].figures) == pytest.approx({"attitude_rate": 20, "rate": 50})
+    assert dict(vehicle.repairs[0].figures) == approx({"attitude_rate": 20, "rate": 50})
     assert (
         np.allclose(np.diff(time)[np.diff(time) < 0.1], 0.02)
         and not ((time > 2.001) & (time < 2.499)).any()
@@ -172,12 +174,12 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
     vehicle = vehicle_of(log(*pieces), tmp_path)
     assert (np.diff(vehicle.messages["ATTITUDE_TARGET"]["time"]) > 0).all()
     rate, angle = setpoints(vehicle, "roll")
-    np.testing.assert_allclose(rate.signal.time, 20.1 + np.arange(4) / 2)
-    np.testing.assert_allclose(rate.signal.values, np.arange(4))
-    np.testing.assert_allclose(angle.signal.values, [0, 0.1, 0.3], atol=1e-7)
-    np.testing.assert_allclose(angle.signal.time, [20, 20.5, 21.5])
+    assert_allclose(rate.signal.time, 20.1 + np.arange(4) / 2)
+    assert_allclose(rate.signal.values, np.arange(4))
+    assert_allclose(angle.signal.values, [0, 0.1, 0.3], atol=1e-7)
+    assert_allclose(angle.signal.time, [20, 20.5, 21.5])
     (yaw,) = setpoints(vehicle, "yaw")
-    np.testing.assert_allclose(yaw.signal.values, 20 + np.arange(4))
+    assert_allclose(yaw.signal.values, 20 + np.arange(4))
 
 
 def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
@@ -187,8 +189,8 @@ def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
     vehicle = vehicle_of(log(*pieces), tmp_path)
     (injected,) = Signals(vehicle).injected
     assert injected.where is Injection.RATE_SETPOINT
-    np.testing.assert_allclose(injected.signal.time, 20 + np.arange(4) / 2)
-    np.testing.assert_allclose(injected.signal.values, np.arange(4), rtol=1e-6)
+    assert_allclose(injected.signal.time, 20 + np.arange(4) / 2)
+    assert_allclose(injected.signal.values, np.arange(4), rtol=1e-6)
     assert Signals(vehicle, axis="pitch").injected == ()
 
 
@@ -344,9 +346,9 @@ def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path):
             continue
         if WANTED in vehicle.messages:
             found = stamps_of(vehicle)
-            assert found == INTACT[: len(found)] and content[:end].count(
-                b"D\x02\x00"
-            ) == pytest.approx(len(found), abs=1)
+            assert found == INTACT[: len(found)] and content[:end].count(b"D\x02\x00") == approx(
+                len(found), abs=1
+            )
 
 
 def test_stamps_that_cannot_be_are_left_out(tmp_path):

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from mavdem.facts.session import Session
 from mavdem.live.gusts import LiveGusts
@@ -27,10 +28,10 @@ def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
         assert found == []
         return
     [gust] = found
-    assert gust.code is Session.GUST_FELT and gust.figures["clock"] == pytest.approx(82.0, abs=0.05)
+    assert gust.code is Session.GUST_FELT and gust.figures["clock"] == approx(82.0, abs=0.05)
     # beside the torque so far
-    assert gust.figures["torque"] == pytest.approx(20.0, rel=0.05)
-    assert gust.figures["duration"] == pytest.approx(0.5, abs=0.05)
+    assert gust.figures["torque"] == approx(20.0, rel=0.05)
+    assert gust.figures["duration"] == approx(0.5, abs=0.05)
 
 
 def test_what_is_not_known_is_no_gust_and_no_level():

@@ -1,8 +1,9 @@
 """The history of a live flight: errors as they are by hand, lines with their gaps, and bounded memory."""
 
 import numpy as np
-import pytest
 from live_rows import AHEAD, flown
+from numpy.testing import assert_allclose
+from pytest import approx
 
 from mavdem.live import history as live_history
 from mavdem.live.history import LiveHistory
@@ -18,9 +19,9 @@ def test_errors_are_those_of_the_samples_that_are_learned_from_and_whose_time_ha
     short, long = history.errors()
     assert (short.seconds, long.seconds) == AHEAD
     assert (short.samples, long.samples) == (499, 475)
-    np.testing.assert_allclose(long.mse, [0.01, 0.04])
-    np.testing.assert_allclose(long.held, np.mean((motion[25:] - motion[:-25]) ** 2, axis=0))
-    np.testing.assert_allclose(long.inside, [0, 1])
+    assert_allclose(long.mse, [0.01, 0.04])
+    assert_allclose(long.held, np.mean((motion[25:] - motion[:-25]) ** 2, axis=0))
+    assert_allclose(long.inside, [0, 1])
 
 
 def test_nothing_is_compared_across_a_gap_and_lines_break_there():
@@ -30,17 +31,17 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     assert [one.samples for one in history.errors()] == [298, 250]
     _, _, measured, predicted, *_ = history.rows.T
     shown = np.isfinite(predicted)
-    np.testing.assert_allclose(predicted[shown], measured[shown] + 0.1)
-    assert history.learned == [pytest.approx((100.0, 100.99)), pytest.approx((103.0, 104.99))]
+    assert_allclose(predicted[shown], measured[shown] + 0.1)
+    assert history.learned == [approx((100.0, 100.99)), approx((103.0, 104.99))]
 
 
 def test_the_clock_goes_on_where_a_reboot_sets_it_back_and_predictions_with_it():
     history = LiveHistory()
     flown(history, 3.0)
     flown(history, 3.0, segment=1, start=5.0, boot=1)
-    assert history.learned == [pytest.approx((100.0, 102.99)), pytest.approx((103.99, 106.98))]
+    assert history.learned == [approx((100.0, 102.99)), approx((103.99, 106.98))]
     assert [one.samples for one in history.errors()] == [598, 550]
-    assert history.now == pytest.approx(106.98) and history.shift == pytest.approx(98.99)
+    assert history.now == approx(106.98) and history.shift == approx(98.99)
 
 
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
@@ -49,7 +50,7 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     flown(history, 10.0)
     time = history.rows[:, 1]
     assert len(time) <= 100
-    assert time[0] == pytest.approx(100.0, abs=0.2) and time[-1] == pytest.approx(110.0, abs=0.2)
+    assert time[0] == approx(100.0, abs=0.2) and time[-1] == approx(110.0, abs=0.2)
     assert history.errors()[0].samples == 999
     for segment in (1, 2, 3):
         flown(history, 2.0, segment, 110.0 + 5 * segment)

@@ -8,6 +8,7 @@ import pytest
 from hover import Hover
 from live_hover import Flight, Timed, replay
 from mavlink_streams import frame, message
+from numpy.testing import assert_allclose, assert_array_equal
 
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions
@@ -50,9 +51,7 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     assert made.stream.status().vehicle == "1:1"
     made.stream.parameters  # noqa: B018
     for number, rows in made.segments().items():
-        np.testing.assert_allclose(
-            np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9
-        )
+        assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -76,7 +75,7 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
             )
         )
     made = replay(among(FLIGHT.frames(0.0, 20.0), odd))
-    np.testing.assert_array_equal(made.table(), usual_rows())
+    assert_array_equal(made.table(), usual_rows())
     assert VehicleFact.VEHICLE_REBOOTED not in made.codes
 
 

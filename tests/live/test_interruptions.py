@@ -7,6 +7,8 @@ import pytest
 from hover import Hover
 from live_hover import Flight, Replay, Timed, differences, offline, replay
 from mavlink_streams import message
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 
 from mavdem.facts.session import Rows, VehicleFact
 
@@ -16,9 +18,7 @@ FLIGHT = Flight(hover=Hover(hovering=30.0))
 def settled_uniform(made: Replay) -> None:
     """Within a segment rows are one step apart, whatever happened."""
     for number, rows in made.segments().items():
-        np.testing.assert_allclose(
-            np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9
-        )
+        assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
 
 
 def same_as_offline(made: Replay, frames: Timed, tolerance: float = 1e-9) -> None:
@@ -43,10 +43,10 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.segments().keys() == {0, 1}
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     # A review, which goes on with the messages, decides anew what rows are made of.
-    assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.4)
+    assert made.segments()[1][0].time == approx(18.0 + silence, abs=0.4)
     assert all(row.settled for row in made.segments()[1])
     assert (VehicleFact.CLOCK_JUMPED if silence > 5 else Rows.MESSAGE_GAP) in made.codes
-    assert silence < 1.0 or made.stream.status().missing == pytest.approx(silence, abs=0.1)
+    assert silence < 1.0 or made.stream.status().missing == approx(silence, abs=0.1)
     settled_uniform(made)
     same_as_offline(made, frames + rest)
 
@@ -69,7 +69,7 @@ def test_another_rate_in_flight_decides_the_step_anew():
     made = replay(slow + FLIGHT.frames(start=18.0, end=26.0))
     assert [setup.dt for setup in made.setups.values()] == [0.02, 0.01]
     changed = [fact for fact in made.facts if fact.code is Rows.RATE_CHANGED]
-    assert changed and changed[0].figures["former_rate"] == pytest.approx(50.0)
+    assert changed and changed[0].figures["former_rate"] == approx(50.0)
     assert made.segments()[1][0].time < 21.0 and all(row.settled for row in made.segments()[1])
     settled_uniform(made)
 
@@ -93,7 +93,7 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert not made.rows
     (fact,) = (fact for fact in made.facts if fact.code is Rows.LIVE_RATES_TOO_LOW)
     assert fact.figures["can_ask"] and "SERVO_OUTPUT_RAW" in str(fact)
-    assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == pytest.approx(4.0, abs=0.1)
+    assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
     assert Rows.LIVE_RATES_ENOUGH in cured.codes
     assert cured.rows[0].time < 20.6 and all(row.settled for row in cured.rows)
@@ -108,7 +108,7 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
 def test_copies_change_nothing():
     frames = FLIGHT.frames(end=18.0)
     twice = [entry for entry in frames for _ in range(2)]
-    np.testing.assert_array_equal(replay(twice).table(), replay(frames).table())
+    assert_array_equal(replay(twice).table(), replay(frames).table())
 
 
 def test_messages_out_of_order_are_put_in_order_or_counted():
@@ -124,7 +124,7 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     status = made.stream.status()
     assert status.late < 100 and status.lost == 0, "one that is overtaken is not lost"
     count = min(len(made.rows), len(usual.rows))
-    np.testing.assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
+    assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
 
 
 OCTOROTOR = 14
@@ -175,4 +175,4 @@ def test_pitch_is_read_from_pitch():
     made = replay(frames, axis="pitch")
     times, outputs, inputs = differences(made, 0, offline([data for _, data in frames]), "pitch")
     assert max(times, outputs, inputs) == 0.0
-    np.testing.assert_allclose(made.rows[-1].outputs, [0.01, 0.1], rtol=1e-6)
+    assert_allclose(made.rows[-1].outputs, [0.01, 0.1], rtol=1e-6)

@@ -7,6 +7,8 @@ import pytest
 from hover import Hover
 from live_hover import Flight, offline, replay
 from mavlink_streams import SHARED, message
+from numpy.testing import assert_allclose
+from pytest import approx
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
@@ -59,10 +61,10 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     [alarm], logged = stream.status().alarms, of_log(flown)
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
-    assert 27.0 < alarm.time < 32.0 and alarm.since == pytest.approx(27.0, abs=1.5)
+    assert 27.0 < alarm.time < 32.0 and alarm.since == approx(27.0, abs=1.5)
     assert [fact.figures["because"] for fact in said if fact.code is Session.ALARM] == [alarm.fact]
     assert [alarm[:4]] == [one[:4] for one in logged]
-    np.testing.assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
+    assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
     assert status.alarm and _status_line(status).endswith(str(status.alarm[0]))
     blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.phases import TRANSIENT_SECONDS
@@ -62,13 +63,13 @@ def test_a_landing_is_dated_by_the_last_heartbeat_in_flight_and_of_two_the_earli
     one = Vehicle()
     assert one.fly(20.0)
     one.fly(2.0, armed=False)
-    assert one.phase.landing() == pytest.approx(19.0 - TRANSIENT_SECONDS)
+    assert one.phase.landing() == approx(19.0 - TRANSIENT_SECONDS)
     one = Vehicle()
     one.fly(20.0, landed=IN_AIR)
     first = one.time
     one.fly(2.0, landed=ON_GROUND)
     one.fly(20.0, landed=IN_AIR)
     one.fly(2.0, landed=ON_GROUND)
-    assert one.phase.landing() == pytest.approx(first - 1.0 - TRANSIENT_SECONDS), (
+    assert one.phase.landing() == approx(first - 1.0 - TRANSIENT_SECONDS), (
         "the last report in the air, as offline"
     )

@@ -4,10 +4,10 @@ import struct
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 from live_hover import Flight, Timed, cut, differences, offline, replay
 from mavlink_streams import SAMPLES, SHARED
+from numpy.testing import assert_array_equal
 from recorded_flights import shared
 
 from mavdem.alignment.align import settled_segments
@@ -81,11 +81,11 @@ def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
     frames = Flight().frames(end=18.0)
     whole = replay(frames)
     pieces = replay(cut(frames, 0))
-    np.testing.assert_array_equal(pieces.table(), whole.table())
+    assert_array_equal(pieces.table(), whole.table())
     assert pieces.facts == whole.facts
     assert pieces.stream.status() == whole.stream.status()
     at_once = replay([(0.0, b"".join(data for _, data in frames))])
-    np.testing.assert_array_equal(at_once.table(), whole.table())
+    assert_array_equal(at_once.table(), whole.table())
 
 
 @pytest.mark.slow

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from live_faults import error_ratios, run_session, undisturbed
 from mavlink_streams import message
+from numpy.testing import assert_allclose, assert_array_equal
 from pymavlink.dialects.v20 import all as dialect
+from pytest import approx
 
 import mavdem
 from mavdem.dem import Estimate, Settings
@@ -131,12 +133,12 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     learnt = one.learner._memory.record()
     (row,) = np.flatnonzero(np.all(flight.outputs == learnt.outputs[0], axis=1))
     same = slice(row, row + len(learnt.outputs))
-    np.testing.assert_array_equal(learnt.outputs, flight.outputs[same])
-    np.testing.assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
+    assert_array_equal(learnt.outputs, flight.outputs[same])
+    assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
     assert len(learnt.outputs) > 700
     live = one.learner.learn_now()
     offline = mavdem.learn(flight[same], COMPLETE)
-    np.testing.assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
+    assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
     assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
     assert (
         screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
@@ -257,7 +259,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     one, screen, said = session_of([*batches(9.0)])
     run(one)
-    assert one.status.rates["ATTITUDE"] == pytest.approx(100, rel=0.1) and not one.status.obstacle
+    assert one.status.rates["ATTITUDE"] == approx(100, rel=0.1) and not one.status.obstacle
     for _ in range(4 * 600):
         now[0] += 0.25
         one.step(0.0)
@@ -278,7 +280,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         for fact in said
         if fact.code is Rows.MESSAGES_RESUMED and fact.subject == Missing.MESSAGES
     )
-    assert resumed.figures["duration"] == pytest.approx(600.0, abs=1.0)
+    assert resumed.figures["duration"] == approx(600.0, abs=1.0)
     one.link.script = batches(2.0, start=11.0)
     run(one)
     assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle
@@ -318,15 +320,15 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
     assert (False, True) not in shed
     begin, end = (fact for fact in said if "delay" in fact.figures)
     assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
-    assert begin.figures["delay"] == pytest.approx(1.0, abs=0.05)
+    assert begin.figures["delay"] == approx(1.0, abs=0.05)
     assert end.figures["delay"] == one.most_behind > 5.0 and not one.status.slow
     gaps = Rows.MESSAGES_RESUMED, Rows.NOTHING_RECEIVED, Rows.MESSAGE_GAP, VehicleFact.CLOCK_JUMPED
     assert not [fact for fact in said if fact.code in gaps]
     rows = [row for row in screen.rows if row[1] >= 0]
     assert len(rows) == one.status.learned + one.status.shown > 2500
     account = one.account()
-    assert sum(account.values()) == pytest.approx(now[0] - 100.0)
-    assert account["learned"] == pytest.approx(one.status.learned / 100, abs=0.3)
+    assert sum(account.values()) == approx(now[0] - 100.0)
+    assert account["learned"] == approx(one.status.learned / 100, abs=0.3)
     assert not account["left_out"] and not account["silent"]
 
 
@@ -390,11 +392,10 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     assert Rows.MOTOR_ORDER_ASSUMED not in said, (
         "parameters say where the motors are, and come when they are asked for"
     )
-    assert sum(account.values()) == pytest.approx(86.0, abs=0.5)
+    assert sum(account.values()) == approx(86.0, abs=0.5)
     # Learned from is the time that the samples span, 1661 of 0.02 s, not that in which some came.
     assert (
-        account["learned"] == pytest.approx(session.status.learned / 50.0)
-        and account["learned"] > 33.0
+        account["learned"] == approx(session.status.learned / 50.0) and account["learned"] > 33.0
     ), account
     assert account["silent"] > 2.5 and account["waiting"] < 25.0, account
     kept = session.final_model()
@@ -425,7 +426,7 @@ def test_the_gains_that_the_stream_has_are_those_of_the_model():
     run(one)
     learned = mavdem.learn(one.learner._memory.record(), COMPLETE)
     known = one._named(learned).record.parameters
-    assert known["ATC_RAT_RLL_P"] == pytest.approx(0.2) and "SIM_WIND_SPD" not in known
+    assert known["ATC_RAT_RLL_P"] == approx(0.2) and "SIM_WIND_SPD" not in known
 
 
 def test_a_silent_link_watches_nothing(now):

@@ -10,6 +10,7 @@ import pytest
 from hover import Hover
 from live_hover import Flight, replay
 from mavlink_streams import message
+from pytest import approx
 from recorded_flights import shared
 from rich.console import Console
 
@@ -70,11 +71,11 @@ def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_ove
     alarm, over, *_ = said(hot, MarginsLight.OSCILLATES)
     assert alarm.code is Session.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
     cycle = alarm.figures["because"]
-    assert cycle.subject == "roll" and cycle.figures["frequency"] == pytest.approx(23.0, abs=1.1)
+    assert cycle.subject == "roll" and cycle.figures["frequency"] == approx(23.0, abs=1.1)
     assert cycle.figures["turn_rate"] < np.pi
     assert over.code is Watch.ALARM_OVER and 19.0 < over.time < 22.6
     [shown] = [each for each in hot.events if each.fact is over]
-    assert shown.seconds - 1.7e9 == pytest.approx(over.time + CALM_SECONDS, abs=0.6)
+    assert shown.seconds - 1.7e9 == approx(over.time + CALM_SECONDS, abs=0.6)
 
 
 def test_what_was_wrong_is_the_headline_of_the_session(hot):
@@ -119,7 +120,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     watched, shaking, *_ = said(made, VibrationLight.VIBRATION_MEASURED)
     assert watched.level is Level.WATCH and shaking.code is Session.ALARM and shaking.time > 15.0
     [jumped] = said(made, Reported.GPS_JUMPED)
-    assert jumped.time == pytest.approx(10.0, abs=0.1)
+    assert jumped.time == approx(10.0, abs=0.1)
     assert {fact.subject for fact in made.stream.status().watched} == {*Watched}
 
 

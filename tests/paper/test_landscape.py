@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.paper import landscape
@@ -25,7 +26,7 @@ def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(setting
     paths = landscape.ascents(settings, settings.samples(world, seed=0))
     ends, deviation = landscape.ends(paths)
     starts = np.array([beliefs[0].theta[:2] for beliefs in paths])
-    np.testing.assert_allclose(np.linalg.norm(starts - landscape.CENTRE, axis=1), landscape.RADIUS)
+    assert_allclose(np.linalg.norm(starts - landscape.CENTRE, axis=1), landscape.RADIUS)
     scatter = ends.std(axis=0) / deviation
     assert (scatter > 1).all() if settings is PAPER else (scatter < 0.01).all()
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browser import FITS, HOSTILE, shown
 from fleet_rows import fleet_rows, flight_row
+from pytest import approx
 
 from mavdem.fleet.row import FlightRow, flights_of
 from mavdem.report.blocks import Sentence
@@ -182,8 +183,8 @@ def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(tmp_path):
     flown = [flight[0].duration for flight in flights_of(rows)]
     seconds = [one for one in flown if one is not None]
     numbers = [float(cell) for cell in found["rising"]]
-    assert numbers == sorted(numbers) and numbers[0] == pytest.approx(min(seconds), rel=0.01)
-    assert float(found["falling"][0]) == pytest.approx(max(seconds), rel=0.01)
+    assert numbers == sorted(numbers) and numbers[0] == approx(min(seconds), rel=0.01)
+    assert float(found["falling"][0]) == approx(max(seconds), rel=0.01)
     assert found["state"].count("ascending") == 1
     assert found["health"] == ["fault"] * 10
     assert f"10 found in {10 * len(flown)} flights" in found["count"]

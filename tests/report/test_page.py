@@ -11,6 +11,7 @@ from browser import FITS, HOSTILE, shown
 from live_rows import flown
 from made_up_analysis import assessment, physical
 from numpy.testing import assert_allclose
+from pytest import approx
 
 from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
@@ -207,7 +208,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     ]
     timeline = live_timeline(history, "roll")
     above, below = timeline.happened
-    assert np.nanmax(above.lines[0].y) == pytest.approx(np.rad2deg(history.rows[:, 2].max()))
+    assert np.nanmax(above.lines[0].y) == approx(np.rad2deg(history.rows[:, 2].max()))
     assert len(above.spans) == len(timeline.trained) == 1 and "°/s²" in below.y.label
     assert [mark.x for mark in above.marks] == [12.25]
     text = live_page(

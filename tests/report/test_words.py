@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from made_up_analysis import assessment, physical
+from pytest import approx
 from recorded_flights import LOGS
 
 import mavdem
@@ -93,7 +94,7 @@ def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
         "roll, °",
         "roll rate, °/s",
     ]
-    assert float(rows[5][1]) == pytest.approx(np.degrees(flight.outputs[:, 0].mean()), abs=0.05)
+    assert float(rows[5][1]) == approx(np.degrees(flight.outputs[:, 0].mean()), abs=0.05)
     assert "ardupilot_wind5_steps.tlog" in "".join(page.itertext()) and "8 s" in "".join(
         page.itertext()
     )

@@ -1,7 +1,7 @@
 """The integrator is of second order, and right where there is a formula for what it should give."""
 
 import numpy as np
-import pytest
+from pytest import approx
 from scipy.integrate import solve_ivp
 
 from sitl_scenarios.dynamics import AirState, Body, Damage, State, dynamics
@@ -89,16 +89,14 @@ def test_wind_pushes_and_tilts_as_its_formulas_say():
     still = (0.0, 0.0, 0.0)
     from_west = change(level, still, still, hover, AirState(east=5.0))
     force = 0.5 * 1.225 * body.drag_area * 25 + body.rotor_drag * 4 * body.hover_speed * 5
-    assert from_west[6:] == pytest.approx((0, force, 0, body.hub_height * force, 0, 0))
-    assert from_west[1] == pytest.approx(force / body.mass)
+    assert from_west[6:] == approx((0, force, 0, body.hub_height * force, 0, 0))
+    assert from_west[1] == approx(force / body.mass)
     # Air that rises lifts; air that turns to the right rolls to the right.
     rising = change(level, still, still, hover, AirState(down=-1.0))
-    assert rising[8] == pytest.approx(
-        -0.5 * 1.225 * body.drag_area - body.inflow * 4 * body.hover_speed
-    )
+    assert rising[8] == approx(-0.5 * 1.225 * body.drag_area - body.inflow * 4 * body.hover_speed)
     turning = change(level, still, still, hover, AirState(p=0.5))
-    assert turning[9] == pytest.approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
-    assert change(level, still, (0.5, 0.0, 0.0), hover, AirState())[9] == pytest.approx(-turning[9])
+    assert turning[9] == approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
+    assert change(level, still, (0.5, 0.0, 0.0), hover, AirState())[9] == approx(-turning[9])
 
 
 def test_wind_acts_where_the_hull_is_and_so_turns_a_vehicle_whose_load_has_shifted():
@@ -109,4 +107,4 @@ def test_wind_acts_where_the_hull_is_and_so_turns_a_vehicle_whose_load_has_shift
     acting = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, (body.hover_speed,) * 4, air)
     force = acting[6:9]
     hubs = [-0.02, 0.03, -body.hub_height]
-    assert acting[9:] == pytest.approx(np.cross(hubs, force)) and abs(acting[11]) > 1e-3
+    assert acting[9:] == approx(np.cross(hubs, force)) and abs(acting[11]) > 1e-3

@@ -3,6 +3,7 @@
 import pytest
 from made_up_motion import made_up_motion
 from pymavlink.dialects.v20 import all as dialect
+from pytest import approx
 
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
@@ -62,7 +63,7 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     vehicle = Vehicle(autopilot)
     result, said = vehicle.command(511, 30, 20_000)
     assert result == 0
-    assert len(said["ATTITUDE"]) == pytest.approx(50, abs=1)
+    assert len(said["ATTITUDE"]) == approx(50, abs=1)
     result, said = vehicle.command(510, 30)
     assert (result, said["MESSAGE_INTERVAL"][0].message_id) == (0, 30)
     assert said["MESSAGE_INTERVAL"][0].interval_us == 20_000
@@ -73,7 +74,7 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     assert vehicle.command(510, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == 2**31 - 1
     loop = {"px4": 250, "ardupilot": 400}[autopilot]
     for interval, rate in ((0, 100), (1, loop)):
-        assert len(vehicle.command(511, 30, interval)[1]["ATTITUDE"]) == pytest.approx(rate, abs=1)
+        assert len(vehicle.command(511, 30, interval)[1]["ATTITUDE"]) == approx(rate, abs=1)
     for number in (77, 999_999, 1e30):
         assert vehicle.command(511, number, 10_000)[0] == 2
     assert vehicle.command(511, float("nan"), 10_000)[0] == 2
@@ -115,11 +116,11 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
         9,
     }
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 65535, 1))
-    assert len(vehicle.flown(1.0)["ATTITUDE"]) == pytest.approx(400, abs=1)
+    assert len(vehicle.flown(1.0)["ATTITUDE"]) == approx(400, abs=1)
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 50, 1))
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 3, 50, 0))
     said = vehicle.flown(1.0)
-    assert len(said["ATTITUDE"]) == pytest.approx(50, abs=1) and "SERVO_OUTPUT_RAW" not in said
+    assert len(said["ATTITUDE"]) == approx(50, abs=1) and "SERVO_OUTPUT_RAW" not in said
     vehicle = Vehicle("px4")
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     assert len(vehicle.flown(1.0)["ATTITUDE"]) == 100

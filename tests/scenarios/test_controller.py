@@ -4,6 +4,8 @@ from math import radians
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
@@ -21,16 +23,16 @@ CYCLE = 0.004
 
 def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
     full = np.array(mix(X, (0.3, 0.0, 0.0, 1.0)))
-    assert full.max() == pytest.approx(1)
-    assert full[1] - full[0] == pytest.approx(0.6)
+    assert full.max() == approx(1)
+    assert full[1] - full[0] == approx(0.6)
     beyond = np.array(mix(X, (0.9, 0.6, 0.0, 0.5)))
-    assert beyond.min() == pytest.approx(IDLE_COMMAND)
-    assert beyond.max() == pytest.approx(1)
+    assert beyond.min() == approx(IDLE_COMMAND)
+    assert beyond.max() == approx(1)
     roll = beyond @ X.roll
     pitch = beyond @ X.pitch
-    assert roll / pitch == pytest.approx(1.5)
+    assert roll / pitch == approx(1.5)
     turned = px4(np.array([X.roll, X.pitch, X.yaw]), (0.0, 0.0, 0.3, 0.9))
-    assert np.ptp(turned) == pytest.approx(0.5)  # with a little more thrust than the most
+    assert np.ptp(turned) == approx(0.5)  # with a little more thrust than the most
 
 
 def sensed(sensors, states):
@@ -42,7 +44,7 @@ def test_what_is_known_is_late_by_the_delay():
     states = [State(velocity=(float(k), 0.0, 0.0)) for k in range(10)]
     quiet = {"rate_sd": 0.0, "attitude_sd": 0.0, "position_sd": 0.0, "velocity_sd": 0.0}
     known = sensed(Sensors(**quiet, delay=0.010), states)
-    assert [each.velocity[0] for each in known[3:]] == pytest.approx(np.arange(3, 10) - 2.5)
+    assert [each.velocity[0] for each in known[3:]] == approx(np.arange(3, 10) - 2.5)
     at_once = sensed(Sensors(**quiet, delay=0.0), states)
     assert [each.velocity[0] for each in at_once] == list(range(10))
 
@@ -60,7 +62,7 @@ def test_what_is_known_is_as_noisy_as_asked():
             ]
         )
         # The standard error of a standard deviation of 60000 values is 0.3 %.
-        assert seen.std() == pytest.approx(sd, rel=0.012)
+        assert seen.std() == approx(sd, rel=0.012)
 
 
 def excited(excitation, duration=60.0):
@@ -78,7 +80,7 @@ def test_an_excitation_is_about_its_axis(kind, axis):
     assert not demands[:, ~about].any()
     rolls = np.array([at.demand[0] for at in excited(kind(kind=name), duration=30.0)])
     if kind is not Sticks:
-        np.testing.assert_array_equal(demands[:, about][:, 0], rolls)
+        assert_array_equal(demands[:, about][:, 0], rolls)
     assert demands[:, about].std() > radians(1)
 
 
@@ -94,7 +96,7 @@ def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     demands = np.degrees([at.demand for at in excited(wanted)])[
         round(20 / CYCLE) : round(30 / CYCLE)
     ]
-    np.testing.assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
+    assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
     power = np.abs(np.fft.rfft(demands, axis=0)) > 1e-6
     assert power.sum(0).tolist() == [16, 15, 15]
     assert power.sum(1).max() == 1
@@ -105,12 +107,12 @@ def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
     demands = np.degrees(
         [at.demand for at in excited(Sticks(kind="sticks", axis="all"), 600.0) if at.by_stick]
     )
-    assert len(demands) * CYCLE == pytest.approx(587, abs=0.5)
+    assert len(demands) * CYCLE == approx(587, abs=0.5)
     # 587 s hold about 587/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
-    assert demands.std(0) == pytest.approx([4, 4, 4], rel=0.11)
+    assert demands.std(0) == approx([4, 4, 4], rel=0.11)
     assert np.abs(np.corrcoef(demands.T) - np.eye(3)).max() < 0.16
     # The derivative of Gaussian-kernel noise has the standard deviation 1/(√2 s).
-    assert (np.diff(demands, axis=0) / CYCLE).std(0) == pytest.approx(
+    assert (np.diff(demands, axis=0) / CYCLE).std(0) == approx(
         4 / (2**0.5 * 0.25) * np.ones(3), rel=0.11
     )
 
@@ -123,7 +125,7 @@ def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
     first, again, other = (
         np.array([plan.at(k * CYCLE).demand for k in range(2000, 4000)]) for plan in plans
     )
-    np.testing.assert_array_equal(first, again)
+    assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     assert np.abs(first[:, 0]).max() == FULL_STICK[0]
 

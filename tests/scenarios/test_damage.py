@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from pytest import approx
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
@@ -60,8 +62,8 @@ def test_hover_balances_again(broken):
     _, scenario, motion = broken
     [(start, condition)] = damages(scenario)
     assert start == 18.0
-    np.testing.assert_allclose(hovering(motion, 14.0, 19.9), balanced(Damage()), atol=1.0)
-    np.testing.assert_allclose(hovering(motion, 28.0, 34.0), balanced(condition), atol=1.5)
+    assert_allclose(hovering(motion, 14.0, 19.9), balanced(Damage()), atol=1.0)
+    assert_allclose(hovering(motion, 28.0, 34.0), balanced(condition), atol=1.5)
 
 
 def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(broken):
@@ -69,13 +71,13 @@ def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(
     [(_, condition)] = damages(scenario)
     known = truth(scenario, motion)
     begin = np.flatnonzero(known["weak"])[0]
-    assert motion.time[begin] == pytest.approx(20.0, abs=0.01) and known["weak"][begin:].all()
+    assert motion.time[begin] == approx(20.0, abs=0.01) and known["weak"][begin:].all()
     # The effect of a motor about roll: its thrust by its arm.
     arms = np.abs(np.array(frame("x", IRIS.arm).right) - condition.centre[1])
     left = np.multiply(condition.thrust, condition.speed)
     speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
     effects = known["roll_effect_weak"] / known["roll_effect"]
-    np.testing.assert_allclose(effects, left * arms / IRIS.arm[1] * speeds, rtol=0.02)
+    assert_allclose(effects, left * arms / IRIS.arm[1] * speeds, rtol=0.02)
 
 
 def brief(name: str, duration: float, **vehicle: object) -> Scenario:
@@ -99,7 +101,7 @@ def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(
     scenario = brief(name, 30.0)
     motion, vehicle = logged(scenario, tmp_path)
     found = condition_of(Signals(vehicle)).oscillation
-    assert found.frequency == pytest.approx(hertz, rel=0.05) and found.at_limit > 0.3
+    assert found.frequency == approx(hertz, rel=0.05) and found.at_limit > 0.3
     # what the autopilot takes it for
     assert name == "oscillating_gains" or vehicle.parameters["FRAME_TYPE"] == 0
     hover = (motion.landed_state == 2) & (motion.time > 12)

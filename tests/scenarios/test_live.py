@@ -5,7 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from made_up_motion import made_up_motion
+from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import all as dialect
+from pytest import approx
 
 from sitl_scenarios.mavlink.live import Ground, LiveOutcome, fly_live
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
@@ -74,13 +76,11 @@ class Nearby:
 def test_it_flies_no_faster_than_asked(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 4.0)
-    assert outcome.flown == pytest.approx(2.0, abs=0.1) and outcome.took == pytest.approx(
-        0.5, abs=0.05
-    )
+    assert outcome.flown == approx(2.0, abs=0.1) and outcome.took == approx(0.5, abs=0.05)
     sent = np.array([[at, message.time_boot_ms] for at, message in ground.of("ATTITUDE")])
     # 100 Hz, on the boot clock that began a second before; in ticks of 4 ms of four seconds a second.
-    assert len(sent) == pytest.approx(200, abs=2)
-    np.testing.assert_allclose(sent[:, 1] / 1e3 - 1.0, 4.0 * sent[:, 0], atol=0.03)
+    assert len(sent) == approx(200, abs=2)
+    assert_allclose(sent[:, 1] / 1e3 - 1.0, 4.0 * sent[:, 0], atol=0.03)
 
 
 def test_what_is_asked_for_is_done(monkeypatch):
@@ -96,13 +96,13 @@ def test_what_is_asked_for_is_done(monkeypatch):
         (511, 0),
         (400, 0),
     ]
-    assert len(ground.of("ATTITUDE")) == pytest.approx(75, abs=3)
+    assert len(ground.of("ATTITUDE")) == approx(75, abs=3)
 
 
 def test_a_slow_link_delivers_all_after_the_flight(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 8.0, Scenario(faults=Faults(delay=0.5, reordered=0.2, loss=0.5)))
-    assert outcome.flown == pytest.approx(2.5, abs=0.1)
+    assert outcome.flown == approx(2.5, abs=0.1)
     assert len(ground.heard) == outcome.sent
     assert ground.of("ATTITUDE")[-1][1].time_boot_ms > 2900
 
@@ -113,4 +113,4 @@ def test_ctrl_c_ends_it():
             raise KeyboardInterrupt
 
     outcome = fly_live(Scenario(), Played(9.0), Ground("127.0.0.1", 9), 5.0, interrupted)
-    assert outcome.stopped and outcome.flown == pytest.approx(0.5, abs=0.05)
+    assert outcome.stopped and outcome.flown == approx(0.5, abs=0.05)

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_motion import ROLL, made_up_motion
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive
@@ -58,14 +60,14 @@ def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
 
     def is_sent(message: str, names: Iterable[str], known: np.ndarray) -> None:
         columns = np.column_stack([sent[message][name] for name in names])
-        np.testing.assert_array_equal(columns, known[rows(message)].astype(np.float32))
+        assert_array_equal(columns, known[rows(message)].astype(np.float32))
 
     attitude = sent["ATTITUDE"]
     at = rows("ATTITUDE")
     angles = Rotation.from_quat(motion.attitude[at], scalar_first=True).as_euler("ZYX")
     read_back = np.column_stack([attitude[name] for name in ("yaw", "pitch", "roll")])
-    np.testing.assert_allclose(read_back, angles, rtol=0, atol=1e-7)
-    assert attitude["roll"].max() == pytest.approx(ROLL, abs=1e-3)
+    assert_allclose(read_back, angles, rtol=0, atol=1e-7)
+    assert attitude["roll"].max() == approx(ROLL, abs=1e-3)
     is_sent("ATTITUDE", ("rollspeed", "pitchspeed", "yawspeed"), motion.rates)
     is_sent("LOCAL_POSITION_NED", "xyz", motion.position)
     is_sent("LOCAL_POSITION_NED", ("vx", "vy", "vz"), motion.velocity)
@@ -82,14 +84,12 @@ def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
     if autopilot == "px4":
         at = rows("HIL_ACTUATOR_CONTROLS")
         controls = np.where(motion.armed[at, None], (motion.outputs[at] - 1000) / 1000, 0)
-        np.testing.assert_array_equal(
+        assert_array_equal(
             sent["HIL_ACTUATOR_CONTROLS"]["controls"][:, :4], controls.astype(np.float32)
         )
         is_sent("ATTITUDE_QUATERNION", ("q1", "q2", "q3", "q4"), motion.attitude)
         actuator = sent["ACTUATOR_OUTPUT_STATUS"]["actuator"]
-        np.testing.assert_array_equal(
-            actuator[:, :4], motion.outputs[rows("ACTUATOR_OUTPUT_STATUS")]
-        )
+        assert_array_equal(actuator[:, :4], motion.outputs[rows("ACTUATOR_OUTPUT_STATUS")])
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
@@ -101,20 +101,20 @@ def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, tmp_path):
     sent = read(tmp_path, flown, motion).vehicles[0].messages
     target = sent["ATTITUDE_TARGET"]
     sticks = sent["RC_CHANNELS"]
-    assert len(target["time"]) == pytest.approx(1000, abs=2)
-    assert len(sticks["time"]) == pytest.approx(400, abs=2)
+    assert len(target["time"]) == approx(1000, abs=2)
+    assert len(sticks["time"]) == approx(400, abs=2)
     at = np.searchsorted(motion.time, target["time"] - 1e-3)
     angles = Rotation.from_quat(target["q"], scalar_first=True).as_euler("ZYX")[:, ::-1]
-    np.testing.assert_allclose(angles, motion.attitude_setpoint[at], rtol=0, atol=1e-6)
+    assert_allclose(angles, motion.attitude_setpoint[at], rtol=0, atol=1e-6)
     asked = np.column_stack([target[f"body_{axis}_rate"] for axis in ("roll", "pitch", "yaw")])
-    np.testing.assert_allclose(asked, motion.rates_setpoint[at], rtol=1e-6)
-    np.testing.assert_allclose(target["thrust"], motion.demands[at, 3], rtol=1e-6)
+    assert_allclose(asked, motion.rates_setpoint[at], rtol=1e-6)
+    assert_allclose(target["thrust"], motion.demands[at, 3], rtol=1e-6)
     assert set(target["type_mask"]) == {0}
     # Of 35° of roll and pitch and 150 °/s of yaw rate to each side's 500 µs: 0.1 rad are 82 µs.
     at = np.searchsorted(motion.time, sticks["time"] - 1e-3)
     for n, axis, full in ((1, 0, 35), (2, 1, 35), (4, 2, 150)):
         moved = 1500 + 500 * np.degrees(motion.sticks[at, axis]) / full
-        np.testing.assert_allclose(sticks[f"chan{n}_raw"], moved, atol=0.5001)
+        assert_allclose(sticks[f"chan{n}_raw"], moved, atol=0.5001)
         assert np.ptp(moved) > 50
     assert set(sticks["chan3_raw"]) == {1500} and set(sticks["chan5_raw"]) == {65535}
     assert set(sticks["chancount"]) == {4}
@@ -130,7 +130,7 @@ def test_every_message_has_the_same_velocity(tmp_path):
     rows = np.searchsorted(motion.time, place["time"] - 1e-3)
     sent = np.column_stack([place[f"v{axis}"] for axis in "xyz"]) / 100
     assert np.polyfit(motion.known_position[rows, 1], place["lon"], 1)[0] > 0
-    np.testing.assert_allclose(sent, motion.known_velocity[rows], atol=0.0051)
+    assert_allclose(sent, motion.known_velocity[rows], atol=0.0051)
 
 
 @pytest.mark.parametrize("frame", ["x", "plus"])
@@ -173,7 +173,7 @@ def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
     messages = read(tmp_path, scenario(), motion).vehicles[0].messages
     servos = messages["SERVO_OUTPUT_RAW"]
     assert servos["time_usec"].min() < 1e6 and servos["time_usec"].max() > 2**32 - 1e5
-    assert servos["time"][0] == pytest.approx(motion.time[0], abs=0.1)
+    assert servos["time"][0] == approx(motion.time[0], abs=0.1)
     assert (np.diff(servos["time"]) > 0).all()
 
 
@@ -194,7 +194,7 @@ def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
     (vehicle,) = log.vehicles
     boot, time = (vehicle.messages["ATTITUDE"][name] for name in ("boot", "time"))
     assert set(boot) == {0, 1}
-    assert (time[boot == 0][-1], time[boot == 1][0]) == pytest.approx((10.0, 1.0), abs=0.02)
+    assert (time[boot == 0][-1], time[boot == 1][0]) == approx((10.0, 1.0), abs=0.02)
     assert len(vehicle.messages["PARAM_VALUE"]["time"]) == 2 * len(vehicle.parameters)
     beat = vehicle.messages["HEARTBEAT"]
     assert (
@@ -228,7 +228,7 @@ def test_an_outage_a_jump_of_the_clock_and_mavproxys_resets(tmp_path):
     attitude = vehicle.messages["ATTITUDE"]
     gaps = np.diff(attitude["time"])
     assert set(attitude["boot"]) == {0}
-    np.testing.assert_allclose(gaps[gaps > 0.02], [2.5, 100.0], atol=0.02)
+    assert_allclose(gaps[gaps > 0.02], [2.5, 100.0], atol=0.02)
     flown = scenario("ardupilot", Faults(mavproxy_rate=4.0))
     motion = made_up_motion(autopilot="ardupilot")
     (vehicle,) = read(tmp_path, flown, motion).vehicles
@@ -238,7 +238,7 @@ def test_an_outage_a_jump_of_the_clock_and_mavproxys_resets(tmp_path):
     }
     armed = float(motion.time[motion.armed][0])
     after = vehicle.messages["ATTITUDE"]["time"][1:] > armed + 0.3
-    np.testing.assert_allclose(gaps["ATTITUDE"][after], 0.25, atol=0.003)
-    np.testing.assert_allclose(gaps["ATTITUDE"][~after][:100], 0.01, atol=0.003)
-    np.testing.assert_allclose(gaps["SERVO_OUTPUT_RAW"][-10:], 0.25, atol=0.003)
-    np.testing.assert_allclose(gaps["HEARTBEAT"], 1.0, atol=0.01)
+    assert_allclose(gaps["ATTITUDE"][after], 0.25, atol=0.003)
+    assert_allclose(gaps["ATTITUDE"][~after][:100], 0.01, atol=0.003)
+    assert_allclose(gaps["SERVO_OUTPUT_RAW"][-10:], 0.25, atol=0.003)
+    assert_allclose(gaps["HEARTBEAT"], 1.0, atol=0.01)

@@ -4,6 +4,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from pytest import approx
 
 from sitl_scenarios import scenario as sections
 from sitl_scenarios.dynamics import euler
@@ -42,16 +44,16 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
     assert simulation.finished
     for field in fields(Motion):
         together = np.concatenate([getattr(each, field.name) for each in rows])
-        np.testing.assert_array_equal(together, getattr(flight, field.name))
+        assert_array_equal(together, getattr(flight, field.name))
 
 
 def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert list(dict.fromkeys(flight.landed_state.tolist())) == [1, 3, 2, 4]
     assert flight.landed_state[-1] == 1
-    assert flight.time[1:][np.diff(flight.armed.astype(int)) != 0] == pytest.approx([2, 22])
+    assert flight.time[1:][np.diff(flight.armed.astype(int)) != 0] == approx([2, 22])
     hovering = (flight.landed_state == 2) & (flight.time > 9)
     assert np.abs(flight.position[hovering] - [0, 0, -5]).max() < 0.5
-    assert flight.position[flight.time > 21.5, 2] == pytest.approx(0)
+    assert flight.position[flight.time > 21.5, 2] == approx(0)
     assert not flight.rotor_speeds[-1].any() or flight.rotor_speeds[-1].max() < 1e-3
     assert np.abs(flight.position[-1, :2]).max() < 1
     standing = flight.landed_state == 1
@@ -105,13 +107,13 @@ def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
     course = sections.Course(kind="course", moves=moves)
     motion = fly(brief(duration=50.0, wind=(), excitation=course, sensors=sensors))
     there = motion.position[np.argmin(motion.position[:, 2])]
-    assert there == pytest.approx([24, -18, -11], abs=1.5)
+    assert there == approx([24, -18, -11], abs=1.5)
     flying = motion.landed_state == 2
-    assert np.hypot(*motion.velocity[flying, :2].T).max() == pytest.approx(6.6, abs=0.6)
-    assert euler(motion.attitude[-1].tolist())[2] == pytest.approx(-np.pi / 2, abs=0.05)
+    assert np.hypot(*motion.velocity[flying, :2].T).max() == approx(6.6, abs=0.6)
+    assert euler(motion.attitude[-1].tolist())[2] == approx(-np.pi / 2, abs=0.05)
     assert np.abs(motion.position[-1]).max() < 1 and motion.landed_state[-1] == 1
     read, true = (way[flying][0].tolist() for way in (motion.known_attitude, motion.attitude))
-    assert np.degrees(np.subtract(euler(read), euler(true)))[:2] == pytest.approx([2, -1], abs=0.3)
+    assert np.degrees(np.subtract(euler(read), euler(true)))[:2] == approx([2, -1], abs=0.3)
 
 
 def test_a_vehicle_that_tumbles_is_no_flight():

@@ -4,6 +4,7 @@ from math import hypot
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from sitl_scenarios.dynamics import AirState, dynamics
 from sitl_scenarios.mavlink.autopilots import PX4
@@ -28,10 +29,10 @@ N, and torque, N m, worked out by hand from the sources' figures."""
 def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, thrust, torque):
     body = AIRFRAMES[name]
     assert (body.mass, body.inertia) == (mass, inertia)
-    assert hypot(*body.arm) == pytest.approx(arm, rel=1e-5)
-    assert body.thrust_at(speed) == pytest.approx(thrust, rel=1e-5)
+    assert hypot(*body.arm) == approx(arm, rel=1e-5)
+    assert body.thrust_at(speed) == approx(thrust, rel=1e-5)
     a, b = body.torque
-    assert a * speed**2 + b * speed == pytest.approx(torque, rel=1e-5)
+    assert a * speed**2 + b * speed == approx(torque, rel=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["x", "plus"])
@@ -52,7 +53,7 @@ def test_drag_is_linear_and_quadratic_along_each_axis():
     acceleration = dynamics(spec)(
         (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, hover, AirState(north=4.0, east=-3.0)
     )
-    assert acceleration[:2] == pytest.approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))
+    assert acceleration[:2] == approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
@@ -60,20 +61,18 @@ def test_drag_is_linear_and_quadratic_along_each_axis():
 def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share):
     body = airframe(VehicleSpec(model=name, quadratic_thrust=share))
     thrust = [body.thrust_at(body.rotor_speed(command * body.full)) for command in (0.25, 0.5, 1.0)]
-    assert thrust[2] == pytest.approx(
-        AIRFRAMES[name].thrust_at(AIRFRAMES[name].rotor_speed(body.full))
-    )
+    assert thrust[2] == approx(AIRFRAMES[name].thrust_at(AIRFRAMES[name].rotor_speed(body.full)))
     for part, command in zip(thrust, (0.25, 0.5), strict=False):
-        assert part / thrust[2] == pytest.approx((1 - share) * command + share * command**2)
+        assert part / thrust[2] == approx((1 - share) * command + share * command**2)
     for command in (0.1, 0.6, 1.0):
-        assert body.command_for(body.rotor_speed(command * body.full)) == pytest.approx(
+        assert body.command_for(body.rotor_speed(command * body.full)) == approx(
             command * body.full
         )
         step = 1e-6 * body.full
         rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(
             command * body.full - step
         )
-        assert body.speed_slope(command * body.full) == pytest.approx(rise / (2 * step), rel=1e-6)
+        assert body.speed_slope(command * body.full) == approx(rise / (2 * step), rel=1e-6)
 
 
 PAPER_ORDER = (2, 0, 3, 1)
@@ -110,14 +109,14 @@ def test_closed_forms(model, kind):
     at = found.states.index
     damping = pair * body.inflow * omega * aside**2 / body.inertia[0]
     drag = 4 * body.rotor_drag * omega
-    assert found.A[at("roll rate"), at("roll rate")] == pytest.approx(-damping, rel=1e-6)
-    assert found.A[at("east speed"), at("east speed")] == pytest.approx(-drag / body.mass, rel=1e-3)
-    assert found.A[at("east speed"), at("roll")] == pytest.approx(GRAVITY, rel=1e-6)
-    assert found.A[at("north speed"), at("pitch")] == pytest.approx(-GRAVITY, rel=1e-6)
+    assert found.A[at("roll rate"), at("roll rate")] == approx(-damping, rel=1e-6)
+    assert found.A[at("east speed"), at("east speed")] == approx(-drag / body.mass, rel=1e-3)
+    assert found.A[at("east speed"), at("roll")] == approx(GRAVITY, rel=1e-6)
+    assert found.A[at("north speed"), at("pitch")] == approx(-GRAVITY, rel=1e-6)
     slope = (2 * body.thrust[0] * omega + body.thrust[1]) * body.speed[0]
-    assert found.B[at("roll rate"), 1] == pytest.approx(slope * aside / body.inertia[0], rel=1e-6)
-    assert found.B[at("down speed")] == pytest.approx(np.full(4, -slope / body.mass), rel=1e-6)
+    assert found.B[at("roll rate"), 1] == approx(slope * aside / body.inertia[0], rel=1e-6)
+    assert found.B[at("down speed")] == approx(np.full(4, -slope / body.mass), rel=1e-6)
     turn = (2 * body.torque[0] * omega + body.torque[1]) * body.speed[0]
-    assert found.B[at("yaw rate")] == pytest.approx(
+    assert found.B[at("yaw rate")] == approx(
         turn / body.inertia[2] * np.array([1, 1, -1, -1]), rel=1e-6
     )

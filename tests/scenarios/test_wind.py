@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pytest import approx
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
@@ -46,16 +47,16 @@ def test_a_gust_rises_stays_and_falls():
     wind = Gust(kind="gust", start=10.0, speed=4.0, rise=2.0, hold=3.0)
     time = np.array([9.0, 10.0, 10.5, 11.0, 12.0, 14.9, 16.0, 17.0, 30.0])
     half = 2 * (1 - np.cos(np.pi / 4))
-    assert gust_speed(wind, time) == pytest.approx([0, 0, half, 2, 4, 4, 2, 0, 0])
+    assert gust_speed(wind, time) == approx([0, 0, half, 2, 4, 4, 2, 0, 0])
     assert gust_speed(wind.model_copy(update={"hold": None}), time)[-1] == 4
 
 
 def test_a_jet_falls_as_one_over_the_distance_and_has_a_gaussian_profile():
     jet = Jet(kind="jet", speed=8.0, diameter=0.5)
     assert jet_speed(jet, 1.0, 0.0) == jet_speed(jet, 3.0, 0.0) == 8
-    assert jet_speed(jet, 6.0, 0.0) == pytest.approx(4)
-    assert jet_speed(jet, 6.0, 0.094 * 6) == pytest.approx(2)
-    assert jet_speed(jet, 6.0, 2 * 0.094 * 6) == pytest.approx(4 / 16)
+    assert jet_speed(jet, 6.0, 0.0) == approx(4)
+    assert jet_speed(jet, 6.0, 0.094 * 6) == approx(2)
+    assert jet_speed(jet, 6.0, 2 * 0.094 * 6) == approx(4 / 16)
     assert jet_speed(jet, -0.1, 0.0) == 0
 
 
@@ -65,8 +66,8 @@ def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
     blown = weather(20000, wind=(jet,), height=5.0)
     air = np.array([blown.at(cycle, (0.0, 0.564, -5.0))[:3] for cycle in range(20000)])
     # By the noise's colour as good as 2300 independent values: 0.03 m/s are about three standard errors of a mean.
-    assert air.std(axis=0) == pytest.approx([0.5, 0.5, 0.5], abs=0.03)
-    assert air.mean(axis=0) == pytest.approx([-2.0, 0.0, 0.0], abs=0.03)
+    assert air.std(axis=0) == approx([0.5, 0.5, 0.5], abs=0.03)
+    assert air.mean(axis=0) == approx([-2.0, 0.0, 0.0], abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -92,9 +93,9 @@ def test_wind_from_another_direction_is_the_same_wind_turned(wind):
     for cycle in range(0, 500, 50):
         one = from_north.at(cycle, (north, east, -4.9))
         other = turned.at(cycle, there)
-        assert other.north == pytest.approx(one.north * cos - one.east * sin)
-        assert other.east == pytest.approx(one.north * sin + one.east * cos)
-        assert other[2:] == pytest.approx(one[2:])
+        assert other.north == approx(one.north * cos - one.east * sin)
+        assert other.east == approx(one.north * sin + one.east * cos)
+        assert other[2:] == approx(one[2:])
 
 
 def test_low_altitude_turbulence_has_the_standards_figures():
@@ -102,8 +103,8 @@ def test_low_altitude_turbulence_has_the_standards_figures():
     found = turbulence(
         TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44
     )
-    assert found.down == pytest.approx((20 * 0.3048 / 10, 0.77))
-    assert found.level == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
+    assert found.down == approx((20 * 0.3048 / 10, 0.77))
+    assert found.level == approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
 
 
 def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
@@ -117,10 +118,10 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
         at_zero = 0.77**2 / low * 0.8 * (np.pi * low / (4 * 0.44)) ** (1 / 3)
         return at_zero / (1 + (4 * 0.44 * frequency / np.pi) ** 2)
 
-    assert sd**2 == pytest.approx(quad(spectrum, 0, np.inf)[0])
-    assert sd == pytest.approx(0.6953, abs=1e-4)
-    assert 1 / constant == pytest.approx(17.850, abs=1e-3)
-    assert spectrum(1 / constant / 10.0) == pytest.approx(spectrum(0) / 2)
+    assert sd**2 == approx(quad(spectrum, 0, np.inf)[0])
+    assert sd == approx(0.6953, abs=1e-4)
+    assert 1 / constant == approx(17.850, abs=1e-3)
+    assert spectrum(1 / constant / 10.0) == approx(spectrum(0) / 2)
 
 
 @pytest.mark.parametrize(
@@ -135,8 +136,8 @@ def test_wind_grows_with_height_and_turns_clockwise_with_height_and_time(profile
     air = weather(samples=2501, wind=(west,), profile=Profile(veer=0.5, turn=3.0, **profile))
     there = air.at(2500, (0.0, 0.0, -height))
     angle = np.radians(0.5 * (height - 10) + 3.0 * 10)
-    assert there[:3] == pytest.approx((-speed * np.sin(angle), speed * np.cos(angle), 0.0))
-    assert air.at(0, (0.0, 0.0, -10.0))[:3] == pytest.approx((0.0, 4.0, 0.0))
+    assert there[:3] == approx((-speed * np.sin(angle), speed * np.cos(angle), 0.0))
+    assert air.at(0, (0.0, 0.0, -10.0))[:3] == approx((0.0, 4.0, 0.0))
 
 
 def test_winds_and_moments_are_summed():
@@ -147,7 +148,7 @@ def test_winds_and_moments_are_summed():
         wind=(east, north), moments=(Moment(sd=0.1, s=0.1), Moment(axis="yaw", sd=0.1, s=0.1))
     )
     air = both.at(7, ORIGIN)
-    assert air[:3] == pytest.approx((-2, -3, 0))
+    assert air[:3] == approx((-2, -3, 0))
     assert air.roll != 0 != air.yaw != air.roll and air.pitch == 0
 
 
@@ -212,16 +213,16 @@ def test_autocorrelations_are_those_of_the_standards_spectra(tau):
         return low + quad(spectrum, 50, np.inf, weight="cos", wvar=tau, limit=500)[0]
 
     a = LENGTH
-    assert of(lambda w: 2 / np.pi / (1 + w**2)) == pytest.approx(np.exp(-tau), abs=1e-5)
-    assert of(lambda w: (1 + 3 * w**2) / np.pi / (1 + w**2) ** 2) == pytest.approx(
+    assert of(lambda w: 2 / np.pi / (1 + w**2)) == approx(np.exp(-tau), abs=1e-5)
+    assert of(lambda w: (1 + 3 * w**2) / np.pi / (1 + w**2) ** 2) == approx(
         (1 - tau / 2) * np.exp(-tau), abs=1e-5
     )
     lags = np.array([tau])
     longitudinal = of(lambda w: 2 / np.pi / (1 + (a * w) ** 2) ** (5 / 6))
     transverse = of(lambda w: (1 + 8 / 3 * (a * w) ** 2) / np.pi / (1 + (a * w) ** 2) ** (11 / 6))
     # 1.339 is rounded: the integral scale is L to four digits.
-    assert longitudinal == pytest.approx(along(lags)[0], abs=5e-4)
-    assert transverse == pytest.approx(across(lags)[0], abs=5e-4)
+    assert longitudinal == approx(along(lags)[0], abs=5e-4)
+    assert transverse == approx(across(lags)[0], abs=5e-4)
 
 
 @pytest.mark.slow
@@ -237,8 +238,8 @@ def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
         seen += [weather.at(cycle, (0.0, 0.0, -5.0))[:5] for cycle in range(0, 4000, 1000)]
     # From the north: along is south, across is east or west. 60 values at least are independent: 9 % of an sd.
     parts = of_wind.level, of_wind.level, of_wind.down, of_wind.rotation, of_wind.rotation
-    assert np.std(seen, axis=0) == pytest.approx([sd for _, sd in parts], rel=0.35)
-    assert np.mean(seen, axis=0)[0] == pytest.approx(-8.0, abs=4 * of_wind.level[1] / 60**0.5)
+    assert np.std(seen, axis=0) == approx([sd for _, sd in parts], rel=0.35)
+    assert np.mean(seen, axis=0)[0] == approx(-8.0, abs=4 * of_wind.level[1] / 60**0.5)
 
 
 Array = NDArray[np.float64]

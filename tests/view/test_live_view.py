@@ -17,6 +17,7 @@ import psutil
 import pytest
 import rerun as rr
 from numpy.testing import assert_allclose
+from pytest import approx
 from refusals import prose
 from rerun_file import chunks, views
 
@@ -243,7 +244,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
         assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), [51.25, 52.0])
         assert np.nanmin(values) < np.nanmax(values)
     times, _ = drawn(path)["wind/2_motor"]
-    assert times.min() == pytest.approx(52.0, abs=DT), "its torque is no wind"
+    assert times.min() == approx(52.0, abs=DT), "its torque is no wind"
     levels = dict(zip(texts(path), texts(path, "TextLog:level"), strict=True))
     assert levels.pop("Alarm: motor 1 lost some thrust.") == "ERROR"
     assert set(levels.values()) <= {"INFO", "ERROR"}
