@@ -27,7 +27,7 @@ from mavdem.live.wind import WindRow
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
 # Of the lines; when there are more, every second one is dropped, and from then on not kept
-MAX_ROWS = 20_000
+MAX_ROWS = 10_000
 GAP_SECONDS = 1.0
 """Between two learned samples, from which on they belong to different parts of the flight; shown of a reboot."""
 

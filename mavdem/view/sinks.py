@@ -15,20 +15,19 @@ import socket
 import struct
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
 import rerun as rr
 
-from mavdem.files import PathName
+from mavdem.files import PathName, atomic_writes
 
 LOOPBACK = "127.0.0.1"
 CLOSING_SECONDS = 3.0  # how long a file, or any sink, that is closed may still be written
+COMPLETING_SECONDS = 30.0  # how long a file may be completed: an hour of 100 Hz takes 9
 SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
 STREAM_HEADER = 12  # bytes before the first message of an .rrd file
-STREAM_FOOTER = b"RRF2FOOT"  # ends, but for a version, a file that was completed
 MESSAGE_HEADER = struct.Struct(
     "<QQ"
 )  # kind of message, bytes of what follows; source: Rerun's re_log_encoding
@@ -107,7 +106,8 @@ class RecordingFile(Sink):
 
     Each batch is passed to the operating system at once: if the process ends, only the last second is missing. If the
     disk is full, the file is cut to whole messages, since the viewer opens no other. If the process is killed while
-    it writes, the end of the file is torn; ``rerun rrd optimize`` repairs it.
+    it writes, the end of the file is torn; ``rerun rrd optimize`` repairs it. The table of its chunks would grow in
+    memory by a megabyte a minute, so it is made at the end, where that takes no longer than ``COMPLETING_SECONDS``.
     """
 
     period = 1.0  # each chunk has a kilobyte of overhead
@@ -121,19 +121,40 @@ class RecordingFile(Sink):
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Writes the recording into the file."""
-        recording.set_sinks(rr.FileSink(self.path))
+        recording.save(self.path, write_footer=False)
         return True
 
     def delivered(self, arrived: bool = True) -> None:
         """Keeps what has arrived; see :class:`Sink`."""
         self.whole = self.path.stat().st_size
-        if arrived:
-            return
-        self.broken = True
-        # Rerun writes the end of a file anew with each flush: what was whole before need not be whole now.
+        if not arrived:
+            self.broken = True
+            self._cut()
+
+    def close(self) -> None:
+        """Completes the file, or cuts what could not be written whole; see :class:`Sink`."""
+        with suppress(OSError, subprocess.TimeoutExpired):
+            # What fails while it is flushed, Rerun reports with a later flush only.
+            self.broken |= self._cut()
+            if not self.broken:
+                self._complete()
+
+    def _complete(self) -> None:
+        """Writes the file anew, with the table of its chunks; OSError, or TimeoutExpired: it stays as it is."""
+        with atomic_writes(self.path) as (completed,):
+            with _start("rrd", "optimize", str(self.path), "-o", str(completed)) as process:
+                try:
+                    failed = process.wait(COMPLETING_SECONDS)
+                finally:
+                    process.kill()
+            if failed:
+                raise OSError(failed, "not completed", str(self.path))
+
+    def _cut(self) -> bool:
+        """Cuts the file after its last whole message; returns whether there was more."""
+        size = self.path.stat().st_size
         with self.path.open("rb") as file:
             end = STREAM_HEADER
-            size, self.whole = self.whole, 0
             while end <= size:
                 self.whole = end
                 file.seek(end)
@@ -143,28 +164,7 @@ class RecordingFile(Sink):
                 _, length = MESSAGE_HEADER.unpack(header)
                 end += MESSAGE_HEADER.size + length
         os.truncate(self.path, self.whole)
-
-    def close(self) -> None:
-        """Cuts a file that was not completed; see :class:`Sink`."""
-        # Where a disk is full, Rerun still tries to complete the file when its writer has failed.
-        deadline = time.monotonic() + CLOSING_SECONDS
-        with suppress(OSError):
-            while self._is_open() and time.monotonic() < deadline:
-                time.sleep(0.01)
-            with self.path.open("rb") as file:
-                file.seek(-2 * len(STREAM_FOOTER), os.SEEK_END)
-                is_complete = STREAM_FOOTER in file.read()
-            if not is_complete:
-                self.delivered(arrived=False)
-
-    def _is_open(self) -> bool:
-        """Whether this process still writes the file, where the system tells."""
-        own = self.path.stat()
-        for descriptor in Path("/proc/self/fd").glob("*"):
-            with suppress(OSError):
-                if os.path.samestat(descriptor.stat(), own):
-                    return True
-        return False
+        return self.whole < size
 
 
 class Viewer(Sink):

@@ -156,6 +156,7 @@ def recording(tmp_path_factory):
             view.put(ShownRow(t, 0.0, 0, y, u, known, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.troubles == [] and not file.broken
+    assert b"FOOT" in path.read_bytes()[-12:]  # it has the table of its chunks
     return path
 
 
