@@ -153,6 +153,15 @@ class Record:
         required_step(self.dt)
         require_usable(self.inputs, "inputs")
         require_usable(self.outputs, "outputs")
+        rows = sum(self.lengths)
+        shapes = [table.shape for table in (self.inputs, self.outputs)]
+        if not rows or any(len(shape) != 2 or shape[0] != rows for shape in shapes):
+            raise ValueError(
+                f"inputs and outputs must be tables of {rows} rows, the sum of lengths"
+            )
+        directions = self.effect_directions
+        if directions is not None and directions.shape != shapes[0][1:]:
+            raise ValueError("effect_directions must have a number for each column of inputs")
 
     @classmethod
     def of(cls, train: Records) -> Record:

@@ -69,6 +69,15 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         for junk in (None, "junk", {"a": 1}):
             with pytest.raises(ValueError, match="must"):
                 Learned.from_json(json.dumps({**values, name: junk}))
+    kept = values["record"]
+    for name, other in (
+        ("inputs", kept["inputs"][:-1]),
+        ("outputs", []),
+        ("lengths", []),
+        ("effect_directions", [1.0]),
+    ):
+        with pytest.raises(ValueError, match="must"):
+            Learned.from_json(json.dumps({**values, "record": {**kept, name: other}}))
 
 
 def test_what_a_flight_says_of_its_vehicle_is_kept():
