@@ -192,9 +192,9 @@ def live_command(
 
     LINK is a connection string of pymavlink: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
     serial port such as /dev/ttyACM0,115200. A dashboard shows the measured and the predicted roll, the free energy, the
-    model and the wind disturbance. Take-off and climb are not learned from: the first model comes 8 to 20 s after
-    take-off. Oscillation, motors at their limits or that weaken, vibration, battery and the autopilot's warnings are
-    watched from take-off on, without a model too; alarms are in red.
+    model and the wind disturbance. The first model comes 4 to 10 s after take-off: one of the climb, which is replaced
+    and never written. Oscillation, motors at their limits or that weaken, vibration, battery and the autopilot's
+    warnings are watched from take-off on, without a model too; alarms are in red.
 
     Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C, SIGTERM
     and SIGHUP end it and write the model; a second one changes nothing.

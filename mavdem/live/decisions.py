@@ -183,6 +183,7 @@ class Phase:
         self._is_shown = False  # whether anything shows whether it flies
         self._start = self._reviewed = self._reported_until = -inf
         self._settled_from: float | None = None
+        self._risen_from = inf  # s, since when it flies freely on its way up; none before it rises
         self._landing: float | None = None
 
     @property
@@ -196,6 +197,15 @@ class Phase:
     def settled(self, time: float) -> bool:
         """Whether ``time``, s, is in settled flight, apart from the tilt."""
         return self.steady and self._settled_from is not None and time >= self._settled_from
+
+    def free(self, time: float) -> bool:
+        """Whether at ``time``, s, the flight is settled, apart from the tilt, or on its way up off the ground."""
+        return self.settled(time) or (self.flying and time >= self._risen_from)
+
+    @property
+    def carries(self) -> bool:
+        """Whether rows can be of free flight, as of the last review."""
+        return self.steady or (self.flying and self._risen_from < inf)
 
     def settled_since(self, now: float) -> float | None:
         """Since when, s, the flight is settled; None where it is not ``now``."""
@@ -228,6 +238,7 @@ class Phase:
                 self._start = flight[0]
             self.steady = True
             self._settle(now, climb)
+        self._rise(now, climb)
         self._reviewed = now
 
     def _signals(self, now: float, vehicle: Telemetry, collective: Signal | None) -> Signals:
@@ -258,6 +269,20 @@ class Phase:
             if len(sinking := climb.time[sinks & new]):
                 # It may be landing.
                 self._settled_from = max(self._settled_from, float(sinking[-1]) + TRANSIENT_SECONDS)
+
+    def _rise(self, now: float, climb: Signal | None) -> None:
+        """Decides since when it flies freely without being settled: what rises for long is held by nothing."""
+        if not self.flying or climb is None:
+            self._risen_from = inf
+            return
+        since = max(self._reviewed, now - REPORT_SECONDS) - AVERAGING_SECONDS / 2
+        new = (climb.time > since) & (climb.time <= now - AVERAGING_SECONDS / 2)
+        speed = phases.average(climb)[new]
+        rising = climb.time[new][speed >= CLIMB_OUT_SPEED]
+        if np.any(speed <= -CLIMB_OUT_SPEED):
+            self._risen_from = inf
+        elif len(rising) and self._settled_from is None:
+            self._risen_from = min(self._risen_from, float(rising[0]) + TRANSIENT_SECONDS / 2)
 
     def _take_back(self, time: float) -> None:
         """It landed at ``time``; the earlier of two landings counts where neither was fetched."""

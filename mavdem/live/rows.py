@@ -49,6 +49,7 @@ class AlignedRow(NamedTuple):
         outputs: (2,) angle, rad, and body rate, rad/s.
         segment: its number, from 0 on; rows of one segment are one step apart.
         settled: whether the vehicle was in settled flight, as far as is known by then.
+        free: whether it was, or was on its way up after take-off, which is learned from at first.
     """
 
     time: float
@@ -56,6 +57,7 @@ class AlignedRow(NamedTuple):
     outputs: Array
     segment: int
     settled: bool
+    free: bool
 
 
 class PlacedMessage(NamedTuple):

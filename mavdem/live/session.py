@@ -119,6 +119,7 @@ class LiveSession:
         self._judging: Future[tuple[Findings, Judgement]] | None = None
         # the last: whether no model has come since the last landing
         self._settled = self._lost = self._landed = False
+        self._kept = False  # whether any sample was of settled flight
         self._waiting: deque[_Piece] = deque()
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
@@ -257,7 +258,7 @@ class LiveSession:
 
         Raises NotLearnable: there is none.
         """
-        if self.learner is None:
+        if self.learner is None or self._learned and not self._kept:
             raise NotLearnable(Fact(Session.NO_LIVE_FLIGHT))
         if not (self._landed and self._models):
             seconds = FIT_SECONDS * (1 if self._models else 2)
@@ -381,17 +382,21 @@ class LiveSession:
         learner = self.learner
         estimate = None
         assert learner is not None
-        self._settled = row.settled
-        if row.settled:
+        self._settled = row.free
+        if row.free:
+            learner.follows_torque = row.settled
             weak = self.stream.alarms.weak_motors(row.inputs, setup.scale.low)
             try:
                 estimate = learner.update(row.time, row.outputs, row.inputs, weak)
             except ValueError as error:
                 self._log(failure(Session.SAMPLE_SKIPPED, error))
-            if learner.learned is not None and learner.learned is not self._newest:
-                self._newest = learner.learned
+            newest = learner.learned
+            # Of the way up no model is kept, nor is one written at the end.
+            self._kept |= row.settled
+            if row.settled and newest is not None and newest is not self._newest:
+                self._newest = newest
                 self._landed = False
-                self._models.append((row.time, learner.learned))
+                self._models.append((row.time, newest))
         latency = time.monotonic() - self._arrival
         self._latencies.append(latency)
         self._largest = max(self._largest, latency)

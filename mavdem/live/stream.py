@@ -252,7 +252,7 @@ class LiveStream:
         name = placed.message.name
         if name in ATTITUDE_MESSAGES and placed.stamped:
             motion = attitude(message)
-            if motion is not None and name == self._attitude and self._phase.settled(time):
+            if motion is not None and name == self._attitude and self._phase.free(time):
                 self.air.attitude(time, (*motion[:2], motion[-1]))
             if motion is not None:
                 self._look(time, motion)
@@ -278,7 +278,7 @@ class LiveStream:
         if due or now - self._went_on >= REVIEW_SECONDS / 10:
             self._went_on = now
             next(self._reviewing, None)
-        if self._grid.running and not self._phase.steady:
+        if self._grid.running and not self._phase.carries:
             self._grid.end()
 
     def _add(
@@ -307,7 +307,7 @@ class LiveStream:
                 self._grid.end(forget_step=True)
                 for changed in streams:
                     changed.break_off()
-        if not self._grid.running and self._phase.steady and self._grid.begin(streams):
+        if not self._grid.running and self._phase.carries and self._grid.begin(streams):
             self._begin(inputs)
         if self._grid.running:
             yield from [self._row(time, point, inputs) for time, point in self._grid.points()]
@@ -328,7 +328,8 @@ class LiveStream:
         row = np.array([ports[port][channel] for port, channel in inputs.picks])
         moved = np.array([motion[axis], motion[2 + axis]])
         settled = upright and self._phase.settled(time)
-        return AlignedRow(time, row, moved, self._grid.segment, settled)
+        free = upright and self._phase.free(time)
+        return AlignedRow(time, row, moved, self._grid.segment, settled, free)
 
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""
@@ -434,7 +435,7 @@ class LiveStream:
         rates = (motion.rate,) * 2
         setup = Setup(self.boot, 1 / motion.rate, *names, motors.layout, motors.scale, rates, time)
         outputs = np.array([tilt.angle[-1], tilt.rate[-1]])
-        row = AlignedRow(time, motors.outputs[-1], outputs, self._grid.segment, False)
+        row = AlignedRow(time, motors.outputs[-1], outputs, self._grid.segment, False, False)
         return setup, row
 
     def _judge(self, sender: Sender, now: float) -> None:

@@ -53,6 +53,18 @@ def test_what_shows_nothing_is_not_called_the_ground():
     assert vehicle.phase.obstacle.code is Session.NOT_FLYING
 
 
+def test_what_has_risen_for_a_while_flies_freely_before_it_is_settled_unless_it_sinks():
+    one = Vehicle()
+    assert not one.fly(2.0, climb=1.0) and not one.phase.free(one.time)
+    one.fly(2.5, climb=1.0)
+    assert one.phase.free(one.time) and not one.phase.settled(one.time)
+    one.fly(2.5, climb=-1.0)
+    assert not one.phase.free(one.time)
+    still = Vehicle()
+    still.fly(4.0, climb=0.0)
+    assert not still.phase.free(still.time)
+
+
 def test_a_descent_is_no_settled_flight_until_it_is_over():
     one = Vehicle()
     assert one.fly(25.0, climb=0.0)

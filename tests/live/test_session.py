@@ -203,7 +203,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW)},
     )
     one.learner = learner
-    row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True)
+    row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True, True)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
         one._take(row._replace(time=at))
     assert one._named(late).model is one._models[-1][1].model

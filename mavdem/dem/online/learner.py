@@ -27,7 +27,7 @@ from mavdem.dem.online.tracker import (
     Surprise,
     Tracker,
 )
-from mavdem.dem.online.wind import OnlineWind, WeakMotors
+from mavdem.dem.online.wind import NOTHING, OnlineWind, WeakMotors
 from mavdem.dem.record import (
     Record,
     is_number,
@@ -64,6 +64,7 @@ class OnlineLearner:
         horizons: steps ahead of ``Estimate.ahead``.
         learned, until: the last result of ``learn``, the model in use, and the end of its samples, s; None, NaN before.
         refits, fits_physical: whether model and physical parameters are fitted again: a caller may put that off.
+        follows_torque: whether samples are for the wind torque, too: those of a climb after take-off are not.
         obstacle: why there is no model, or no newer one; ``None`` without a reason.
     """
 
@@ -110,6 +111,7 @@ class OnlineLearner:
         self.obstacle: Fact | None = TOO_FEW
         self.refits = True
         self.fits_physical = True
+        self.follows_torque = True
         self.until = np.nan
         self._settings = Settings() if settings is None else settings
         self._executor = executor
@@ -169,7 +171,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(u, weak)
+        torque = self._wind.update(u, weak) if self.follows_torque else NOTHING
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],
@@ -266,7 +268,8 @@ class OnlineLearner:
     def _remember(self) -> None:
         """Learns what comes next, and the wind's torque, from the block that was just closed."""
         self._ahead.add(self._memory.blocks[-1], self.refits)
-        self._wind.add(self._memory.blocks[-1], self.fits_physical)
+        if self.follows_torque:
+            self._wind.add(self._memory.blocks[-1], self.fits_physical)
 
     def _missing(self) -> Fact | None:
         """Why there is no model yet; ``None`` where there is one."""
