@@ -117,9 +117,8 @@ class LiveSession:
         self._estimate: Estimate | None = None
         self.judged: tuple[Findings | None, Judgement | None] = (None, None)
         self._judging: Future[tuple[Findings, Judgement]] | None = None
-        # the last: whether no model has come since the last landing
-        self._settled = self._lost = self._landed = False
-        self._kept = False  # whether any sample was of settled flight
+        # the last two: whether no model has come since the last landing, and whether any sample was settled
+        self._settled = self._lost = self._landed = self._kept = False
         self._waiting: deque[_Piece] = deque()
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
