@@ -16,7 +16,8 @@ from functools import partial
 from itertools import chain, islice
 from multiprocessing import active_children, current_process, get_context, parent_process
 from multiprocessing.connection import Connection
-from threading import Thread, current_thread, main_thread
+from multiprocessing.process import BaseProcess
+from threading import Lock, Thread, current_thread, main_thread
 from typing import Any, TypeVar
 
 from mavdem.facts import Fact
@@ -33,6 +34,7 @@ AHEAD = 256  # jobs that are sent ahead of the result that is waited for: a give
 LOW_PRIORITY = 10
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
 
+_starting = Lock()  # of one pool after the other: new processes are its own
 _alone = False  # whether this process starts no others, because others like it have the other cores
 _stop_pipe: Connection | None = None
 """In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
@@ -110,6 +112,8 @@ def stay_in_this_process() -> None:
 class Pool(ProcessPoolExecutor):
     """An executor of :func:`pool`: its jobs stop when its block is left, and need not be cancelled."""
 
+    processes: list[BaseProcess]
+
 
 @contextmanager
 def pool(workers: int) -> Iterator[Pool]:
@@ -126,9 +130,11 @@ def pool(workers: int) -> Iterator[Pool]:
     with blocked(*ENDS):
         executor = Pool(workers, context, initializer=_begin, initargs=(stop_pipe,))
     try:
-        with blocked(*ENDS):
+        with blocked(*ENDS), _starting:
+            others = active_children()
             for _ in range(workers):
                 executor.submit(os.getpid)
+            executor.processes = [child for child in active_children() if child not in others]
         yield executor
     finally:
         # The parent's end is closed first, which stops the workers; then they are waited for. A wait for a thread that
@@ -156,15 +162,13 @@ class LearningProcess(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kills the process, whatever it computes."""
-        for child in self._children:
-            child.kill()
+        for process in self._pool.processes:
+            process.kill()
         self._exits.close()
 
     def _start(self) -> None:
         self._exits.close()
-        others = active_children()
         self._pool = self._exits.enter_context(pool(1))
-        self._children = [child for child in active_children() if child not in others]
         if hasattr(os, "nice"):
             self._pool.submit(os.nice, LOW_PRIORITY)
 

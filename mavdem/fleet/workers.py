@@ -24,11 +24,10 @@ from functools import partial
 from importlib import metadata
 from itertools import islice
 from math import ceil
-from multiprocessing import active_children
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from pkgutil import resolve_name
-from threading import Event, Lock
+from threading import Event
 from typing import Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
@@ -46,8 +45,6 @@ ATTEMPTS = 2  # at a log whose reading killed the process: something else may ha
 # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
 WAITING = 10
 LOOK_SECONDS = 0.5  # between looks how far a reading is, and whether it is to be given up
-
-_starting = Lock()  # one process after the other, each of which is the new one
 
 Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 """How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
@@ -155,10 +152,8 @@ class LogReader:
             os.environ.setdefault(name, "1")
         os.environ.setdefault("MPLBACKEND", "agg")
         try:
-            with _starting:
-                others = active_children()
-                self._executor = self._exits.enter_context(pool(1))
-                (process,) = (child for child in active_children() if child not in others)
+            self._executor = self._exits.enter_context(pool(1))
+            (process,) = self._executor.processes
             self._executor.submit(os.getpid).result()
         except (OSError, BrokenExecutor) as error:
             self._exits.close()

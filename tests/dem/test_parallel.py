@@ -1,13 +1,13 @@
-"""The process that learns beside a stream."""
+"""Processes beside this one: the one that learns beside a stream, and pools that start at once."""
 
 import os
 import signal
 import time
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 
 import pytest
 
-from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess
+from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, pool
 
 
 @pytest.mark.slow
@@ -26,3 +26,14 @@ def test_a_process_that_is_killed_is_replaced():
         executor.submit(time.sleep, 3600)  # which is not waited for
     with pytest.raises(ProcessLookupError):
         os.kill(second, 0)
+
+
+@pytest.mark.slow
+def test_pools_that_are_started_at_once_know_their_own_processes():
+    def pids(_):
+        with pool(1) as executor:
+            (process,) = executor.processes
+            return process.pid, executor.submit(os.getpid).result()
+
+    with ThreadPoolExecutor(3) as threads:
+        assert all(known == own for known, own in threads.map(pids, range(3)))
