@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,6 +13,8 @@ import numpy as np
 
 from mavdem.alignment.phases import in_modes
 from mavdem.alignment.signals import Signals
+from mavdem.condition.loop.loop import Loop, margin_rating
+from mavdem.condition.said import texts
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
@@ -27,6 +30,8 @@ NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
 
 AUTOTUNE = frozenset({"Autotune"})
 """The mode of ArduPilot whose gains no parameter has."""
+FOUND = re.compile(r"\b([PID]):([\d.]+)")
+"""A gain that ArduPilot's AutoTune ended with, in "Roll Rate: P:0.116, I:0.116, D:0.0006" and "Roll Angle P:36.000"."""
 
 
 def with_one_set_of_gains(
@@ -95,3 +100,53 @@ def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, fl
 def _with_parameters(flight: Flight, values: Parameters) -> Flight:
     known = {"parameters": {**flight.provenance["parameters"], **values}, "earlier": {}}
     return replace(flight, provenance={**flight.provenance, **known})
+
+
+def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
+    """Returns that AutoTune tuned the axis of ``signals``, with gains before and after; None where it did not.
+
+    Those after are the parameters or, until they are set, what it said that it found. Where the ``loop`` is known, so
+    is how its margins rate with either.
+    """
+    named = f"AutoTune: {signals.axis.capitalize()} "
+    words = [one for one in texts(signals.telemetry) if one.text.startswith(named)]
+    stamps = [(one.boot, one.time) for one in words]
+    if signals.telemetry.autopilot == "PX4":
+        for _, signal in signals.injected:
+            stamps += [
+                (boot, time)
+                for boot, time, value in zip(signal.boot, signal.time, signal.values, strict=True)
+                if value
+            ]
+    if not stamps:
+        return None
+    boot, begin = min(stamps)
+    sets = gains_of_log(signals)
+    before = [dict(values) for *since, values in sets if since <= [boot, begin]][-1]
+    after = before | {
+        f"ATC_{'ANG' if 'Angle' in one.text else 'RAT'}_{NAMED[signals.axis][0]}_{letter}": float(
+            value
+        )
+        for one in words
+        for letter, value in FOUND.findall(one.text)
+    }
+    after |= {name: value for name, value in sets[-1][2] if before[name] != value}
+    changes = [
+        (name, before.get(name), value)
+        for name, value in after.items()
+        if before.get(name) != value
+    ]
+    tuned = Fact(
+        Loops.AUTOTUNED,
+        Level.GOOD,
+        time=begin,
+        until=max(stamps)[1],
+        subject=signals.axis,
+        boot=boot,
+        changes=changes,
+        ratings=(),
+    )
+    if isinstance(loop, Fact):
+        return tuned
+    ratings = [margin_rating(loop.changed(gains)) for gains in (before, after)]
+    return tuned.but(min(ratings[1].level, Level.WATCH, key=list(Level).index), ratings=ratings)

@@ -11,7 +11,7 @@ from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
 from mavdem.analysis.figures import AxisFigures, physical_of
-from mavdem.analysis.gains import with_one_set_of_gains
+from mavdem.analysis.gains import autotuned, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.dem import Physical
@@ -58,4 +58,5 @@ def loops_of_log(
         raise NotLearnable(plant.refusal)
     assert isinstance(plant, Physical)
     loop = loop_of(plant, Record.of(flights))
-    return loop if caution is None else replace(loop, cautions=(caution, *loop.cautions))
+    own = filter(None, (caution, autotuned(signals, loop)))
+    return replace(loop, cautions=(*own, *loop.cautions))

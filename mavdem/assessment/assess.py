@@ -18,6 +18,7 @@ from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.analysis.analysis import StepProgress, silent
 from mavdem.analysis.figures import ALL
 from mavdem.analysis.findings import known_wind
+from mavdem.analysis.gains import autotuned
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
@@ -226,9 +227,11 @@ def assess_signals(
         about = signals.about(AXES[0], options.inputs)
         loops = loops_of_axes(log, about, options.start, analysis.axis_figures)
     events = [*reported_events(signals), *motion_events(signals)]
+    tuned = [autotuned(about.about(axis), loop) for axis, loop in loops.items()]
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
     events += [*losses_of(changes), *(change.fact for change in changes if not change.weak)]
+    events += filter(None, tuned)
     evidence = Evidence(
         log,
         signals,

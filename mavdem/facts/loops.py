@@ -18,6 +18,7 @@ class Loops(Code):
     PARAMETERS_CHANGED = auto()
     GAINS_OF_PART = auto()
     GAINS_OF_AUTOTUNE = auto()
+    AUTOTUNED = auto()
     NO_RATE_SETPOINT = auto()
     LOOP_TOO_SHORT = auto()
     MOTORS_LIMITED = auto()

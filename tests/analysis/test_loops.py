@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from hover import Hover, changed, columns
 from pytest import approx
+from recorded_flights import recorded
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.gains import with_one_set_of_gains
+from mavdem.analysis.gains import autotuned, with_one_set_of_gains
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
 
 AUTOTUNE = 15
@@ -68,3 +70,12 @@ def test_autotune_has_gains_that_no_parameter_has():
     with pytest.raises(NotLearnable) as refused:
         flown(given, [(0.0, AUTOTUNE)])
     assert refused.value.fact.code is Loops.GAINS_OF_AUTOTUNE
+
+
+def test_a_recorded_autotune_has_its_span_and_what_it_found():
+    signals = Signals(recorded("sitl_raw/ap_autotune.BIN.xz"))
+    tuned = autotuned(signals, refusal := Fact(Loops.NOT_STEERED))
+    assert (round(tuned.time), round(tuned.until)) == (64, 184)
+    _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
+    assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
+    assert autotuned(signals.about("pitch"), refusal) is None

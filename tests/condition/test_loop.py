@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
+from mavdem.analysis.gains import autotuned
 from mavdem.condition.loop.advice import (
     EFFECTS,
     LARGEST_ANGLE,
@@ -39,6 +40,7 @@ from mavdem.dem.graybox.parameters import WindComponent
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
+from mavdem.ingest.vocabulary import Injection
 from mavdem.paper.runner import logged
 from mavdem.report.vehicle_files import vehicle_text
 from sitl_scenarios.files import scenario_of
@@ -353,6 +355,18 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
     assert rating.figures["phase_margin"] == weak.phase_margin
     assert (rating.figures["share"] >= 1) == (level != "bad")
     assert rating.figures["lacking"] == lacking
+
+
+def test_gains_after_px4s_autotune_are_rated_like_those_before():
+    time = np.arange(20.0, 30.0)
+    injected = columns(time, axis=np.full(10, Injection.RATE_SETPOINT), target=time - 20)
+    telemetry = changed(Hover().telemetry(autopilot="PX4"), "SIDD", **injected)
+    sent = {"param_id": [b"MC_ROLLRATE_K"] * 2, "param_value": [1.0, 6.0], "param_type": [9, 9]}
+    sent = columns([1.0, 35.0], **sent)
+    telemetry = changed(telemetry, "PARAM_VALUE", **{name: np.array(sent[name]) for name in sent})
+    tuned = autotuned(Signals(telemetry), made_up())
+    assert (tuned.level, tuned.time, tuned.until) == (Level.WATCH, 21.0, 29.0)
+    assert [one.level for one in tuned.figures["ratings"]] == [Level.GOOD, Level.BAD]
 
 
 @pytest.mark.parametrize(
