@@ -179,4 +179,8 @@ def _limited(value: float, limit: float) -> float:
 
 def _wrapped(angle: float) -> float:
     """An angle of less than three half turns, rad, as one of half a turn at most."""
-    return angle - 2 * pi if angle > pi else angle + 2 * pi if angle < -pi else angle
+    if angle > pi:
+        return angle - 2 * pi
+    if angle < -pi:
+        return angle + 2 * pi
+    return angle

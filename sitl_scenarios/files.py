@@ -177,7 +177,9 @@ def _allowed(schema: Mapping[str, Any]) -> str:
 
 
 def _key(key: str) -> str:
-    return key if BARE_KEY.fullmatch(key) else _toml(key)
+    if BARE_KEY.fullmatch(key):
+        return key
+    return _toml(key)
 
 
 def _toml(value: Any) -> str:

@@ -125,7 +125,9 @@ class SetController(Controller):
 
 def _time(cutoff: float) -> float:
     """Of a first-order filter, s, by its cut-off, Hz, and likewise back; 0 where there is none."""
-    return 1 / (2 * pi * cutoff) if cutoff else 0.0
+    if cutoff:
+        return 1 / (2 * pi * cutoff)
+    return 0.0
 
 
 class _RateLoop:

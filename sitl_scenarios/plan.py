@@ -115,7 +115,9 @@ class Plan:
             if excited and isinstance(self._excitation, Course):
                 return self._flown(round((time - hover - SETTLE_SECONDS) / self._cycle))
             reference = Reference(2, self._height, 0.0, 0.0)
-            return self._excited(reference, time - hover - SETTLE_SECONDS) if excited else reference
+            if excited:
+                return self._excited(reference, time - hover - SETTLE_SECONDS)
+            return reference
         done, rate = _smooth(min((time - landing) / descent, 1.0))
         way = self._height + 0.2  # aims below the ground, so as to touch it
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)

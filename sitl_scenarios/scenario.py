@@ -26,7 +26,9 @@ from pydantic import (
 
 def shortened(text: str, longest: int = 60) -> str:
     """Text cut to ``longest`` characters, with an ellipsis where it was longer."""
-    return text if len(text) <= longest else f"{text[: longest - 2]} …"
+    if len(text) <= longest:
+        return text
+    return f"{text[: longest - 2]} …"
 
 
 MAX_SECONDS = 7200.0  # Seconds of a flight: an hour is much, and two are enough
@@ -499,6 +501,7 @@ class Scenario(Section):
                 at = np.cumsum([(move.north, move.east, move.up) for move in moves], axis=0)
                 if np.abs(at[-1]).max() > 1e-6:
                     raise ValueError("the course must end where it began")
-                if (lowest := self.height + at[:, 2].min()) < 0.5:
+                lowest = self.height + at[:, 2].min()
+                if lowest < 0.5:
                     raise ValueError(f"the course must stay 0.5 m above the ground, not {lowest:g}")
         return self

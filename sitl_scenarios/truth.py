@@ -128,7 +128,8 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     for number, name in enumerate(AXES):
         instant = axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
-        if tau := sum(body.lag) / 2:
+        tau = sum(body.lag) / 2
+        if tau:
             last = np.eye(len(instant.A))[:, -1:]
             arrays[f"{name}_lag_A"] = np.block([[instant.A, last], [0 * last.T, -1 / tau]])
             arrays[f"{name}_lag_B"] = np.vstack([0 * instant.B, instant.B[-1] / tau])

@@ -222,7 +222,9 @@ class Condition:
     @property
     def collective(self) -> float | None:
         """Mean of all motors, as a share of their range."""
-        return None if self.hover is None else float(np.mean(self.hover.trim_of_range))
+        if self.hover is None:
+            return None
+        return float(np.mean(self.hover.trim_of_range))
 
 
 def condition_of(signals: Signals) -> Condition:
@@ -333,7 +335,9 @@ def _steady(values: Array, seconds: float) -> Steady:
 
 def or_none(half_width: float) -> float | None:
     """Returns a half width, or a share; ``None`` where it is not finite."""
-    return float(half_width) if np.isfinite(half_width) else None
+    if np.isfinite(half_width):
+        return float(half_width)
+    return None
 
 
 class MeasuredVibration(NamedTuple):

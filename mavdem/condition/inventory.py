@@ -133,7 +133,9 @@ def _firmware(telemetry: Telemetry) -> str:
         return said
     version = int(columns["flight_sw_version"][-1])
     name = {"ARDUPILOTMEGA": "ArduPilot V", "PX4": "PX4 v"}.get(telemetry.autopilot, "")
-    return f"{name}{version_text(version)}" if version else ""
+    if version:
+        return f"{name}{version_text(version)}"
+    return ""
 
 
 def _place(telemetry: Telemetry) -> tuple[float, float] | None:
@@ -157,7 +159,9 @@ def _date(signals: Signals, received: float) -> datetime | None:
             return _utc(float(unix[own][0] + flight.start - columns["time"][own][0]))
         if known.any():
             return _utc(float(unix[known][0]))
-    return _utc(received) if received > FIRST_SECOND else None
+    if received > FIRST_SECOND:
+        return _utc(received)
+    return None
 
 
 def _utc(seconds: float) -> datetime | None:
@@ -309,7 +313,9 @@ def _rate(columns: Columns) -> float | None:
             columns = selected(columns, of == np.bincount(of).argmax())
     boots = [columns["time"][columns["boot"] == boot] for boot in np.unique(columns["boot"])]
     seconds = sum(float(np.ptp(time)) for time in boots)
-    return sum(len(time) - 1 for time in boots) / seconds if seconds > 0 else None
+    if seconds > 0:
+        return sum(len(time) - 1 for time in boots) / seconds
+    return None
 
 
 def _missing_share(telemetry: Telemetry) -> float | None:
@@ -325,4 +331,6 @@ def _missing_share(telemetry: Telemetry) -> float | None:
             # A quarter of a step is jitter.
             missing = float(np.maximum(np.rint(steps / usual - 0.25) - 1, 0).sum())
             shares.append(missing / (missing + len(time)))
-    return float(np.median(shares)) if shares else None
+    if shares:
+        return float(np.median(shares))
+    return None

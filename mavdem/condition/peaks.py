@@ -197,4 +197,6 @@ def _multiple(fundamental: Peak, peak: Peak) -> int:
     """Which multiple of a fundamental a line is; 0 where it is none."""
     ratio = peak.frequency / fundamental.frequency
     near = round(ratio)
-    return near if 2 <= near <= MOST_HARMONICS and abs(ratio / near - 1) <= HARMONIC else 0
+    if 2 <= near <= MOST_HARMONICS and abs(ratio / near - 1) <= HARMONIC:
+        return near
+    return 0

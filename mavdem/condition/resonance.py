@@ -202,7 +202,9 @@ def spectra(
     None where a signal comes slower than ``least_rate``, Hz, or there are fewer than ``FEWEST_WINDOWS``.
     """
     known = evenly_sampled(signals, parts, seconds, least_rate)
-    return None if known is None else spectra_of_pieces(*known, seconds)
+    if known is None:
+        return None
+    return spectra_of_pieces(*known, seconds)
 
 
 def spectra_of_pieces(

@@ -88,7 +88,8 @@ def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
 def _meant(one: Text, warns: bool) -> Fact | None:
     """What a text means; None where something is over, or where no pattern knows it and it ``warns`` of nothing."""
     for pattern, code, level in PATTERNS:
-        if found := pattern.search(one.text):
+        found = pattern.search(one.text)
+        if found:
             if not code:
                 return None
             groups = found.groupdict()
@@ -130,7 +131,8 @@ def _of_errors(telemetry: Telemetry) -> Iterator[Fact]:
 
 def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
     for time, boot, number in _rows(telemetry, "EV", "Id"):
-        if meant := _SAID["events"].get(str(number)):
+        meant = _SAID["events"].get(str(number))
+        if meant:
             name, level, subject = meant
             figures = {"boot": boot, "basis": ("EV",)}
             yield Fact(Reported(name), Level(level), time=time, subject=subject).but(**figures)

@@ -146,7 +146,9 @@ class StepResponse:
         closed = self.response * back / forward
         above = np.flatnonzero(np.abs(closed) >= np.abs(1 - closed))
         seen = len(above) and above[-1] + 1 < len(self.frequency)
-        return float(self.frequency[above[-1]]) if seen else None
+        if seen:
+            return float(self.frequency[above[-1]])
+        return None
 
     def compared(self, frequency: Array, closed: Complex) -> Fact:
         """Returns whether the ``closed`` loop (F′,) at Hz (F′,) that was predicted is the measured one.

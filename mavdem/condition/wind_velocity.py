@@ -134,14 +134,18 @@ class WindVelocity:
 
 def least_speed(low: float, high: float) -> float:
     """Returns the lower end of an interval of speed, m/s: 0 where still air is likely, too."""
-    return 0.0 if low < min(CALM, high / 3) else low
+    if low < min(CALM, high / 3):
+        return 0.0
+    return low
 
 
 def speed_status(speed: float, low: float, high: float) -> Status:
     """Returns whether a ``speed`` with this interval, m/s, is reported."""
     if (high - low) / 2 <= max(SPEED_ERROR, SPEED_SHARE * speed):
         return Status.REPORTED
-    return Status.BIASED if high <= SPEED_FACTOR * max(low, 0.3) else Status.NOT_IDENTIFIABLE
+    if high <= SPEED_FACTOR * max(low, 0.3):
+        return Status.BIASED
+    return Status.NOT_IDENTIFIABLE
 
 
 def coming_from(north: float, east: float) -> float:

@@ -226,12 +226,16 @@ class HealthFigures:
     @property
     def when(self) -> float:
         """By which flights are sorted: UNIX s, those without a date last."""
-        return np.inf if self.date is None else self.date.timestamp()
+        if self.date is None:
+            return np.inf
+        return self.date.timestamp()
 
     @property
     def effort(self) -> float | None:
         """The collective at a battery of 1 V: it grows with the payload, and not as the battery sags."""
-        return self.collective * self.voltage if self.collective and self.voltage else None
+        if self.collective and self.voltage:
+            return self.collective * self.voltage
+        return None
 
 
 HealthFlights = Sequence[HealthFigures]  # Of one vehicle

@@ -316,7 +316,8 @@ class MotorWatch:
             self._rate_from = time
             self._samples = 0
         self.latest = time
-        if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
+        passed = time - self._rate_from
+        if passed >= REFERENCE_SECONDS:
             # A tenth less, for jitter
             is_slow = self._samples <= 0.9 * MIN_RATE * passed
             self.obstacle = TOO_SLOW if is_slow else None
@@ -437,7 +438,8 @@ class MotorWatch:
             }
             for side in (~is_after, is_after)
         )
-        if common := before.keys() & after.keys():
+        common = before.keys() & after.keys()
+        if common:
             return all(after[sector] - before[sector] > SHOWN_SHARE for sector in common)
         is_before = max(before.values(), default=0.0) < -SHOWN_SHARE
         return len(after) > 1 and is_before and min(after.values()) > -SHOWN_SHARE

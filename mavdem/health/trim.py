@@ -35,7 +35,9 @@ UNEVEN_QUADROTORS = {"healthy": 0.0, "motor": 1.0, "load": 5.0, "yaw": 11.0, "ot
 def trim_of_signals(signals: Signals) -> Fact | None:
     """Returns how even the motors of a vehicle's steady flight are; None without motor outputs."""
     motors = signals.motors
-    return None if motors is None else trim_of(balance_of_signals(signals), motors.layout)
+    if motors is None:
+        return None
+    return trim_of(balance_of_signals(signals), motors.layout)
 
 
 def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:

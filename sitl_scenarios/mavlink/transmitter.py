@@ -219,7 +219,9 @@ class Transmitter:
         ]
         self._asked = []
         placed += self._streams(motion, clock)
-        return self._framed(placed, motion.time) if placed else _nothing()
+        if placed:
+            return self._framed(placed, motion.time)
+        return _nothing()
 
     def _streams(self, motion: Motion, clock: NDArray[np.float64]) -> list[Placed]:
         placed: list[Placed] = []

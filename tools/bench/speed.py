@@ -99,7 +99,8 @@ def fleet(logs: tuple[Path, ...]) -> None:
         began = time.process_time()
         kind = f"{path.suffix.lower()}, no flight"
         with suppress(Unreadable):
-            if tier := best_tier(rows_of_log(path, path.name, flight_page)[0]):
+            tier = best_tier(rows_of_log(path, path.name, flight_page)[0])
+            if tier:
                 kind = f"{path.suffix.lower()}, tier {tier}"
         rows.append({"logs": kind, "CPU s": time.process_time() - began})
     table = pd.DataFrame(rows)

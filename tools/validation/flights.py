@@ -94,7 +94,9 @@ def rows_of(judge: Callable[[Any], list[Values]], flights: Iterable[Any], jobs: 
 
 def share(held: Any) -> str:
     """Of what is true, in percent."""
-    return f"{np.mean(held):.0%}" if len(held) else "–"
+    if len(held):
+        return f"{np.mean(held):.0%}"
+    return "–"
 
 
 def show(title: str, rows: Any, *more: str) -> None:
@@ -108,4 +110,6 @@ def show(title: str, rows: Any, *more: str) -> None:
 def _text(cell: Any) -> str:
     if not isinstance(cell, float):
         return str(cell)
-    return "" if np.isnan(cell) else f"{cell:.3g}"
+    if np.isnan(cell):
+        return ""
+    return f"{cell:.3g}"

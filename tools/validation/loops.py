@@ -101,7 +101,9 @@ def drawn(seed: int, rng: np.random.Generator) -> Scenario:
         known = truth_of(default.changed(gains), plant)
         least = min(least, known["rate_phase_margin"], known["attitude_phase_margin"])
         parameters |= gains
-    return scenario_of(wanted) if least > LEAST_PHASE else drawn(seed, rng)
+    if least > LEAST_PHASE:
+        return scenario_of(wanted)
+    return drawn(seed, rng)
 
 
 def flown_by(of: Scenario, axis: Axis) -> Controller:
@@ -201,7 +203,9 @@ def estimates_of(loop: Loop) -> dict[str, Array]:
 def cause(fact: Fact) -> str:
     """The code of what a reason follows from."""
     because = fact.figures.get("because")
-    return cause(because) if isinstance(because, Fact) else fact.code.name
+    if isinstance(because, Fact):
+        return cause(because)
+    return fact.code.name
 
 
 def known_of(log: Log, name: str) -> Truth:

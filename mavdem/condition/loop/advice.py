@@ -235,7 +235,8 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
 def _refusals(loop: Loop) -> Facts:
     """Why the loop itself gives no gains; the first reason."""
     limited = _limited_share(loop.controller, loop.record)
-    if changed := changed_in(loop.record, loop.controller):
+    changed = changed_in(loop.record, loop.controller)
+    if changed:
         return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
     if limited > LIMITED_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)

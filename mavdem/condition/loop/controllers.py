@@ -297,7 +297,8 @@ def _gains(own: Parameters, names: Mapping[str, str], rate: str) -> Values:
 
 
 def _required(parameters: Parameters, *names: str) -> list[float]:
-    if missing := [name for name in names if name not in parameters]:
+    missing = [name for name in names if name not in parameters]
+    if missing:
         raise NotLearnable(Fact(Controllers.PARAMETERS_MISSING, names=missing))
     return [parameters[name] for name in names]
 

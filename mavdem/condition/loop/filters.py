@@ -32,7 +32,8 @@ def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.comple
     """Returns (…) the rate that is controlled and logged by the true one, at ``frequency`` (…), Hz."""
     rate = controller.gyro_rate
     response = notched(controller.notches, rate, frequency)
-    if cutoff := controller.gyro_filter:
+    cutoff = controller.gyro_filter
+    if cutoff:
         share = np.tan(np.pi * frequency / rate) / np.tan(np.pi * min(cutoff / rate, HIGHEST))
         response /= 1 + 2**0.5 * 1j * share - share**2
     return response

@@ -109,9 +109,12 @@ class Loop(Margins, LoopDownstream):
         """Whether the flight's response is the predicted one; None where too little of it was measured."""
         if self.measured is None:
             return None
-        if (reason := self.measured.reason) is None:
+        reason = self.measured.reason
+        if reason is None:
             return True
-        return None if reason.code is Responses.RESPONSE_UNEXPLAINED else False
+        if reason.code is Responses.RESPONSE_UNEXPLAINED:
+            return None
+        return False
 
     def sure_of(self, target: Target) -> float:
         """Returns the share of the draws in which both loops have the margins of ``target``."""
