@@ -84,14 +84,18 @@ class PredictionErrors(NamedTuple):
             model.predicted(start, *segment)
             for start, segment in zip(starts, segments, strict=True)
         ]
-        return np.concatenate([outputs for _, outputs in segments]) - np.concatenate(ahead)
+        seen = np.concatenate([outputs for _, outputs in segments])
+        return seen - np.concatenate(ahead)
 
     def value(self, at: Array) -> tuple[float, Array]:
         """The log likelihood up to a constant, NaN where the predictor is not stable; and the errors."""
         errors = self.errors(at)
         model = self.moved(at).model
-        radius = np.abs(np.linalg.eigvals(model.A - model.K @ model.C)).max()
-        return _likelihood(errors) if radius < 1 else np.nan, errors
+        predictor = model.A - model.K @ model.C
+        radius = np.abs(np.linalg.eigvals(predictor)).max()
+        if radius < 1:
+            return _likelihood(errors), errors
+        return np.nan, errors
 
     def slopes(self, at: Array, errors: Array) -> Array:
         """(f, T, m): of the errors, by differences."""
@@ -102,30 +106,36 @@ class PredictionErrors(NamedTuple):
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """Slope and Gauss-Newton curvature of the likelihood."""
         slopes = self.slopes(at, residuals)
-        root = np.linalg.cholesky(np.linalg.inv(_covariance(residuals)))
+        precision = np.linalg.inv(_covariance(residuals))
+        root = np.linalg.cholesky(precision)
         jacobian = (slopes @ root).reshape(len(at), -1)
         curvature = jacobian @ jacobian.T
         # The choice of states changes no error.
-        curvature += ROUNDING * curvature.diagonal().max() * np.eye(len(at))
+        floor = ROUNDING * curvature.diagonal().max()
+        curvature += floor * np.eye(len(at))
         slope = -jacobian @ (residuals @ root).ravel()
         return Quadratic(at, _likelihood(residuals), slope, curvature)
 
 
 def _likelihood(errors: Array) -> float:
-    return float(-0.5 * len(errors) * np.linalg.slogdet(_covariance(errors))[1])
+    log_determinant = np.linalg.slogdet(_covariance(errors))[1]
+    return float(-0.5 * len(errors) * log_determinant)
 
 
 def _covariance(errors: Array) -> Array:
-    return np.asarray(errors.T @ errors / len(errors) + RANK_TOLERANCE**2 * np.eye(errors.shape[1]))
+    floor = RANK_TOLERANCE**2 * np.eye(errors.shape[1])
+    return np.asarray(errors.T @ errors / len(errors) + floor)
 
 
 def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
     objective = PredictionErrors(found.model, found.starts, segments)
-    start = objective.quadratic(objective.at, objective.errors(objective.at))
+    errors = objective.errors(objective.at)
+    start = objective.quadratic(objective.at, errors)
     trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS)
     best = objective.moved(trace[-1].at)
-    return Fitted(best.model, best.starts, None if gained <= CONVERGED_NATS else len(trace) - 1)
+    iterations = None if gained <= CONVERGED_NATS else len(trace) - 1
+    return Fitted(best.model, best.starts, iterations)
 
 
 # least variance of w at the start: EM converges slowly from a motion that is taken to be exact
@@ -220,7 +230,8 @@ def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array,
     yy = total[-targets:, -targets:]
     coefficients = yz @ np.linalg.pinv(zz, rcond=DEPENDENCE_TOLERANCE**2, hermitian=True)
     explained = coefficients @ yz.T
-    left = (yy - explained - explained.T + coefficients @ zz @ coefficients.T) / number
+    squared = coefficients @ zz @ coefficients.T
+    left = (yy - explained - explained.T + squared) / number
     variances, axes = np.linalg.eigh((left + left.T) / 2)
     return coefficients, (axes * np.maximum(variances, ROUNDING) @ axes.T)
 

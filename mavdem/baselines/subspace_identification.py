@@ -92,7 +92,8 @@ def found_by_projection(segments: Segments, order: int) -> Fitted:
     except np.linalg.LinAlgError:
         raise NotLearnable(Fact(Forecasts.NOT_OBSERVABLE, order=order)) from None
     model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
-    return Fitted(model, np.array([_start(model, *segment) for segment in segments]))
+    starts = np.array([_start(model, *segment) for segment in segments])
+    return Fitted(model, starts)
 
 
 def _horizon(segments: Segments, order: int) -> int:
@@ -112,7 +113,8 @@ def _horizon(segments: Segments, order: int) -> int:
         samples = int(lengths.sum())
         raise NotLearnable(Fact(code, subject=subject, samples=samples, parameters=least))
     longer = range(LONGEST_HORIZON, fewest, -1)
-    return next((each for each in longer if windows_per_column(each) >= USUAL_WINDOWS), fewest)
+    usable = (each for each in longer if windows_per_column(each) >= USUAL_WINDOWS)
+    return next(usable, fewest)
 
 
 def _state_map(windows: Array, order: int, k: int) -> Array:
@@ -122,14 +124,14 @@ def _state_map(windows: Array, order: int, k: int) -> Array:
     """
     number = len(windows)
     past, future = np.split(windows, 2, axis=1)
-    given = np.hstack([np.ones((number, 1)), future[:, :, :k].reshape(number, -1)])
+    future_inputs = future[:, :, :k].reshape(number, -1)
+    given = np.hstack([np.ones((number, 1)), future_inputs])
     before = past.reshape(number, -1)
     after = future[:, :, k:].reshape(number, -1)
     of_past, of_future = (each - given @ regression(given, each) for each in (before, after))
     basis, to_basis = _orthonormal(of_past)
-    directions = np.linalg.svd(
-        basis.T @ of_future @ _orthonormal(of_future)[1], full_matrices=False
-    )[0]
+    future_basis = _orthonormal(of_future)[1]
+    directions = np.linalg.svd(basis.T @ of_future @ future_basis, full_matrices=False)[0]
     if directions.shape[1] < order:
         states = directions.shape[1]
         raise NotLearnable(Fact(Forecasts.TOO_FEW_STATES, order=order, states=states))
@@ -156,7 +158,9 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
     """
     for least in LEAST_NOISES:
         with suppress(np.linalg.LinAlgError):
-            return steady_gain(A, C, Q + least * np.eye(len(A)), R + least * np.eye(len(C)), S)[0]
+            process = Q + least * np.eye(len(A))
+            measurement = R + least * np.eye(len(C))
+            return steady_gain(A, C, process, measurement, S)[0]
     raise np.linalg.LinAlgError("no noise makes a steady filter")
 
 

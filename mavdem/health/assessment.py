@@ -67,7 +67,8 @@ def assess(
     healthy = healthy_flights(flights, baseline)
     assessments: dict[int, HealthAssessment] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
-    for number, flight in sorted(enumerate(flights), key=lambda numbered: numbered[1].when):
+    by_time = sorted(enumerate(flights), key=lambda numbered: numbered[1].when)
+    for number, flight in by_time:
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
         others = [other for other in apart if other.layout == flight.layout]
         reference: Values = {"flights": len(others), "are_chosen": chosen}
@@ -83,9 +84,12 @@ def assess(
         considered = Candidates(flight.signatures)
         # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
         alone = flight.date is None or len(apart) < len(healthy)
-        last, last_effort = (None, None) if alone else before.get(flight.layout, (None, None))
+        last, last_effort = None, None
+        if not alone:
+            last, last_effort = before.get(flight.layout, (None, None))
         away = deviation(flight, others)
-        weighed = considered.after(away, None if last is None else last.candidates)
+        candidates = None if last is None else last.candidates
+        weighed = considered.after(away, candidates)
         effort = effort_change(flight, others, last_effort)
         if not alone:
             before[flight.layout] = weighed, effort
@@ -109,7 +113,8 @@ def _assessment(
     """The assessment beside the flights of the ``reference``, with what speaks for it."""
     # The effort says nothing of a single motor, and a weak one takes little of it.
     balance = 1 - weighed.healthy
-    change = 1 - weighed.healthy * (1.0 if effort is None else 1 - effort.probability)
+    same_effort = 1.0 if effort is None else 1 - effort.probability
+    change = 1 - weighed.healthy * same_effort
     known = weighed.fault, change
     if weighed.fault >= PROBABLE:
         suspect = int(weighed.faults.argmax())
@@ -187,7 +192,8 @@ def lost_thrust(rise: float, exponent: float = 2.0) -> float:
 def shift_sizes(scale: float) -> tuple[Array, Array]:
     """Standard deviations whose normal distributions, weighed with the second array, make Student's of this scale."""
     sizes = scale * np.geomspace(0.4, 40.0, 24)
-    weights = sizes**-SHIFT_FREEDOM * np.exp(-SHIFT_FREEDOM / 2 * (scale / sizes) ** 2)
+    decay = np.exp(-SHIFT_FREEDOM / 2 * (scale / sizes) ** 2)
+    weights = sizes**-SHIFT_FREEDOM * decay
     return sizes, weights / weights.sum()
 
 
@@ -206,29 +212,33 @@ class Candidates:
     def __init__(self, signatures: MotorSignatures, priors: Mapping[str, float] = PRIORS) -> None:
         """Weighs the groups by ``priors``, of any sum."""
         total = sum(priors.values())
-        motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
+        patterns = signatures.weak_motor[:, None, 1:]
+        motors = (patterns * RISES[:, None]).reshape(-1, 3)
         sizes, weights = shift_sizes(SHIFT)
         likely = {
             "healthy": np.ones(1),
             "motor": np.tile(np.exp(-RISES / MEAN_RISE), len(signatures.weak_motor)),
             **dict.fromkeys(("load", "yaw", "other"), weights),
         }
-        ends = np.cumsum([len(weights) for weights in likely.values()]).tolist()
+        counts = [len(weights) for weights in likely.values()]
+        ends = np.cumsum(counts).tolist()
         self.signatures = signatures
-        self.groups = dict(zip(likely, map(slice, [0, *ends], ends), strict=True))
+        slices = map(slice, [0, *ends], ends)
+        self.groups = dict(zip(likely, slices, strict=True))
         self.prior = np.concatenate(
             [priors[name] / total * weights / weights.sum() for name, weights in likely.items()]
         )
         self.change, self.spread = np.zeros((2, len(self.prior), 3))
         self.change[self.groups["motor"]] = motors
-        for name, axes in {"load": (1, 1, 0), "yaw": (0, 0, 1), "other": (1, 1, 1)}.items():
+        free_axes = {"load": (1, 1, 0), "yaw": (0, 0, 1), "other": (1, 1, 1)}
+        for name, axes in free_axes.items():
             self.spread[self.groups[name]] = np.outer(sizes, axes)
 
     def after(self, away: Deviation, before: Array | None = None) -> Explanations:
         """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
-        prior = (
-            self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
-        )
+        prior = self.prior
+        if before is not None:
+            prior = PERSISTENCE * before + (1 - PERSISTENCE) * prior
         spread = self.spread.copy()
         shifted = self.groups["load"]
         weak = self.groups["motor"]
@@ -238,8 +248,10 @@ class Candidates:
         scales = (away.change - self.change) / scale
         from scipy.stats import t as student  # it takes half a second to import
 
-        likelihood = (student.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)
-        likelihood[weak][(np.abs(scales[weak]) > MAX_MISFIT).any(axis=1)] = -np.inf
+        densities = student.logpdf(scales, away.freedom) - np.log(scale)
+        likelihood = densities.sum(axis=1)
+        misfits = (np.abs(scales[weak]) > MAX_MISFIT).any(axis=1)
+        likelihood[weak][misfits] = -np.inf
         posterior = prior * np.exp(likelihood - likelihood.max())
         posterior /= posterior.sum()
 
@@ -250,9 +262,12 @@ class Candidates:
         rise_share = np.diag(self.signatures.weak_motor_commands)
         some = np.maximum(motors, np.finfo(np.float64).tiny)
         shares = np.cumsum(joint, axis=1) / some[:, None]
-        low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in ENDS)
-        harder = np.array([joint @ RISES / some, low, high]) * rise_share
-        faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
+        last = len(RISES) - 1
+        low, high = (RISES[(shares < end).sum(axis=1).clip(max=last)] for end in ENDS)
+        mean = joint @ RISES / some
+        harder = np.array([mean, low, high]) * rise_share
+        is_fault = np.outer(rise_share, RISES) >= FAULT_RISE
+        faults = np.where(is_fault, joint, 0.0).sum(axis=1)
         return Explanations(by_name, motors, faults, harder, posterior)
 
     def shown(self, away: Deviation) -> float:
@@ -326,9 +341,12 @@ def effort_change(
     prior = np.append(1 - EFFORT_CHANGED, EFFORT_CHANGED * weights)
     if before is not None:
         prior = PERSISTENCE * before.candidates + (1 - PERSISTENCE) * prior
-    scale = np.sqrt(variance + np.append(0.0, sizes) ** 2)
+    shifts = np.append(0.0, sizes)
+    scale = np.sqrt(variance + shifts**2)
     from scipy.stats import t as student  # it takes half a second to import
 
-    posterior = prior * student.pdf(more / scale, freedom) / scale
+    likelihood = student.pdf(more / scale, freedom)
+    posterior = prior * likelihood / scale
     posterior /= posterior.sum()
-    return EffortChange(float(np.expm1(more)), float(1 - posterior[0]), posterior)
+    share = float(np.expm1(more))
+    return EffortChange(share, float(1 - posterior[0]), posterior)

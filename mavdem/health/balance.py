@@ -53,7 +53,8 @@ class MotorSignatures:
     @cached_property
     def weak_motor_commands(self) -> Array:
         """(k, k) the same as commands of all motors: of four motors the identity, of more also the neighbours'."""
-        return np.asarray(np.linalg.pinv(self.weights) @ self.weights).T
+        inverse = np.linalg.pinv(self.weights)
+        return np.asarray(inverse @ self.weights).T
 
     @cached_property
     def names_a_motor(self) -> bool:
@@ -65,15 +66,18 @@ class MotorSignatures:
         signatures = self.weak_motor[:, 1:]
         if len(self.axes) <= len(AXES) or not signatures[:, -1].all():
             return False
-        unit = signatures / np.linalg.norm(signatures, axis=1, keepdims=True)
-        return bool(np.triu(unit @ unit.T, 1).max() < 0.99)
+        length = np.linalg.norm(signatures, axis=1, keepdims=True)
+        unit = signatures / length
+        likeness = np.triu(unit @ unit.T, 1)
+        return bool(likeness.max() < 0.99)
 
 
 def motor_signatures(layout: MotorGeometry) -> MotorSignatures:
     """Returns those of a vehicle whose motors are as the ``layout`` has them."""
     motors = len(layout.motors)
     effects = {axis: effect for axis in AXES if (effect := layout.effect(axis)) is not None}
-    weights = np.array([np.full(motors, 1.0 / motors), *effects.values()])
+    thrust = np.full(motors, 1.0 / motors)
+    weights = np.array([thrust, *effects.values()])
     return MotorSignatures(("thrust", *effects), weights)
 
 
@@ -100,18 +104,21 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     runs = []
     seconds = 0.0
     segments = sorted(settled_segments(signals))
-    steady_of = {boot: steady(signals, boot) for boot in {segment.boot for segment in segments}}
+    boots = {segment.boot for segment in segments}
+    steady_of = {boot: steady(signals, boot) for boot in boots}
     for segment in segments:
         spans = both([(segment.start, segment.end)], steady_of[segment.boot])
         seconds += total(spans)
-        here = within(motors, *(Segment(segment.boot, *span) for span in spans))
+        parts = (Segment(segment.boot, *span) for span in spans)
+        here = within(motors, *parts)
         time = motors.time[here]
         lean = np.full((len(time), 2), np.nan)
         for column, tilt in enumerate(signals.tilts if len(signals.tilts) == 2 else ()):
             rows = within(tilt, segment)
             if rows.any():
                 lean[:, column] = np.interp(time, tilt.time[rows], tilt.angle[rows])
-        runs.append((time, motors.scale.fraction(motors.outputs[here]), lean))
+        commands = motors.scale.fraction(motors.outputs[here])
+        runs.append((time, commands, lean))
     return balance_figures(runs, signatures, seconds)
 
 
@@ -137,7 +144,9 @@ def balance_figures(
         rest = rest - leaned @ effect.T
         freedom -= 2
         effect_variance = np.broadcast_to(np.diag(inverse), (3, 2))
-    variance = (rest**2).sum(axis=0) / freedom * [_inflation(column) for column in rest.T]
+    inflation = [_inflation(column) for column in rest.T]
+    own_variance = (rest**2).sum(axis=0) / freedom
+    variance = own_variance * inflation
     error = np.sqrt(variance / len(blocks))
     effect_error = np.sqrt(variance[:, None] * effect_variance)
     return BalanceFigures(
@@ -152,12 +161,15 @@ def _blocks(time: Array, commands: Array, lean: Array, signatures: MotorSignatur
         return []
     balance = np.full((len(time), 3), np.nan)
     asked = commands @ signatures.weights.T
-    balance[:, [AXES.index(axis) for axis in signatures.axes[1:]]] = asked[:, 1:]
+    columns = [AXES.index(axis) for axis in signatures.axes[1:]]
+    balance[:, columns] = asked[:, 1:]
     table = np.column_stack([asked[:, 0], balance, lean])
     count = int(seconds / BLOCK_SECONDS)
-    number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
+    passed = (time - time[0]) / seconds
+    number = np.minimum(passed * count, count - 1).astype(int)
     means = [table[number == block].mean(axis=0) for block in np.unique(number)]
-    return [np.append(mean[1:4] / mean[0], mean[4:]) for mean in means if mean[0] > 0]
+    flown = [mean for mean in means if mean[0] > 0]
+    return [np.append(mean[1:4] / mean[0], mean[4:]) for mean in flown]
 
 
 def _inflation(rest: Array) -> float:
@@ -213,9 +225,9 @@ class HealthFigures:
     @property
     def layout(self) -> tuple[Names, bytes]:
         """The motors' names, places and spins: only flights that agree in them have comparable balances."""
-        return self.motors, b"" if self.signatures is None else self.signatures.weights.round(
-            6
-        ).tobytes()
+        if self.signatures is None:
+            return self.motors, b""
+        return self.motors, self.signatures.weights.round(6).tobytes()
 
     def overlaps(self, other: HealthFigures) -> bool:
         """Whether both are one flight, logged twice: a vehicle that began to fly has not landed as the other begins."""
@@ -258,7 +270,8 @@ class Deviation(NamedTuple):
     @property
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
-        return bool((np.abs(self.change) > quantile(0.999, self.freedom) * self.scale).any())
+        widest = quantile(0.999, self.freedom) * self.scale
+        return bool((np.abs(self.change) > widest).any())
 
 
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
@@ -280,12 +293,15 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
 def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
     kept: list[HealthFigures] = []
-    for flight in sorted(
-        flights, key=lambda flight: float(np.linalg.norm(known_balance(flight).error))
-    ):
+    by_error = sorted(flights, key=_error)
+    for flight in by_error:
         if not any(flight.overlaps(other) for other in kept):
             kept.append(flight)
     return [flight for flight in flights if flight in kept]
+
+
+def _error(flight: HealthFigures) -> float:
+    return float(np.linalg.norm(known_balance(flight).error))
 
 
 def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
@@ -295,13 +311,16 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     distribution, by the healthy flights' scatter and its prior; to its scale come the errors of the effects of lean
     and of the flight's own mean.
     """
-    level, error = level_balances([known_balance(other) for other in (flight, *healthy)])
-    lean = float(np.linalg.norm(known_balance(flight).lean))
+    balances = [known_balance(other) for other in (flight, *healthy)]
+    level, error = level_balances(balances)
+    lean = float(np.linalg.norm(balances[0].lean))
     centre = level[1:].mean(axis=0)
     count = len(healthy)
     freedom = SCATTER_FREEDOM + count - 1
-    scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level[1:] - centre) ** 2).sum(axis=0)) / freedom
-    scale = np.sqrt(scatter + error[0] + (scatter + error[1:].mean(axis=0)) / count)
+    spread = ((level[1:] - centre) ** 2).sum(axis=0)
+    scatter = (SCATTER_FREEDOM * SCATTER**2 + spread) / freedom
+    healthy_variance = scatter + error[1:].mean(axis=0)
+    scale = np.sqrt(scatter + error[0] + healthy_variance / count)
     return Deviation(level[0] - centre, scale, freedom, lean)
 
 
@@ -312,7 +331,8 @@ def level_balances(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
     mean = np.array([flight.mean for flight in flights])
     error = np.array([flight.error for flight in flights])
     level = mean - np.einsum("fal,fl->fa", effect, lean)
-    return level, error**2 + np.einsum("fal,fl->fa", variance, lean**2)
+    lean_variance = np.einsum("fal,fl->fa", variance, lean**2)
+    return level, error**2 + lean_variance
 
 
 def known_balance(flight: HealthFigures) -> BalanceFigures:
@@ -331,13 +351,17 @@ def lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
     known = np.isfinite(seen) & np.isfinite(variance)
     seen = np.where(known, seen, 0.0)
     variance = np.where(known, variance, np.inf)
-    plain = seen.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    spread = np.where(known, (seen - plain) ** 2, 0.0).sum(axis=0)
-    freedom = LEAN_EFFECT_FREEDOM + np.maximum(known.sum(axis=0) - 1, 0)
+    count = known.sum(axis=0)
+    plain = seen.sum(axis=0) / np.maximum(count, 1)
+    distance = (seen - plain) ** 2
+    spread = np.where(known, distance, 0.0).sum(axis=0)
+    freedom = LEAN_EFFECT_FREEDOM + np.maximum(count - 1, 0)
     scatter = (LEAN_EFFECT_FREEDOM * LEAN_EFFECT_SCATTER**2 + spread) / freedom
     weights = 1 / (variance + scatter)
     total = weights.sum(axis=0) + LEAN_EFFECT**-2
-    mean = (weights * seen).sum(axis=0) / total
+    weighted = (weights * seen).sum(axis=0)
+    mean = weighted / total
     own = 1 / (variance + scatter / 2)
     common = 1 / (scatter / 2 + 1 / total)
-    return (own * seen + common * mean) / (own + common), 1 / (own + common)
+    known_share = own + common
+    return (own * seen + common * mean) / known_share, 1 / known_share

@@ -98,15 +98,20 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
     ``prior``: long-run variance (a,) of a block, with so many degrees of ``freedom``.
     """
     number = np.arange(len(blocks))
-    is_after = number >= len(blocks) - windows[:, np.newaxis]
-    weights = np.where(is_after, 0.0, np.exp(number * (BLOCK_SECONDS / MEMORY_SECONDS)))
+    lengths = windows[:, np.newaxis]
+    is_after = number >= len(blocks) - lengths
+    remembered = np.exp(number * (BLOCK_SECONDS / MEMORY_SECONDS))
+    weights = np.where(is_after, 0.0, remembered)
     weights /= weights.sum(axis=1, keepdims=True)
     weighed = 1 / (weights**2).sum(axis=1)
     before = weights @ blocks
-    after = is_after @ blocks / windows[:, np.newaxis]
+    after = is_after @ blocks / lengths
     noise = _long_run(blocks, ~is_after, before, prior, freedom)
-    here = np.maximum(noise, _long_run(blocks, is_after, after, noise, PRIOR_FREEDOM))
-    variance = noise / weighed[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
+    noise_after = _long_run(blocks, is_after, after, noise, PRIOR_FREEDOM)
+    noise_here = np.maximum(noise, noise_after)
+    variance_before = noise / weighed[:, np.newaxis]
+    variance_after = noise_here / lengths
+    variance = variance_before + variance_after + WANDER_SD**2
     return _Changes(after - before, variance, freedom + weighed / 4, noise)
 
 
@@ -120,18 +125,25 @@ def _long_run(blocks: Array, chosen: Flags, mean: Array, prior: Array, freedom: 
 
     The ``prior``, (a,) or (w, a), has so many degrees of ``freedom``.
     """
-    sums = np.cumsum(np.pad(blocks, ((1, 0), (0, 0))), axis=0)
+    from_zero = np.pad(blocks, ((1, 0), (0, 0)))
+    sums = np.cumsum(from_zero, axis=0)
     variance = prior
     for batch in (batch for batch in BATCHES if batch <= len(blocks)):
         means = (sums[batch:] - sums[:-batch]) / batch
-        inside = chosen[:, : len(means)] & chosen[:, batch - 1 :]
+        begins = chosen[:, : len(means)]
+        ends = chosen[:, batch - 1 :]
+        inside = begins & ends
         count = inside.sum(axis=1, keepdims=True)
-        squares = inside @ means**2 - 2 * mean * (inside @ means) + count * mean**2
+        about_zero = inside @ means**2
+        crossed = 2 * mean * (inside @ means)
+        squares = about_zero - crossed + count * mean**2
         # Batches overlap: as many count as follow each other.
-        several = np.where(count > batch, chosen.sum(axis=1, keepdims=True) / batch, 0.0)
+        batches = chosen.sum(axis=1, keepdims=True) / batch
+        several = np.where(count > batch, batches, 0.0)
         held = 2 * freedom / batch
         seen = several * batch * squares / np.maximum(count, 1)
-        variance = np.maximum(variance, (held * prior + seen) / (held + several))
+        pooled = (held * prior + seen) / (held + several)
+        variance = np.maximum(variance, pooled)
     return variance
 
 
@@ -141,7 +153,8 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
     ``more``: variance (a,) beside that of the changes.
     """
     variance = changes.variance + more
-    squares = ((changes.moved - shift) ** 2 / variance).sum(axis=-1)
+    errors = changes.moved - shift
+    squares = ((errors) ** 2 / variance).sum(axis=-1)
     power = (changes.freedom + variance.shape[-1]) / 2
     return np.asarray(
         -np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom)
@@ -183,7 +196,8 @@ class MotorAlarm(NamedTuple):
         """
         ends = zip(self.loss, THRUST_EXPONENTS, strict=True)
         most, least = ((1 - lost) ** (1 / power) for lost, power in ends)
-        return (most + least) / 2, abs(most - least) / 2
+        half_width = abs(most - least) / 2
+        return (most + least) / 2, half_width
 
     @property
     def fact(self) -> Fact:
@@ -226,7 +240,8 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
         ends = [change for change in own if not change.weak]
         lasts = own[-1].weak
         if lasts and ends:
-            losses = [loss for loss in losses if loss.time > ends[-1].time]
+            last_end = ends[-1].time
+            losses = [loss for loss in losses if loss.time > last_end]
         worst = max(losses, key=lambda loss: loss.size)
         found.append(
             Fact(
@@ -238,7 +253,12 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
                 **worst.fact.figures,
             )
         )
-    return sorted(found, key=lambda lost: (lost.level is Level.WATCH, -lost.figures["rise"]))
+    return sorted(found, key=_worst_first)
+
+
+def _worst_first(loss: Fact) -> tuple[bool, float]:
+    has_ended = loss.level is Level.WATCH
+    return has_ended, -loss.figures["rise"]
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> Values:
@@ -283,7 +303,8 @@ class MotorWatch:
         self._signatures = self._weights.T / self._own[:, np.newaxis]
         self._mixer = np.linalg.pinv(signatures.weights)
         # What loads change
-        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
+        is_flat = [axis != "yaw" for axis in signatures.axes[1:]]
+        self._flat = np.array(is_flat, dtype=np.float64)
         self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
         self.latest = -inf
         self.since: float | None = None
@@ -312,7 +333,9 @@ class MotorWatch:
             self._freedom = PRIOR_FREEDOM
             self.since = None
             self.weak.clear()
-            self._number, self._open = number, list[Any]()  # The block that is not whole yet
+            # The block that is not whole yet
+            self._number = number
+            self._open = list[Any]()
             self._rate_from = time
             self._samples = 0
         self.latest = time
@@ -327,9 +350,9 @@ class MotorWatch:
         known = len(self.alarms)
         if number != self._number:
             if len(self._open) >= MIN_SAMPLES:
-                self._block(
-                    (self._number + 1) * BLOCK_SECONDS, np.mean(self._open, axis=0), heading
-                )
+                end = (self._number + 1) * BLOCK_SECONDS
+                commands_mean = np.mean(self._open, axis=0)
+                self._block(end, commands_mean, heading)
             self._heading = heading
             self._number = number
             self._open = []
@@ -342,14 +365,13 @@ class MotorWatch:
             return
         self._times.append(time)
         self._blocks.append(self._weights @ (commands / mean))
-        is_steady = abs(_turn(heading, self._heading)) <= MAX_TURN * BLOCK_SECONDS
+        turned = _turn(heading, self._heading)
+        is_steady = abs(turned) <= MAX_TURN * BLOCK_SECONDS
         self._headings.append(heading if is_steady else nan)
         self._steady_blocks += is_steady
-        keep = round(KEPT_SECONDS / BLOCK_SECONDS)
-        self._keep(keep)
-        if len(self._blocks) < PRESENT_SHARE * (
-            (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
-        ):
+        self._keep(round(KEPT_SECONDS / BLOCK_SECONDS))
+        expected = (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
+        if len(self._blocks) < PRESENT_SHARE * expected:
             return
         reference = NEXT_REFERENCE_SECONDS if self._freedom > PRIOR_FREEDOM else REFERENCE_SECONDS
         windows = np.array(
@@ -363,10 +385,12 @@ class MotorWatch:
         changes = _changes(np.array(self._blocks), windows, self._noise, self._freedom)
         null = _log_t(changes, 0.0)
         # No cause explains a change better than one of just this size: most are too small for any of them.
-        best = -np.log(changes.variance).sum(axis=-1) / 2 - null
+        log_scale = -np.log(changes.variance).sum(axis=-1) / 2
+        best = log_scale - null
         # with all that recover, and three that are no motor's
         causes = len(self._signatures) + len(self.weak) + 4
-        if best.max() + log(ENDS_BESIDE_FAULTS * len(windows) + causes) < self._enough:
+        alternatives = ENDS_BESIDE_FAULTS * len(windows) + causes
+        if best.max() + log(alternatives) < self._enough:
             return
         sound = np.eye(len(self._signatures))
         weak = [one.size * sound[place] for place, one in self.weak.items()]
@@ -375,39 +399,47 @@ class MotorWatch:
         rises = np.array(
             [np.outer(SIZES, one) for one in sound] + [np.outer(-RETURNS, one) for one in ends]
         )
-        sized = (rises @ self._signatures).swapaxes(0, 1)[:, :, np.newaxis]
-        by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (h, w)
+        balances = rises @ self._signatures
+        sized = balances.swapaxes(0, 1)[:, :, np.newaxis]
+        likelihoods = _log_t(changes, sized)
+        by_window = _log_sum(likelihoods) - log(len(SIZES)) - null  # (h, w)
         kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)
         load, *rest = (_log_t(changes, 0.0, OTHER_SD**2 * free) - null for free in kinds)
         motors = _log_sum(by_window.T) - log(len(sound))
         motors[len(sound) :] += log(ENDS_BESIDE_FAULTS)
         others = _log_sum([_log_sum(factors) for factors in rest])
         best = int(np.argmax(motors))
-        rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
+        other_motors = np.delete(motors, best)
+        stranger = others + log(OTHERS_BESIDE_MOTORS)
+        rivals = [*other_motors, _log_sum(load), stranger, 0.0]
         odds = float(motors[best] - _log_sum(rivals))
         if motors[best] >= self._enough and odds >= STRONG_EVIDENCE_NATS:
             place = int(np.argmax(by_window[best]))
-            if self._is_of_no_turn(int(windows[place]), changes, place):
-                self._motors_changed(rises[best, -1], int(windows[place]), changes, place, odds)
+            since = int(windows[place])
+            if self._is_of_no_turn(since, changes, place):
+                largest = rises[best, -1]
+                self._motors_changed(largest, since, changes, place, odds)
             return
-        lasting, long = (
-            np.where(windows * BLOCK_SECONDS >= s, 0.0, -inf)
-            for s in (REFERENCE_SECONDS, STALE_SECONDS)
-        )
-        loaded = _log_sum(load + lasting)
+        seconds = windows * BLOCK_SECONDS
+        lasting_load = load + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
+        long = np.where(seconds >= STALE_SECONDS, 0.0, -inf)
+        loaded = _log_sum(lasting_load)
         strange = long + _log_sum([*rest, load, *by_window])
-        odds = float(loaded - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
+        stranger = others + log(OTHERS_BESIDE_LOADS)
+        odds = float(loaded - _log_sum([*motors, stranger, 0.0]))
         if loaded >= self._enough and odds >= STRONG_EVIDENCE_NATS:
-            place = int(np.argmax(load + lasting))
-            size = float(np.linalg.norm(changes.moved[place] * self._flat))
-            if self._is_of_no_turn(int(windows[place]), changes, place):
-                self._found(None, int(windows[place]), odds, size)
+            place = int(np.argmax(lasting_load))
+            since = int(windows[place])
+            leant = changes.moved[place] * self._flat
+            size = float(np.linalg.norm(leant))
+            if self._is_of_no_turn(since, changes, place):
+                self._found(None, since, odds, size)
         elif strange.max() >= self._enough:
-            place = int(np.argmax(strange))
+            since = int(windows[np.argmax(strange)])
         else:
             return
         # What comes is compared with what is now.
-        self._keep(int(windows[place]))
+        self._keep(since)
 
     def _keep(self, n: int) -> None:
         """Forgets all but the last ``n`` blocks."""
@@ -424,20 +456,22 @@ class MotorWatch:
             return False
         blocks = np.array(self._blocks)
         weights = changes.moved[place] / changes.variance[place]
-        shown = (blocks - blocks[-n:].mean(axis=0)) @ weights / (changes.moved[place] @ weights)
-        sectors = (
-            np.round(_turn(np.array(self._headings), self._headings[-1]) / (2 * np.pi / SECTORS))
-            % SECTORS
-        )
+        now = blocks[-n:].mean(axis=0)
+        whole = changes.moved[place] @ weights
+        shown = (blocks - now) @ weights / whole
+        turned = _turn(np.array(self._headings), self._headings[-1])
+        sector_width = 2 * np.pi / SECTORS
+        sectors = np.round(turned / sector_width) % SECTORS
         is_after = np.arange(len(blocks)) >= len(blocks) - n
-        before, after = (
-            {
-                sector: float(shown[rows].mean())
-                for sector in range(SECTORS)
-                if np.count_nonzero(rows := (sectors == sector) & side) >= SETTLING_BLOCKS
-            }
-            for side in (~is_after, is_after)
-        )
+        by_side = []
+        for side in (~is_after, is_after):
+            by_sector = dict[int, float]()
+            for sector in range(SECTORS):
+                rows = (sectors == sector) & side
+                if np.count_nonzero(rows) >= SETTLING_BLOCKS:
+                    by_sector[sector] = float(shown[rows].mean())
+            by_side.append(by_sector)
+        before, after = by_side
         common = before.keys() & after.keys()
         if common:
             return all(after[sector] - before[sector] > SHOWN_SHARE for sector in common)
@@ -448,32 +482,40 @@ class MotorWatch:
         self, rises: Array, n: int, changes: _Changes, place: int, odds: float
     ) -> None:
         """What a change in proportion to ``rises`` (k,) says, which began ``n`` blocks ago."""
-        before = np.mean(self._blocks[-n:], axis=0) - changes.moved[place]
+        since = np.mean(self._blocks[-n:], axis=0)
+        before = since - changes.moved[place]
         after = np.mean(self._blocks[1 - n :], axis=0)  # Without the block that it began in
         # The balance is in shares of the mean command, which rises too.
-        signature = rises @ self._signatures - (rises / self._own).mean() * after
+        mean_rise = (rises / self._own).mean()
+        signature = rises @ self._signatures - mean_rise * after
         weighted = signature / changes.variance[place]
         power = weighted @ signature
-        own = rises / (self._mixer @ [1.0, *before])  # Of the motors' own commands
+        commands = self._mixer @ [1.0, *before]
+        own = rises / commands  # Of the motors' own commands
         rose = weighted @ (after - before) / power * own
-        error = quantile() * np.hypot(power**-0.5 * own, SETTLING_ERROR * rose)
+        estimated = power**-0.5 * own
+        settling = SETTLING_ERROR * rose
+        error = quantile() * np.hypot(estimated, settling)
         moved = np.flatnonzero(rises).tolist()
         for motor in moved:
             was = self.weak.pop(motor).size if motor in self.weak else 0.0
             low, size, high = (
                 (1 + was) * (1 + rose[motor] + end * error[motor]) - 1 for end in (-1, 0, 1)
             )
-            if rises[motor] < 0 and (len(moved) > 1 or size < max(SIZES[0], was / 4)):
+            is_sound = size < max(SIZES[0], was / 4)
+            if rises[motor] < 0 and (len(moved) > 1 or is_sound):
                 self._found(motor, n, odds, 0.0)
                 continue
             ends = zip((max(low, 0.0), high), THRUST_EXPONENTS, strict=True)
             loss = (
                 min(float(lost_thrust(rise, power) / self._own[motor]), 1.0) for rise, power in ends
             )
-            self.weak[motor] = self._found(motor, n, odds, max(size, SIZES[0]), *loss)
+            rise = max(size, SIZES[0])
+            self.weak[motor] = self._found(motor, n, odds, rise, *loss)
         # What comes is compared with what is now, once the vehicle has settled.
         self._keep(n - SETTLING_BLOCKS)
-        self._noise, self._freedom = changes.noise[place], min(changes.freedom[place], MOST_FREEDOM)
+        self._noise = changes.noise[place]
+        self._freedom = min(changes.freedom[place], MOST_FREEDOM)
 
     def _found(
         self, motor: int | None, n: int, odds: float, size: float, *loss: float
