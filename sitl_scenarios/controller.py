@@ -59,19 +59,26 @@ class Controller:
         lag = sum(body.lag) / 2
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
         # computing take about one cycle.
-        self._rate = min(0.4 / (lag / LEAD + delay + cycle), FASTEST)
+        dead_time = lag / LEAD + delay + cycle
+        self._rate = min(0.4 / dead_time, FASTEST)
         self._attitude = self._rate / 3
         self._cycle = cycle
         self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
         # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.
-        per_command = body.speed_slope(body.command_for(body.hover_speed)) * body.full
-        thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
-        torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
+        hover_command = body.command_for(body.hover_speed)
+        per_command = body.speed_slope(hover_command) * body.full
+        thrust_slope = 2 * body.thrust[0] * body.hover_speed + body.thrust[1]
+        thrust = thrust_slope * per_command
+        torque_slope = 2 * body.torque[0] * body.hover_speed + body.torque[1]
+        torque = torque_slope * per_command
         of_roll = -fsum(a * b for a, b in zip(places.roll, places.right, strict=True))
         of_pitch = fsum(a * b for a, b in zip(places.pitch, places.forward, strict=True))
         ix, iy, iz = body.inertia
         # Yaw has the rotors' torque only: a quarter of the bandwidth.
-        self._per_unit = ix / (thrust * of_roll), iy / (thrust * of_pitch), iz / (torque * 4) / 4
+        per_roll = ix / (thrust * of_roll)
+        per_pitch = iy / (thrust * of_pitch)
+        per_yaw = iz / (torque * 4) / 4
+        self._per_unit = per_roll, per_pitch, per_yaw
         self._within((self._attitude, self._attitude, self._attitude / 4))
         self.rest()
 
@@ -110,7 +117,8 @@ class Controller:
         we = along * (reference.aside - pe) + aside
         fastest = MAX_SPEED + hypot(ahead, aside)
         limit = fastest / max(fastest, hypot(wn, we))
-        wd = -reference.climb + _limited(along * (-reference.height - pd), MAX_SPEED)
+        sinking = _limited(along * (-reference.height - pd), MAX_SPEED)
+        wd = -reference.climb + sinking
         error = (wn * limit - vn, we * limit - ve, wd - vd)
         push = self._push
         smooth = self._smooth
@@ -128,13 +136,17 @@ class Controller:
         right = ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
         more_roll, more_pitch, yaw_rate = reference.demand
-        wanted_pitch = _limited(atan(-forward / lift), MAX_TILT)
-        wanted_roll = _limited(atan(right / lift * cos(wanted_pitch)), MAX_TILT) + more_roll
+        level_pitch = atan(-forward / lift)
+        wanted_pitch = _limited(level_pitch, MAX_TILT)
+        level_roll = atan(right / lift * cos(wanted_pitch))
+        wanted_roll = _limited(level_roll, MAX_TILT) + more_roll
         wanted_pitch += more_pitch
         # The heading is held, and turned at the yaw rate that is asked for, as both autopilots do.
         if flying:
-            self._heading = _wrapped(self._heading + yaw_rate * self._cycle)
-        thrust = self._body.mass * lift / max(cos(roll) * cos(pitch), 0.5)
+            turned = self._heading + yaw_rate * self._cycle
+            self._heading = _wrapped(turned)
+        upright = max(cos(roll) * cos(pitch), 0.5)
+        thrust = self._body.mass * lift / upright
 
         wanted = wanted_roll, wanted_pitch, self._heading
         return self.steer(estimate, wanted, (0.0, 0.0, yaw_rate), thrust, flying)
@@ -144,18 +156,21 @@ class Controller:
     ) -> ControlOutput:
         """What one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
         roll, pitch, yaw = euler(estimate.attitude)
-        errors = wanted[0] - roll, wanted[1] - pitch, _wrapped(wanted[2] - yaw)
+        yaw_error = _wrapped(wanted[2] - yaw)
+        errors = wanted[0] - roll, wanted[1] - pitch, yaw_error
         rates = tuple(
             _limited(stiff * error + known, MAX_RATE)
             for stiff, error, known in zip(self.stiff, errors, ahead, strict=True)
         )
         # The thrust curve undone, as both autopilots do.
-        command = self._body.command_for(self._body.speed_for(thrust / 4)) / self._body.full
+        speed = self._body.speed_for(thrust / 4)
+        command = self._body.command_for(speed) / self._body.full
         turning = (
             _limited(self.demand(axis, asked, rate, flying), 1.0)
             for axis, (asked, rate) in enumerate(zip(rates, estimate.rates, strict=True))
         )
-        demands = (*turning, min(max(command, 0.0), 1.0))
+        collective = min(max(command, 0.0), 1.0)
+        demands = (*turning, collective)
         outputs = tuple(map(pulse, self.mixed(demands)))
         return ControlOutput(outputs, demands, wanted, rates)
 
@@ -167,10 +182,12 @@ class Controller:
         """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
         # The lead (1 + τs)/(1 + τs/LEAD), as LEAD times the rate less its slow part.
         self._slow[axis] += self._forgets * (rate - self._slow[axis])
-        led = LEAD * rate - (LEAD - 1.0) * self._slow[axis]
+        slow = (LEAD - 1.0) * self._slow[axis]
+        led = LEAD * rate - slow
         if flying:
             self._trim[axis] += self._rate / 12 * self._cycle * (wanted - rate)
-        return self._gain * self._rate * (wanted - led + self._trim[axis]) * self._per_unit[axis]
+        error = wanted - led + self._trim[axis]
+        return self._gain * self._rate * error * self._per_unit[axis]
 
 
 def _limited(value: float, limit: float) -> float:

@@ -87,7 +87,9 @@ def mix(frame: RotorFrame, demands: Four) -> Four:
         turning = [one * scale for one in turning]
         lowest = lowest * scale
         highest = highest * scale
-    thrust = min(max(thrust, IDLE_COMMAND - lowest), 1.0 - highest)
+    least = IDLE_COMMAND - lowest
+    most = 1.0 - highest
+    thrust = min(max(thrust, least), most)
     return tuple(one + thrust for one in turning)
 
 
@@ -99,7 +101,8 @@ DISARMED_PULSE = {"px4": 900.0, "ardupilot": 1000.0}  # µs of a disarmed motor,
 
 def pulse(command: float) -> float:
     """A normalised command as it is put out: whole µs."""
-    return float(round(MIN_PULSE + (MAX_PULSE - MIN_PULSE) * command))
+    microseconds = MIN_PULSE + (MAX_PULSE - MIN_PULSE) * command
+    return float(round(microseconds))
 
 
 Three = tuple[float, ...]
@@ -192,7 +195,8 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     (along_x, along_y) = (body.rotor_drag * vehicle.rotor_drag,) * 2
     (hull_x, hull_y) = (half_rho_area,) * 2
     if vehicle.drag_linear is not None:
-        along_x, along_y = (one * mass / (4 * body.hover_speed) for one in vehicle.drag_linear)
+        full_speed = 4 * body.hover_speed
+        along_x, along_y = (one * mass / full_speed for one in vehicle.drag_linear)
     if vehicle.drag_quadratic is not None:
         hull_x, hull_y = (one * mass for one in vehicle.drag_quadratic)
     through = body.inflow if vehicle.rotor_drag else 0.0
@@ -208,8 +212,10 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         ax, ay, az = (dot(column, past) for column in zip(*rows, strict=True))
         speed = sqrt(dot(past, past))
         speeds = sum(rotors)
-        fx = (hull_x * speed + along_x * speeds) * ax
-        fy = (hull_y * speed + along_y * speeds) * ay
+        drag_x = hull_x * speed + along_x * speeds
+        fx = drag_x * ax
+        drag_y = hull_y * speed + along_y * speeds
+        fy = drag_y * ay
 
         # Air through each disc; a hub at (x, y) moves down with the body's p y − q x.
         tp = through * (air_p - p)
@@ -220,7 +226,8 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         my = pitch - dy * q - height * fx + ahead * push
         mz = yaw - dz * r + aside * fx - ahead * fy
         for one, (forward, right, _, _) in zip(rotors, each, strict=True):
-            lost = one * (tz + tp * right - tq * forward)
+            flow = tz + tp * right - tq * forward
+            lost = one * flow
             fz += lost
             mx += right * lost
             my -= forward * lost
@@ -239,13 +246,11 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         force = tuple(dot(row, (fx, fy, fz)) for row in rows)
         lifted = (one - row[2] * lift for one, row in zip(force, rows, strict=True))
         north, east, down = (one / mass for one in lifted)
-        return (
-            *(north, east, down + GRAVITY),
-            (rolling + (iy - iz) * q * r) / ix,
-            (pitching + (iz - ix) * r * p) / iy,
-            (mz + turn + (ix - iy) * p * q) / iz,
-            *(*force, mx, my, mz),
-        )
+        fallen = north, east, down + GRAVITY
+        about_x = (rolling + (iy - iz) * q * r) / ix
+        about_y = (pitching + (iz - ix) * r * p) / iy
+        about_z = (mz + turn + (ix - iy) * p * q) / iz
+        return *fallen, about_x, about_y, about_z, *force, mx, my, mz
 
     return change
 
@@ -263,10 +268,19 @@ def rotation(attitude: Quaternion) -> tuple[Three, Three, Three]:
     x2 = x + x
     y2 = y + y
     z2 = z + z
+    xx = x * x2
+    yy = y * y2
+    zz = z * z2
+    xy = x * y2
+    xz = x * z2
+    yz = y * z2
+    wx = w * x2
+    wy = w * y2
+    wz = w * z2
     return (
-        (1.0 - y * y2 - z * z2, x * y2 - w * z2, x * z2 + w * y2),
-        (x * y2 + w * z2, 1.0 - x * x2 - z * z2, y * z2 - w * x2),
-        (x * z2 - w * y2, y * z2 + w * x2, 1.0 - x * x2 - y * y2),
+        (1.0 - yy - zz, xy - wz, xz + wy),
+        (xy + wz, 1.0 - xx - zz, yz - wx),
+        (xz - wy, yz + wx, 1.0 - xx - yy),
     )
 
 
@@ -282,14 +296,22 @@ def turned(attitude: Quaternion, half: Three) -> Quaternion:
     )
 
 
+def unit(attitude: Quaternion) -> Quaternion:
+    """The same attitude, of unit length."""
+    a, b, c, d = attitude
+    squares = a * a + b * b + c * c + d * d
+    size = 1.0 / sqrt(squares)
+    return a * size, b * size, c * size, d * size
+
+
 def euler(attitude: Quaternion) -> tuple[float, float, float]:
     """Roll, pitch and yaw, rad, Z-Y-X, of a unit quaternion from body to NED."""
     w, x, y, z = attitude
-    return (
-        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
-        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    )
+    roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    sine = 2 * (w * y - z * x)
+    pitch = asin(min(max(sine, -1.0), 1.0))
+    yaw = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
 
 
 class State(NamedTuple):
@@ -321,7 +343,9 @@ class Body:
     """A vehicle's way from state to state, in steps of ``step`` seconds, by ``dynamics``, which damage changes."""
 
     def __init__(self, vehicle: VehicleSpec, step: float) -> None:
-        self._vehicle, self._airframe, self._step = vehicle, airframe(vehicle), step
+        self._vehicle = vehicle
+        self._airframe = airframe(vehicle)
+        self._step = step
         self.damage(UNDAMAGED)
         up, down = self._airframe.lag
         self._keeps = tuple(
@@ -330,19 +354,22 @@ class Body:
 
     def damage(self, condition: Damage) -> None:
         """The vehicle from now on is in this ``condition``."""
-        self.condition, self.dynamics = condition, dynamics(self._vehicle, condition)
+        self.condition = condition
+        self.dynamics = dynamics(self._vehicle, condition)
 
     def targets(self, outputs: Four, battery: float) -> Four:
         """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         body = self._airframe
-        share = body.full / (MAX_PULSE - MIN_PULSE)
+        span = MAX_PULSE - MIN_PULSE
+        share = body.full / span
         if body.quadratic is not None:
             speeds = [battery * body.rotor_speed(share * (us - MIN_PULSE)) for us in outputs]
         else:
-            slope = battery * body.speed[0] * body.full / (MAX_PULSE - MIN_PULSE)
+            slope = battery * body.speed[0] * body.full / span
             offset = battery * body.speed[1]
             speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
-        return tuple(speed * left for speed, left in zip(speeds, self.condition.speed, strict=True))
+        kept = zip(speeds, self.condition.speed, strict=True)
+        return tuple(speed * left for speed, left in kept)
 
     def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
         """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
@@ -353,19 +380,17 @@ class Body:
             middle_rotors, rotors = self.lagged(rotors, targets)
             p, q, r = rates
             # Half a step of rotation by the rates; their own change would be of higher order.
-            last = self.dynamics(
-                turned(attitude, (p * half / 2, q * half / 2, r * half / 2)),
-                _along(velocity, last[:3], half),
-                _along(rates, last[3:6], half),
-                middle_rotors,
-                air,
-            )
-            position = _along(position, _along(velocity, last[:3], half), h)
+            quarter = p * half / 2, q * half / 2, r * half / 2
+            middle_attitude = turned(attitude, quarter)
+            middle_velocity = _along(velocity, last[:3], half)
+            middle_rates = _along(rates, last[3:6], half)
+            last = self.dynamics(middle_attitude, middle_velocity, middle_rates, middle_rotors, air)
+            mean_velocity = _along(velocity, last[:3], half)
+            position = _along(position, mean_velocity, h)
             velocity = _along(velocity, last[:3], h)
             p, q, r = _along(rates, last[3:6], half)
-            a, b, c, d = turned(attitude, (half * p, half * q, half * r))
-            size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
-            attitude = a * size, b * size, c * size, d * size
+            half_turn = (half * p, half * q, half * r)
+            attitude = unit(turned(attitude, half_turn))
             rates = _along(rates, last[3:6], h)
         return State(position, velocity, attitude, rates, rotors, last)
 

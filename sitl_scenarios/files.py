@@ -89,7 +89,8 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        wrong = list(dict.fromkeys(shortened(_sentence(detail), 300) for detail in error.errors()))
+        sentences = (shortened(_sentence(detail), 300) for detail in error.errors())
+        wrong = list(dict.fromkeys(sentences))
         raise ValueError(shortened("; ".join(wrong), 1000)) from None
     times(scenario)
     check_parameters(scenario)

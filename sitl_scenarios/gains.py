@@ -63,7 +63,8 @@ def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
     kind = scenario.stream.autopilot
     rate = round(1 / cycle)
     gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
-    own = (_px4 if kind == "px4" else _ardupilot)(scenario.vehicle, gains)
+    parameters_for = _px4 if kind == "px4" else _ardupilot
+    own = parameters_for(scenario.vehicle, gains)
     if "RATE_RLL_P" in scenario.vehicle.parameters:  # as gains were called before ArduCopter 3.4
         own = {name: value for name, value in own.items() if not name.startswith("ATC_")}
     return own | {LOOP_RATES[kind]: rate} | scenario.vehicle.parameters
@@ -88,7 +89,8 @@ class SetController(Controller):
     def __init__(self, scenario: Scenario, cycle: float) -> None:
         known = parameters_of(scenario, cycle)
         vehicle = scenario.vehicle
-        columns = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)[2:]
+        layout = vehicle.mixer or vehicle.frame
+        columns = frame(layout, airframe(vehicle).arm)[2:]
         is_px4 = scenario.stream.autopilot == "px4"
         self.axes = axes = [
             controller_of(known, axis, () if is_px4 else column)
@@ -115,11 +117,15 @@ class SetController(Controller):
         *turning, command = demands
         thrusts = self._mix(self._columns, (*turning, self._thrust(command)))
         f = self._expo
-        root = 1 - f + np.sqrt((1 - f) ** 2 + 4 * f * thrusts.clip(1e-9))
-        return tuple((self._begin + 2 * (self._end - self._begin) * thrusts / root).tolist())
+        squared = (1 - f) ** 2 + 4 * f * thrusts.clip(1e-9)
+        root = 1 - f + np.sqrt(squared)
+        span = self._end - self._begin
+        commands = self._begin + 2 * span * thrusts / root
+        return tuple(commands.tolist())
 
     def _thrust(self, command: float) -> float:
-        share = min(max((command - self._begin) / (self._end - self._begin), 0.0), 1.0)
+        within_range = (command - self._begin) / (self._end - self._begin)
+        share = min(max(within_range, 0.0), 1.0)
         return (1 - self._expo) * share + self._expo * share * share
 
 
@@ -147,14 +153,21 @@ class _RateLoop:
         late = self._trim
         self._target += target * (wanted - self._target)
         self._error += error * (self._target - rate - self._error)
-        step = self._error - before if of.derivative_of_error else self._rate - rate
-        self._slope = self._slope + slope * (step / of.cycle - self._slope)
+        step = self._rate - rate
+        if of.derivative_of_error:
+            step = self._error - before
+        change = step / of.cycle - self._slope
+        self._slope = self._slope + slope * change
         self._rate = rate
         if flying:
             self._trim += of.cycle * self._error
         # PX4 integrates the error after it has been used.
         trim = self._trim if of.derivative_of_error else late
-        asked = of.p * self._error + of.i * trim + of.d * self._slope + of.ff * self._target
+        of_error = of.p * self._error
+        of_trim = of.i * trim
+        of_slope = of.d * self._slope
+        of_target = of.ff * self._target
+        asked = of_error + of_trim + of_slope + of_target
         self._output += output * (asked - self._output)
         return self._output
 
@@ -163,8 +176,10 @@ def _slope_in_hover(vehicle: VehicleSpec, low: float, high: float) -> tuple[floa
     """The thrust's quadratic share, and output per thrust where a range ``low`` to ``high`` undoes it."""
     share = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)
-    hover = (body.command_for(body.hover_speed) / body.full - low) / (high - low)
-    return share, (high - low) / (1.0 - share + 2 * share * hover)
+    command = body.command_for(body.hover_speed) / body.full
+    hover = (command - low) / (high - low)
+    slope = 1.0 - share + 2 * share * hover
+    return share, (high - low) / slope
 
 
 def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
@@ -173,16 +188,16 @@ def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     A torque of 1 adds the column of the mixer's pseudo-inverse to the motors, normalised as in PX4's
     ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
     """
-    rotors = frame(vehicle.mixer or vehicle.frame, airframe(vehicle).arm)
+    layout = vehicle.mixer or vehicle.frame
+    rotors = frame(layout, airframe(vehicle).arm)
     (share, slope) = _slope_in_hover(vehicle, 0.0, 1.0)
     arms = (rotors.right, rotors.forward)
     norms = [sqrt(fsum(one * one for one in arm)) for arm in arms]
     scale = max(
         sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True)
     )
-    units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)] + [
-        slope
-    ]
+    units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)]
+    units.append(slope)
     lag = gains[0].derivative_lag
     values = {"THR_MDL_FAC": share, "IMU_GYRO_CUTOFF": 0.0, "IMU_DGYRO_CUTOFF": _time(lag)}
     for name, one, unit in zip(("ROLL", "PITCH", "YAW"), gains, units, strict=True):

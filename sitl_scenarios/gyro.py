@@ -36,14 +36,18 @@ class Gyro:
                 k = tan(pi * notch.frequency * step)
                 damping = k * notch.bandwidth / notch.frequency
                 kept = damping * 10 ** (-notch.attenuation / 20)
-                sections.append(np.hstack(bilinear([1, kept, k * k], [1, damping, k * k], 0.5)))
+                above = [1, kept, k * k]
+                below = [1, damping, k * k]
+                section = bilinear(above, below, 0.5)
+                sections.append(np.hstack(section))
         self._sections = np.array(sections)
         self._last = np.zeros((len(sections), 3, 2))
         self._step = step
 
     def response(self, frequency: Array) -> NDArray[np.complex128]:
         """(F,) the rates behind the filters by the true ones, at ``frequency`` (F,), Hz."""
-        return np.asarray(sosfreqz(self._sections, frequency, fs=1 / self._step)[1])
+        responses = sosfreqz(self._sections, frequency, fs=1 / self._step)
+        return np.asarray(responses[1])
 
     def fly(
         self,

@@ -23,13 +23,21 @@ def ardupilot(columns: Array, demands: Four) -> Array:
     *tilt, yaw, thrust = demands
     tilting = tilt @ columns[:2]
     best = min(0.5, thrust)
-    rooms = np.where(yaw * columns[2] > 0, 1 - best - tilting, best + tilting)
-    allowed = max((rooms / abs(columns[2])).min(), YAW_HEADROOM)
-    turning = tilting + min(max(yaw, -allowed), allowed) * columns[2]
+    upwards = 1 - best - tilting
+    downwards = best + tilting
+    rooms = np.where(yaw * columns[2] > 0, upwards, downwards)
+    room = (rooms / abs(columns[2])).min()
+    allowed = max(room, YAW_HEADROOM)
+    limited_yaw = min(max(yaw, -allowed), allowed)
+    turning = tilting + limited_yaw * columns[2]
     below = -turning.min()
-    scale = min(1 / max(np.ptp(turning), 1.0), thrust / max(below, thrust, 1e-9))
+    within_range = 1 / max(np.ptp(turning), 1.0)
+    above_zero = thrust / max(below, thrust, 1e-9)
+    scale = min(within_range, above_zero)
     turning *= scale
-    return np.asarray(min(max(thrust, below * scale), 1 - turning.max()) + turning)
+    highest = 1 - turning.max()
+    lifted = min(max(thrust, below * scale), highest)
+    return np.asarray(lifted + turning)
 
 
 def px4(columns: Array, demands: Four) -> Array:
@@ -39,14 +47,17 @@ def px4(columns: Array, demands: Four) -> Array:
     thrusts = _within(thrust + tilt @ columns[:2], less, is_thrust=True)
     for column in columns[:2]:
         thrusts = _within(thrusts, column)
-    thrusts = _within(thrusts + yaw * columns[2], columns[2], 1 + YAW_MARGIN)
-    return _within(thrusts, less, is_thrust=True).clip(0.0, 1.0)
+    yawing = thrusts + yaw * columns[2]
+    thrusts = _within(yawing, columns[2], 1 + YAW_MARGIN)
+    lowered = _within(thrusts, less, is_thrust=True)
+    return lowered.clip(0.0, 1.0)
 
 
 def _within(thrusts: Array, column: Array, highest: float = 1.0, is_thrust: bool = False) -> Array:
     """Thrusts moved along a ``column`` to leave the limits (``desaturateActuators``); of thrust not upwards."""
     for share in (1.0, 0.5):
-        needed = (thrusts.clip(0.0, highest) - thrusts) / np.where(column, column, np.inf)
+        excess = thrusts.clip(0.0, highest) - thrusts
+        needed = excess / np.where(column, column, np.inf)
         gain = needed.min(initial=0.0) + needed.max(initial=0.0)
         if is_thrust and gain < 0:
             break

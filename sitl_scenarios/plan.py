@@ -64,7 +64,8 @@ def times(scenario: Scenario) -> Times:
     climb = max(3.0, scenario.height / _FASTEST)
     descent = max(4.0, scenario.height / _FASTEST)
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
-    excited = max(fsum(sum(move_seconds(move)[1:]) for move in moves), 1.0)
+    lasts = fsum(sum(move_seconds(move)[1:]) for move in moves)
+    excited = max(lasts, 1.0)
     shortest = SPIN_UP_SECONDS + climb + excited + 2 * SETTLE_SECONDS + descent + AFTER_SECONDS
     if scenario.duration < shortest:
         least = (
@@ -99,7 +100,8 @@ class Plan:
         elif isinstance(scenario.excitation, Course):
             once = _course(scenario.excitation, cycle)
             excited = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
-            self._course = np.tile(once, (int(excited / (len(once) * cycle) + 1e-9), 1)).tolist()
+            repeats = int(excited / (len(once) * cycle) + 1e-9)
+            self._course = np.tile(once, (repeats, 1)).tolist()
         self._table: list[Three] = list(map(tuple, table.tolist()))
 
     def at(self, time: float) -> Reference:
@@ -123,7 +125,8 @@ class Plan:
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
 
     def _flown(self, row: int) -> Reference:
-        north, east, up, ahead, aside, climb, turn = self._course[min(row, len(self._course) - 1)]
+        row = min(row, len(self._course) - 1)
+        north, east, up, ahead, aside, climb, turn = self._course[row]
         return Reference(
             2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside)
         )
@@ -135,16 +138,19 @@ class Plan:
                 phase = time % period
                 sign = 1.0 if phase < width else -1.0 if phase < 2 * width else 0.0
                 turn = AXES[int(time // period) % len(AXES)] if axis == "all" else axis
-                return hover._replace(demand=_about(turn, radians(amplitude) * sign))
+                angle = radians(amplitude) * sign
+                return hover._replace(demand=_about(turn, angle))
             case Chirp(
                 axis=axis, amplitude=amplitude, lowest=lowest, highest=highest, period=period
             ):
                 since = time % period
-                turns = (lowest + (highest - lowest) * since / period / 2) * since
+                sweep = (highest - lowest) * since / period / 2
+                turns = (lowest + sweep) * since
                 angle = radians(amplitude) * sin(2 * pi * turns)
                 return hover._replace(demand=_about(axis, angle))
             case Multisine() | Sticks():
-                demand = self._table[round(time / self._cycle) % len(self._table)]
+                row = round(time / self._cycle) % len(self._table)
+                demand = self._table[row]
                 by_stick = isinstance(self._excitation, Sticks)
                 return hover._replace(demand=demand, by_stick=by_stick)
             case Steps(distance=distance, period=period):
@@ -158,7 +164,8 @@ def move_seconds(move: Move) -> tuple[float, float, float]:
     length = hypot(move.north, move.east, move.up)
     fastest = min(move.speed, sqrt(BRAKING * length))
     leg = length / fastest + fastest / BRAKING if length else 0.0
-    return fastest, max(leg, abs(move.turn) / move.rate), move.hover
+    turn = abs(move.turn) / move.rate
+    return fastest, max(leg, turn), move.hover
 
 
 def _course(course: Course, cycle: float) -> Array:
@@ -168,25 +175,23 @@ def _course(course: Course, cycle: float) -> Array:
     for move in course.moves:
         way = np.array([move.north, move.east, move.up])
         fastest, lasts, hover = move_seconds(move)
-        time = cycle * np.arange(round((lasts + hover) / cycle))
+        cycles = round((lasts + hover) / cycle)
+        time = cycle * np.arange(cycles)
         length = hypot(*way)
         ramp = fastest / BRAKING
         leg = length / fastest + ramp if length else 0.0
         # Faster, evenly, and slower again.
         first = np.minimum(time, ramp)
         last = np.clip(time - leg + ramp, 0.0, ramp)
-        done = BRAKING / 2 * (first**2 - last**2) + fastest * (
-            np.clip(time - ramp, 0.0, leg - ramp)
-        )
-        turning = (
-            radians(move.rate) * (time < abs(move.turn) / move.rate) * (1 if move.turn > 0 else -1)
-        )
+        steadily = np.clip(time - ramp, 0.0, leg - ramp)
+        done = BRAKING / 2 * (first**2 - last**2) + fastest * steadily
+        is_turning = time < abs(move.turn) / move.rate
+        side = 1 if move.turn > 0 else -1
+        turning = radians(move.rate) * is_turning * side
         along = way / (length or 1.0)
-        rows.append(
-            np.column_stack(
-                [begin + np.outer(done, along), np.outer(BRAKING * (first - last), along), turning]
-            )
-        )
+        places = begin + np.outer(done, along)
+        velocities = np.outer(BRAKING * (first - last), along)
+        rows.append(np.column_stack([places, velocities, turning]))
         begin = begin + way
     return np.concatenate(rows)
 
@@ -200,8 +205,10 @@ def _sticks(scenario: Scenario, sticks: Sticks, cycle: float, samples: int) -> A
     demands = np.zeros((samples, 3))
     for number, (name, full) in enumerate(zip(AXES, FULL_STICK, strict=True)):
         if sticks.axis in (name, "all"):
-            moved = gaussian_noise(sticks.s, cycle, samples, scenario.random(STICKS, number))
-            demands[:, number] = np.clip(radians(sticks.sd) * moved, -full, full)
+            noise = scenario.random(STICKS, number)
+            moved = gaussian_noise(sticks.s, cycle, samples, noise)
+            angles = radians(sticks.sd) * moved
+            demands[:, number] = np.clip(angles, -full, full)
     return demands
 
 
@@ -217,7 +224,8 @@ def _multisine(multisine: Multisine, cycle: float) -> Array:
     last = round(multisine.highest * multisine.period)
     is_all = multisine.axis == "all"
     # A line for each axis, at least.
-    lines = range(first, max(last, first + 2 * is_all) + 1)
+    most = max(last, first + 2 * is_all)
+    lines = range(first, most + 1)
     samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))
     for number, name in enumerate(AXES):
@@ -228,17 +236,16 @@ def _multisine(multisine: Multisine, cycle: float) -> Array:
             # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.
             phases = [-pi * (k * (k + 1) % (2 * count)) / count for k in range(count)]
             # Lines above half the sampling rate are folded, as samples of their sines would be.
-            np.add.at(
-                spectrum,
-                np.array(harmonics) % samples,
-                [complex(cos(phase), sin(phase)) for phase in phases],
-            )
-            demands[:, number] = (
-                radians(multisine.sd) * sqrt(2 / count) * samples * ifft(spectrum).real
-            )
+            folded = np.array(harmonics) % samples
+            lines_there = [complex(cos(phase), sin(phase)) for phase in phases]
+            np.add.at(spectrum, folded, lines_there)
+            amplitude = radians(multisine.sd) * sqrt(2 / count) * samples
+            demands[:, number] = amplitude * ifft(spectrum).real
     return demands
 
 
 def _smooth(share: float) -> tuple[float, float]:
     """How far a motion of least jerk is after a share of its time, and its rate (T. Flash and N. Hogan, 1985)."""
-    return share**3 * (10 - 15 * share + 6 * share**2), 30 * share**2 * (1 - share) ** 2
+    way = share**3 * (10 - 15 * share + 6 * share**2)
+    slope = 30 * share**2 * (1 - share) ** 2
+    return way, slope

@@ -93,7 +93,8 @@ Direction = Annotated[
 
 def towards(direction: float) -> NDArray[np.float64]:
     """(3,) unit vector NED that wind from ``direction`` degrees, clockwise from north, moves along."""
-    return np.array([-cos(radians(direction)), -sin(radians(direction)), 0.0])
+    angle = radians(direction)
+    return np.array([-cos(angle), -sin(angle), 0.0])
 
 
 _OrInf = BeforeValidator(
@@ -258,8 +259,10 @@ class Profile(Section):
         z = max(height, 0.0)
         share = 1.0
         if self.law == "log":
-            share = log(max(z / self.roughness, 1.0)) / log(self.reference / self.roughness)
-        angle = radians(self.veer * (z - self.reference) + self.turn * time)
+            at_height = log(max(z / self.roughness, 1.0))
+            share = at_height / log(self.reference / self.roughness)
+        turned = self.veer * (z - self.reference) + self.turn * time
+        angle = radians(turned)
         return share * cos(angle), share * sin(angle)
 
 
@@ -498,7 +501,8 @@ class Scenario(Section):
                     most = f"at most excitation.highest, {highest:g} Hz"
                     raise ValueError(f"excitation.lowest must be {most}, not {lowest:g}")
             case Course(moves=moves):
-                at = np.cumsum([(move.north, move.east, move.up) for move in moves], axis=0)
+                legs = [(move.north, move.east, move.up) for move in moves]
+                at = np.cumsum(legs, axis=0)
                 if np.abs(at[-1]).max() > 1e-6:
                     raise ValueError("the course must end where it began")
                 lowest = self.height + at[:, 2].min()

@@ -9,7 +9,7 @@ from operator import add
 
 import numpy as np
 
-from sitl_scenarios.dynamics import Four, State, Three, turned
+from sitl_scenarios.dynamics import Four, State, Three, turned, unit
 from sitl_scenarios.scenario import SHAKING, Scenario, Sensors
 from sitl_scenarios.vehicles import airframe
 
@@ -33,7 +33,8 @@ class RotorNoise:
         self._keeps = 2 * keeps * cos(turn), -keeps * keeps
         # of the autoregression of second order, by its driving noise (G. E. P. Box and others, Time Series Analysis)
         first, second = self._keeps
-        gain = (1 + second) * ((1 - second) ** 2 - first**2) / (1 - second)
+        difference = (1 - second) ** 2 - first**2
+        gain = (1 + second) * difference / (1 - second)
         self._drive = spec.frame_gyro * sqrt(max(gain, 0.0)) if spec.frame else 0.0
         self._frame = [(0.0, 0.0)] * 3
         noise = scenario.random(SHAKING)
@@ -45,9 +46,12 @@ class RotorNoise:
         spec = self._spec
         total = 0.0
         for number, speed in enumerate(rotors if spec.gyro else ()):
-            phase = self._phases[number] = (self._phases[number] + speed * self._step) % (2 * pi)
+            angle = self._phases[number] + speed * self._step
+            phase = self._phases[number] = angle % (2 * pi)
             size = spec.gyro * (speed / self._hover) ** 2
-            turning = spec.balance * sin(phase) + (1 - spec.balance) * sin(spec.blades * phase)
+            by_turn = spec.balance * sin(phase)
+            by_blade = (1 - spec.balance) * sin(spec.blades * phase)
+            turning = by_turn + by_blade
             total += size * turning
         if not self._drive:
             return total, total, total
@@ -67,32 +71,32 @@ class Sensing:
         self._share = late - self._whole
         self._seen: deque[State] = deque(maxlen=self._whole + 2)
         sds = (sensors.position_sd, sensors.velocity_sd, sensors.attitude_sd / 2, sensors.rate_sd)
-        blocks = (noise.standard_normal((1000, 12)) * np.repeat(sds, 3) for _ in count())
+        spread = np.repeat(sds, 3)
+        blocks = (noise.standard_normal((1000, 12)) * spread for _ in count())
         self._noise = chain.from_iterable(block.tolist() for block in blocks)
-        self._mounted = (
-            radians(sensors.misalignment[0]) / 2,
-            radians(sensors.misalignment[1]) / 2,
-            0.0,
-        )
+        roll, pitch = sensors.misalignment
+        self._mounted = radians(roll) / 2, radians(pitch) / 2
 
     def estimate(self, state: State) -> State:
         """What is known, not of the rotors, in ``state``; one call each cycle."""
         self._seen.append(state)
         last = len(self._seen) - 1
-        new = self._seen[max(last - self._whole, 0)]
-        old = self._seen[max(last - self._whole - 1, 0)]
+        newest = max(last - self._whole, 0)
+        new = self._seen[newest]
+        oldest = max(last - self._whole - 1, 0)
+        old = self._seen[oldest]
         kept = 1.0 - self._share
         position, velocity, (a, b, c, d), rates = (
             [kept * now + self._share * before for now, before in zip(*pair, strict=True)]
             for pair in zip(new[:4], old[:4], strict=True)
         )
         noise = next(self._noise)
-        mx, my, _ = self._mounted
-        a, b, c, d = turned((a, b, c, d), (mx + noise[6], my + noise[7], noise[8]))
-        size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
+        mx, my = self._mounted
+        tilt = (mx + noise[6], my + noise[7], noise[8])
+        attitude = unit(turned((a, b, c, d), tilt))
         return State(
             tuple(map(add, position, noise[:3])),
             tuple(map(add, velocity, noise[3:6])),
-            (a * size, b * size, c * size, d * size),
+            attitude,
             tuple(map(add, rates, noise[9:])),
         )

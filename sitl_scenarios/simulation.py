@@ -17,6 +17,7 @@ from sitl_scenarios.dynamics import (
     Change,
     Four,
     State,
+    Three,
     damages,
     euler,
     pulse,
@@ -109,7 +110,7 @@ class Simulation:
             self._body.damage(self._damage.pop(0)[1])
         if self._more and not self.armed and self._now >= self._arming + self._end:
             self._arming = self._now + self._boot
-            self._more = self._more - 1
+            self._more -= 1
             self._down = False
             self._controller.rest()
         flown = self._now - self._arming
@@ -120,20 +121,21 @@ class Simulation:
         # Every flight begins with all of the battery.
         state = self._state
         air = self._weather.at(flown + self._boot, self._state.position)
-        battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
-        estimate = self._sensing.estimate(state._replace(rates=self._gyro.rates))
+        share = min(max(flown / self._flight, 0.0), 1.0)
+        battery = 1.0 - self.scenario.vehicle.battery_sag * share
+        sensed = state._replace(rates=self._gyro.rates)
+        estimate = self._sensing.estimate(sensed)
         reference = self._plan.at(flown * self.cycle)
-        landed = (
-            1
-            if self._grounded and not (self.armed and reference.landed_state == 3)
-            else reference.landed_state
-        )
+        landed = reference.landed_state
+        takes_off = self.armed and landed == 3
+        if self._grounded and not takes_off:
+            landed = 1
         if not self.armed:
-            control = ControlOutput(
-                (DISARMED_PULSE[self.scenario.stream.autopilot],) * 4, (0.0,) * 4
-            )
+            still = DISARMED_PULSE[self.scenario.stream.autopilot]
+            control = ControlOutput((still,) * 4, (0.0,) * 4)
         elif reference.landed_state == 1 or self._down:
-            control = ControlOutput((pulse(IDLE_COMMAND),) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
+            idle = pulse(IDLE_COMMAND)
+            control = ControlOutput((idle,) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
         else:
             control = self._controller.control(estimate, reference, not self._grounded)
         acting: Change = (0.0,) * 12
@@ -141,7 +143,9 @@ class Simulation:
             acting = self._body.dynamics(
                 state.attitude, state.velocity, state.rates, state.rotors, air
             )
-        sticks = reference.demand if reference.by_stick and self.armed else (0.0,) * 3
+        sticks: Three = (0.0,) * 3
+        if reference.by_stick and self.armed:
+            sticks = reference.demand
         row = (
             self._now * self.cycle,
             *state[:4],
@@ -201,9 +205,11 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     whole = seconds(scenario)
     pieces = list[Motion]()
     while not simulation.finished:
-        pieces.append(simulation.advance(round(1 / simulation.cycle)))
+        second = round(1 / simulation.cycle)
+        pieces.append(simulation.advance(second))
         if progress:
-            progress(1.0 if simulation.finished else min(pieces[-1].time[-1] / whole, 1.0))
+            share = min(pieces[-1].time[-1] / whole, 1.0)
+            progress(1.0 if simulation.finished else share)
     return joined(pieces)
 
 
@@ -227,24 +233,30 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     controller = controller_for(scenario, cycle)
     gyro = gyro_for(controller, cycle)
     sensing = Sensing(scenario.sensors, cycle, scenario.random(SENSORS))
-    grid = np.arange(round(len(torque) * dt / cycle)) * cycle / dt
-    given = np.column_stack([setpoints[..., 0], setpoints[..., 1], torque * body.inertia])
-    columns = np.column_stack([np.interp(grid, np.arange(len(torque)), one) for one in given.T])
+    cycles = round(len(torque) * dt / cycle)
+    grid = np.arange(cycles) * cycle / dt
+    wind_moments = torque * body.inertia
+    given = np.column_stack([setpoints[..., 0], setpoints[..., 1], wind_moments])
+    samples = np.arange(len(torque))
+    columns = np.column_stack([np.interp(grid, samples, one) for one in given.T])
     state = State(rotors=(body.hover_speed,) * 4)
     known = []
     for wanted_roll, wanted_pitch, _, p, q, r, *moments in columns.tolist():
-        estimate = sensing.estimate(state._replace(rates=gyro.rates))
+        sensed = state._replace(rates=gyro.rates)
+        estimate = sensing.estimate(sensed)
         roll, pitch, yaw = angles = euler(estimate.attitude)
         known.append((angles, estimate.rates))
-        lift = max(GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2], GRAVITY / 5)
-        thrust = body.mass * lift / max(cos(roll) * cos(pitch), 0.5)
-        control = controller.steer(
-            estimate, (wanted_roll, wanted_pitch, yaw), (p, q, r), thrust, True
-        )
+        held = GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2]
+        lift = max(held, GRAVITY / 5)
+        upright = max(cos(roll) * cos(pitch), 0.5)
+        thrust = body.mass * lift / upright
+        wanted = (wanted_roll, wanted_pitch, yaw)
+        control = controller.steer(estimate, wanted, (p, q, r), thrust, True)
         air = AirState(*(0.0,) * 5, *moments)
         targets = flown.targets(control.outputs, 1.0)
         state = gyro.fly(flown, state, targets, air, steps)
         if not hypot(*state.rates) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
-    rows = np.searchsorted(grid, np.arange(len(torque)) - 1e-6).clip(max=len(known) - 1)
+    last = len(known) - 1
+    rows = np.searchsorted(grid, samples - 1e-6).clip(max=last)
     return np.asarray(np.array(known)[rows]).swapaxes(1, 2)

@@ -63,14 +63,16 @@ def linearised(vehicle: VehicleSpec) -> Linear:
 
     def derivative(at: Array) -> Array:
         _, velocity, angles, rates, commands = np.split(at, [3, 6, 9, 12])
-        w, x, y, z = Rotation.from_euler("ZYX", angles[::-1]).as_quat(scalar_first=True).tolist()
+        attitude = Rotation.from_euler("ZYX", angles[::-1])
+        w, x, y, z = attitude.as_quat(scalar_first=True).tolist()
         speeds = tuple(map(body.rotor_speed, commands.tolist()))
         moving = tuple(velocity.tolist()), tuple(rates.tolist())
         acting = change((w, x, y, z), *moving, speeds, AirState())
         # Of a level vehicle the angles change with the rates.
         return np.array([*velocity, *acting[:3], *rates, *acting[3:6]])
 
-    hover = np.repeat([0.0, body.command_for(body.hover_speed)], [12, 4])
+    command = body.command_for(body.hover_speed)
+    hover = np.repeat([0.0, command], [12, 4])
     steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.full], [3, 3, 3, 3, 4])
     slopes = _slopes(derivative, hover, steps)
     return Linear(STATES, slopes[:, :12], slopes[:, 12:])
@@ -88,8 +90,10 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll") -> Linear:
     """Angle and rate about one axis, of yaw the rate alone, in µs of PWM: what a model of a flight is held against."""
     linear = linearised(vehicle)
     # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
-    found = linear.of(("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate"))
-    return replace(found, B=found.B * (airframe(vehicle).full / 1000))
+    states = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
+    found = linear.of(states)
+    per_microsecond = airframe(vehicle).full / 1000
+    return replace(found, B=found.B * per_microsecond)
 
 
 def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage) -> Array:
@@ -101,7 +105,8 @@ def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: D
 
     def acceleration(speeds: Array) -> Array:
         o1, o2, o3, o4 = speeds.tolist()
-        return np.array(change(level, still, still, (o1, o2, o3, o4), about)[3:6])
+        changes = change(level, still, still, (o1, o2, o3, o4), about)
+        return np.array(changes[3:6])
 
     return _slopes(acceleration, rotors, 1e-5 * rotors)
 
@@ -122,8 +127,10 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion)
     begins = [BOOT_SECONDS + begin for begin, _ in damages(scenario)]
-    arrays["weak"] = motion.time >= max(begins, default=np.inf)
-    arrays["delay"] = np.array(scenario.sensors.delay + cycle_of(scenario) / 2)
+    begin = max(begins, default=np.inf)
+    arrays["weak"] = motion.time >= begin
+    late = scenario.sensors.delay + cycle_of(scenario) / 2
+    arrays["delay"] = np.array(late)
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
         instant = axis(scenario.vehicle, name)
@@ -131,7 +138,8 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
         tau = sum(body.lag) / 2
         if tau:
             last = np.eye(len(instant.A))[:, -1:]
-            arrays[f"{name}_lag_A"] = np.block([[instant.A, last], [0 * last.T, -1 / tau]])
+            lag_row = [0 * last.T, -1 / tau]
+            arrays[f"{name}_lag_A"] = np.block([[instant.A, last], lag_row])
             arrays[f"{name}_lag_B"] = np.vstack([0 * instant.B, instant.B[-1] / tau])
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
         acting = (
@@ -165,14 +173,20 @@ def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> dict[
     )
     body = airframe(scenario.vehicle)
     about = np.append(np.eye(3)[number], 0.0)
-    hover = np.append(np.zeros(3), body.command_for(body.hover_speed) / body.full)
+    collective = body.command_for(body.hover_speed) / body.full
+    hover = np.append(np.zeros(3), collective)
     more, less = (controller.mixed((hover + step * about).tolist()) for step in STEP)
-    gain = float(effect @ np.subtract(more, less)) * (MAX_PULSE - MIN_PULSE) / (STEP[0] - STEP[1])
+    spread = np.subtract(more, less)
+    per_demand = float(effect @ spread) * (MAX_PULSE - MIN_PULSE)
+    gain = per_demand / (STEP[0] - STEP[1])
     hold = (1 - np.exp(-s * cycle)) / (s * cycle)
     turning = STATES.index(f"{name} rate")
-    flying = s[:, None, None] * np.eye(len(STATES)) - linearised(scenario.vehicle).A
-    free = np.linalg.solve(flying, np.eye(len(STATES))[:, [turning]])[:, turning, 0]
-    rate = gain * hold * free / (sum(body.lag) / 2 * s + 1)
+    identity = np.eye(len(STATES))
+    flying = s[:, None, None] * identity - linearised(scenario.vehicle).A
+    responses = np.linalg.solve(flying, identity[:, [turning]])
+    free = responses[:, turning, 0]
+    rotors = sum(body.lag) / 2 * s + 1
+    rate = gain * hold * free / rotors
     late = np.exp(-s * scenario.sensors.delay)
     passed = gyro_for(controller, cycle).response(frequency)
     rate_loop = -feedback * rate * late * passed
@@ -195,9 +209,12 @@ def _response(
     demands = [controller.demand(number, one * wanted, one * (not wanted), True) for one in impulse]
     # An integrator keeps what it has: the differences end.
     steps = np.diff(demands, prepend=0.0)
-    kept = np.flatnonzero(np.abs(steps) > 1e-12 * np.abs(steps).max())
-    response = np.polynomial.polynomial.polyval(np.exp(-turns), steps[: kept[-1] + 1])
-    return np.asarray(response / (1 - np.exp(-turns)))
+    least = 1e-12 * np.abs(steps).max()
+    kept = np.flatnonzero(np.abs(steps) > least)
+    delays = np.exp(-turns)
+    coefficients = steps[: kept[-1] + 1]
+    response = np.polynomial.polynomial.polyval(delays, coefficients)
+    return np.asarray(response / (1 - delays))
 
 
 def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
@@ -205,7 +222,8 @@ def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
     response = loop[np.newaxis]
     closed = response / (1 + response)
     found = OpenLoop(frequency, response, closed, closed).figures
-    return np.array([found[name][0] for name in ("crossover", "phase_margin", "gain_margin", "ms")])
+    names = ("crossover", "phase_margin", "gain_margin", "ms")
+    return np.array([found[name][0] for name in names])
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
@@ -233,13 +251,16 @@ def _effects_in(
         return {}
     body = airframe(scenario.vehicle)
     turned = Rotation.from_quat(motion.attitude[rows], scalar_first=True)
-    air = turned.inv().apply(motion.wind[rows] - motion.velocity[rows]).mean(0)
+    relative = motion.wind[rows] - motion.velocity[rows]
+    air = turned.inv().apply(relative).mean(0)
     speeds = motion.rotor_speeds[rows].mean(0)
     per_speed = _rotor_effects(scenario.vehicle, speeds, air, condition)
     scale = body.full / (MAX_PULSE - MIN_PULSE)
-    commands = scale * (motion.outputs[rows].mean(0) - MIN_PULSE)
+    outputs = motion.outputs[rows].mean(0)
+    commands = scale * (outputs - MIN_PULSE)
     slopes = np.array([body.speed_slope(command) for command in commands.tolist()])
-    slopes = slopes * condition.speed * motion.battery[rows].mean() * scale
+    battery = motion.battery[rows].mean()
+    slopes = slopes * condition.speed * battery * scale
     effects = zip(AXES, per_speed * slopes, strict=True)
     return {f"{name}_effect{suffix}": effect for name, effect in effects}
 

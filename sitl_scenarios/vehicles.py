@@ -63,7 +63,8 @@ class Airframe:
         begin, end = self.spin
         thrust = self.thrust_at(speed) / self._full_thrust
         # The root that stays where f is 0.
-        share = 2 * thrust / (1 - f + sqrt((1 - f) ** 2 + 4 * f * thrust))
+        root = sqrt((1 - f) ** 2 + 4 * f * thrust)
+        share = 2 * thrust / (1 - f + root)
         return self.full * (begin + (end - begin) * share)
 
     def speed_slope(self, command: float) -> float:
@@ -73,8 +74,10 @@ class Airframe:
         begin, end = self.spin
         span = self.full * (end - begin)
         share = (command - self.full * begin) / span
-        rise = (1 - self.quadratic + 2 * self.quadratic * share) * self._full_thrust / span
-        return rise / (2 * self.thrust[0] * self.rotor_speed(command) + self.thrust[1])
+        steepness = 1 - self.quadratic + 2 * self.quadratic * share
+        rise = steepness * self._full_thrust / span
+        thrust_slope = 2 * self.thrust[0] * self.rotor_speed(command) + self.thrust[1]
+        return rise / thrust_slope
 
     @property
     def _full_thrust(self) -> float:
@@ -90,7 +93,8 @@ class Airframe:
     def speed_for(self, thrust: float) -> float:
         """Of a rotor whose thrust in still air is ``thrust`` N ≥ 0, rad/s."""
         a, b = self.thrust
-        return (sqrt(b * b + 4 * a * thrust) - b) / (2 * a)
+        root = sqrt(b * b + 4 * a * thrust)
+        return (root - b) / (2 * a)
 
     @property
     def hover_speed(self) -> float:
@@ -105,11 +109,9 @@ AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(tomllib.loads(_TABL
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
     """The published airframe, or the vehicle's own, with what a scenario changes of it."""
-    published = (
-        AIRFRAMES[vehicle.model]
-        if vehicle.body is None
-        else _own(vehicle.body, vehicle.quadratic_thrust)
-    )
+    published = AIRFRAMES[vehicle.model]
+    if vehicle.body is not None:
+        published = _own(vehicle.body, vehicle.quadratic_thrust)
     lags = zip(published.lag, (vehicle.lag_up, vehicle.lag_down), strict=True)
     up, down = (own if given is None else given for own, given in lags)
     ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
@@ -126,7 +128,8 @@ def _own(body: BodySpec, quadratic: float | None) -> Airframe:
     f = 1.0 if quadratic is None else quadratic
     begin, end = body.spin
     share = (body.hover - begin) / (end - begin)
-    full = body.mass * GRAVITY / 4 / ((1 - f) * share + f * share * share)
+    thrust_share = (1 - f) * share + f * share * share
+    full = body.mass * GRAVITY / 4 / thrust_share
     return Airframe(
         mass=body.mass,
         inertia=body.inertia,

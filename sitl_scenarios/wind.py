@@ -90,7 +90,8 @@ def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
     wide = feet / slope**1.2 * FOOT
     vertical = 0.1 * wind.wind_at_20_feet
     horizontal = vertical / slope**0.4
-    variance = vertical**2 / low * 0.8 * (pi * low / (4 * span)) ** (1 / 3) * pi**2 / (8 * span)
+    shape = (pi * low / (4 * span)) ** (1 / 3)
+    variance = vertical**2 / low * 0.8 * shape * pi**2 / (8 * span)
     return Turbulence(
         level=(wide / airspeed, horizontal),
         down=(low / airspeed, vertical),
@@ -126,12 +127,16 @@ def second_order(constant: float, dt: float, samples: int, noise: np.random.Gene
     q22 = gammainc(3, 2 * a) / 4
     white = noise.standard_normal((2, samples))
     first = sqrt(q11) * white[0]
-    second = q12 / sqrt(q11) * white[0] + sqrt(q22 - q12**2 / q11) * white[1]
+    shared = q12 / sqrt(q11) * white[0]
+    apart = sqrt(q22 - q12**2 / q11)
+    second = shared + apart * white[1]
     first[0] = sqrt(1 / 2) * white[0, 0]
-    second[0] = sqrt(1 / 8) * (white[0, 0] + white[1, 0])
+    both = white[0, 0] + white[1, 0]
+    second[0] = sqrt(1 / 8) * both
     x1 = _lag(keeps, first)
     second[1:] += keeps * a * x1[:-1]
-    return sqrt(3) * x1 + (1 - sqrt(3)) * _lag(keeps, second)
+    x2 = _lag(keeps, second)
+    return sqrt(3) * x1 + (1 - sqrt(3)) * x2
 
 
 def _lag(keeps: float, drive: Array) -> Array:
@@ -148,15 +153,17 @@ def along(time: Array) -> Array:
     ζ = Vτ/(aL), ``time`` in units of L/V (T. von Kármán, "Progress in the statistical theory of turbulence", 1948).
     """
     zeta = np.maximum(time / LENGTH, 1e-12)
-    return np.asarray(2 ** (2 / 3) / gamma(1 / 3) * zeta ** (1 / 3) * kv(1 / 3, zeta))
+    scale = 2 ** (2 / 3) / gamma(1 / 3)
+    bessel = kv(1 / 3, zeta)
+    return np.asarray(scale * zeta ** (1 / 3) * bessel)
 
 
 def across(time: Array) -> Array:
     """Returns that across it, g = f − 2^(2/3)/Γ(1/3) ζ^(4/3) K_{2/3}(ζ)/2."""
     zeta = np.maximum(time / LENGTH, 1e-12)
-    return np.asarray(
-        along(time) - 2 ** (2 / 3) / gamma(1 / 3) * zeta ** (4 / 3) * kv(2 / 3, zeta) / 2
-    )
+    scale = 2 ** (2 / 3) / gamma(1 / 3)
+    bessel = kv(2 / 3, zeta)
+    return np.asarray(along(time) - scale * zeta ** (4 / 3) * bessel / 2)
 
 
 def von_karman_noise(
@@ -178,14 +185,18 @@ def von_karman_noise(
     size = next_fast_len(2 * (samples + memory), real=True)
     lags = dt / constant * np.arange(memory + 1, dtype=np.float64)
     correlation = np.zeros(size)
-    correlation[: len(lags)] = (across if transverse else along)(lags)
-    correlation[size - len(lags) + 1 :] = correlation[1 : len(lags)][::-1]
+    autocorrelation = across if transverse else along
+    correlation[: len(lags)] = autocorrelation(lags)
+    mirrored = correlation[1 : len(lags)][::-1]
+    correlation[size - len(lags) + 1 :] = mirrored
     # What rounding leaves below zero is none.
     power = np.maximum(rfft(correlation).real, 0.0)
     parts = noise.standard_normal((2, len(power)))
-    spectrum = np.sqrt(power * size / 2) * (parts[0] + 1j * parts[1])
+    amplitude = np.sqrt(power * size / 2)
+    spectrum = amplitude * (parts[0] + 1j * parts[1])
     # The mean, and with an even size the highest frequency, have one part, with all of their power.
-    for single in (0, -1) if size % 2 == 0 else (0,):
+    singles = (0, -1) if size % 2 == 0 else (0,)
+    for single in singles:
         spectrum[single] = np.sqrt(power[single] * size) * parts[0, single]
     return np.asarray(irfft(spectrum, size)[:samples])
 
@@ -205,9 +216,9 @@ def jet_speed(jet: Jet, along: float, aside: float) -> float:
     if along <= 0.0:
         return 0.0
     end = 6.0 * jet.diameter  # where the speed on the axis begins to fall
-    return (
-        jet.speed * min(1.0, end / along) * exp(-log(2) * (aside / (SPREAD * max(along, end))) ** 2)
-    )
+    axial = jet.speed * min(1.0, end / along)
+    half_width = SPREAD * max(along, end)
+    return axial * exp(-log(2) * (aside / half_width) ** 2)
 
 
 def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Three) -> Three:
@@ -220,18 +231,22 @@ def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Three) -> Th
     along = jet.distance + north * n + east * e
     right = east * n - north * e - jet.offset
     below = down + height
-    speed = jet_speed(jet, along, (right * right + below * below) ** 0.5)
+    distance = (right * right + below * below) ** 0.5
+    speed = jet_speed(jet, along, distance)
     a, b, c = turbulence.tolist()
-    return speed * ((1.0 + a) * n - b * e), speed * ((1.0 + a) * e + b * n), speed * c
+    mean = 1.0 + a
+    return speed * (mean * n - b * e), speed * (mean * e + b * n), speed * c
 
 
 def gust_speed(wind: Gust, time: Array) -> Array:
     """(N,) speed in m/s at ``time`` (N,), seconds since arming."""
     risen = np.clip((time - wind.start) / wind.rise, 0.0, 1.0)
     if wind.hold is not None:
-        risen = risen - np.clip((time - wind.start - wind.rise - wind.hold) / wind.rise, 0.0, 1.0)
+        fallen = np.clip((time - wind.start - wind.rise - wind.hold) / wind.rise, 0.0, 1.0)
+        risen = risen - fallen
     # libm's cos: numpy's own chooses instructions by the machine, and the last bit with them.
-    return np.array([wind.speed / 2 * (1 - cos(pi * share)) for share in risen.tolist()])
+    shares = risen.tolist()
+    return np.array([wind.speed / 2 * (1 - cos(pi * share)) for share in shares])
 
 
 class Weather:
@@ -241,7 +256,8 @@ class Weather:
         samples = len(time)
         # Columns as in AirState.
         air = np.zeros((samples, 8))
-        self._height, self._jets = scenario.height, list[tuple[Jet, Array]]()
+        self._height = scenario.height
+        self._jets = list[tuple[Jet, Array]]()
         for number, wind in enumerate(scenario.wind):
             noise = scenario.random(WIND, number)
             match wind:
@@ -251,26 +267,31 @@ class Weather:
                     for column in range(3):
                         air[:, column] += wind.sd * gaussian_noise(wind.s, dt, samples, noise)
                 case Gust():
-                    air[:, :3] += gust_speed(wind, time)[:, None] * towards(wind.direction)
+                    speed = gust_speed(wind, time)
+                    air[:, :3] += speed[:, None] * towards(wind.direction)
                 case Jet():
                     columns = [gaussian_noise(wind.s, dt, samples, noise) for _ in range(3)]
-                    self._jets.append((wind, wind.turbulence * np.column_stack(columns)))
+                    turbulence = wind.turbulence * np.column_stack(columns)
+                    self._jets.append((wind, turbulence))
                 case TurbulentWind():
                     air[:, :5] += _turbulent(wind, scenario, dt, samples, noise)
         for number, moment in enumerate(scenario.moments):
             noise = scenario.random(MOMENT, number)
-            air[:, AirState._fields.index(moment.axis)] += moment.sd * gaussian_noise(
-                moment.s, dt, samples, noise
-            )
+            column = AirState._fields.index(moment.axis)
+            moments = gaussian_noise(moment.s, dt, samples, noise)
+            air[:, column] += moment.sd * moments
         self._air = air
-        self._profile, self._time = scenario.profile, time.tolist()
+        self._profile = scenario.profile
+        self._time = time.tolist()
 
     def at(self, cycle: int, position: Three) -> AirState:
         """The air at ``position`` (NED, m) in a cycle, counted from 0; before the first and after the last, theirs."""
         cycle = min(max(cycle, 0), len(self._air) - 1)
         air = AirState(*self._air[cycle].tolist())
         if self._profile.model_fields_set:
-            c, s = self._profile.at(-position[2], max(self._time[cycle], 0.0))
+            height = -position[2]
+            since_arming = max(self._time[cycle], 0.0)
+            c, s = self._profile.at(height, since_arming)
             air = air._replace(
                 north=c * air.north - s * air.east, east=s * air.north + c * air.east
             )

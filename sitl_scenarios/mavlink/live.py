@@ -66,7 +66,8 @@ class Ground:
         What cannot be looked at in time waits in the socket, whose room is limited.
         """
         while True:
-            ready, _, _ = select.select([self._own], [], [], max(until - monotonic(), 0.0))
+            patience = max(until - monotonic(), 0.0)
+            ready, _, _ = select.select([self._own], [], [], patience)
             # Some systems report here that the other end does not listen.
             with suppress(OSError):
                 if ready:

@@ -69,13 +69,16 @@ class Schedule:
         self._courses: dict[str, tuple[float, float]] = {}
         self._sent: dict[str, int] = {}
         for number, (name, rate) in enumerate(usual.items()):
-            self.set(name, 1 / rate if rate else np.inf, start + number * cycle * apart)
+            interval = 1 / rate if rate else np.inf
+            first = start + number * cycle * apart
+            self.set(name, interval, first)
 
     def set(self, name: str, interval: float, start: float) -> None:
         """From ``start`` on, s, sends a message every ``interval`` s; never, when that is infinite."""
         if np.isfinite(interval / self._step):
             # The loop looks once in a cycle: what is due more often is sent once.
-            interval = max(int(interval / self._step + 1e-6) * self._step, self._cycle)
+            whole_steps = int(interval / self._step + 1e-6) * self._step
+            interval = max(whole_steps, self._cycle)
         self._courses[name] = (start, interval)
         self._sent[name] = 0
 
@@ -88,8 +91,10 @@ class Schedule:
         first, interval = self._courses[name]
         if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)
-        until_now = np.maximum(np.floor((times + EARLY - first) / interval) + 1, 0)
-        rows = np.flatnonzero(np.diff(until_now, prepend=self._sent[name]))
+        periods = np.floor((times + EARLY - first) / interval)
+        until_now = np.maximum(periods + 1, 0)
+        sent = np.diff(until_now, prepend=self._sent[name])
+        rows = np.flatnonzero(sent)
         self._sent[name] = int(until_now[-1])
         return rows
 
@@ -138,11 +143,13 @@ class Transmitter:
             if row == len(motion):
                 break
             if row > done:
-                batches.append(self._sent(rows_of_motion(motion, slice(done, row))))
+                until_then = rows_of_motion(motion, slice(done, row))
+                batches.append(self._sent(until_then))
             happen(float(motion.time[row]))
             done = row
             del self._events[0]
-        return joined([*batches, self._sent(rows_of_motion(motion, slice(done, None)))])
+        rest = rows_of_motion(motion, slice(done, None))
+        return joined([*batches, self._sent(rest)])
 
     def ask(self, name: str, **values: object) -> None:
         """Sends a message once, with the next block; fields that are not given are zero."""
@@ -166,8 +173,9 @@ class Transmitter:
         """Seconds after arming, and what happens then: it is called with that time of the motion."""
         faults = self._scenario.faults
         often = seconds(self._scenario) if faults.mavproxy_rate else 0.0
+        requests = np.arange(0.0, often, MAVPROXY_SECONDS).tolist()
         events: list[tuple[float, Callable[[float], None]]] = [
-            (time, self._set_streams) for time in np.arange(0.0, often, MAVPROXY_SECONDS).tolist()
+            (time, self._set_streams) for time in requests
         ]
         if faults.reboot is not None:
             # a second without messages
@@ -179,8 +187,10 @@ class Transmitter:
     def _set_streams(self, _: float) -> None:
         """What REQUEST_DATA_STREAM for all groups does; messages of no group stay as they are."""
         interval = 1 / self._scenario.faults.mavproxy_rate
-        for name in (name for group in self.autopilot.groups.values() for name in group):
-            if abs(self.schedule.interval(name) - interval) >= self.autopilot.interval_step:
+        grouped = (name for group in self.autopilot.groups.values() for name in group)
+        for name in grouped:
+            change = abs(self.schedule.interval(name) - interval)
+            if change >= self.autopilot.interval_step:
                 self.schedule.set(name, interval, self.clock)
 
     def _jump(self, _: float) -> None:
@@ -196,7 +206,8 @@ class Transmitter:
         self.parameters = parameters(self._scenario, self.autopilot, self._cycle)
         if not self._scenario.stream.only_when_asked:
             self.tell_parameters()
-        text = f"Simulated by mavdem, frame {self._scenario.vehicle.mixer or self._scenario.vehicle.frame}"
+        frame = self._scenario.vehicle.mixer or self._scenario.vehicle.frame
+        text = f"Simulated by mavdem, frame {frame}"
         self.ask("STATUSTEXT", severity=6, text=text.encode())  # MAV_SEVERITY_INFO
         self._fresh = True
 
@@ -206,7 +217,8 @@ class Transmitter:
         )
 
     def _sent(self, motion: Motion) -> Batch:
-        motion = rows_of_motion(motion, slice(int(np.searchsorted(motion.time, self._first)), None))
+        first = int(np.searchsorted(motion.time, self._first))
+        motion = rows_of_motion(motion, slice(first, None))
         if not len(motion):
             return _nothing()
         clock = motion.time - self._boot
@@ -230,26 +242,28 @@ class Transmitter:
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
                 sampled = rows_of_motion(motion, rows)
-                placed.append(
-                    (name, rows, written(name, sampled, boot, self.autopilot, self._scenario))
-                )
+                payloads = written(name, sampled, boot, self.autopilot, self._scenario)
+                placed.append((name, rows, payloads))
         return placed
 
     def _framed(self, placed: list[Placed], time: NDArray[np.float64]) -> Batch:
         rows = np.concatenate([rows for _, rows, _ in placed])
         order = np.argsort(rows, kind="stable")
         sequence = np.empty(len(rows), dtype=np.int64)
-        sequence[order] = np.arange(self._sequence, self._sequence + len(rows))
-        self._sequence = int(self._sequence + len(rows)) % 256
+        end = self._sequence + len(rows)
+        sequence[order] = np.arange(self._sequence, end)
+        self._sequence = end % 256
         sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
         batches = []
         begin = 0
         for name, own, payloads in placed:
-            numbers = (sequence[begin : begin + len(own)] % 256).astype(np.uint8)
-            begin += len(own)
+            end = begin + len(own)
+            numbers = (sequence[begin:end] % 256).astype(np.uint8)
+            begin = end
             data, frames = composed_frames(payloads, named(name), sender, numbers)
             batches.append(Batch(time[own], data, frames))
-        return joined(batches).taken(order, time[rows[order]])
+        arrival = time[rows[order]]
+        return joined(batches).taken(order, arrival)
 
 
 def rows_of_motion(motion: Motion, rows: slice | NDArray[np.intp]) -> Motion:
@@ -259,10 +273,9 @@ def rows_of_motion(motion: Motion, rows: slice | NDArray[np.intp]) -> Motion:
 
 def _nothing() -> Batch:
     none = np.empty(0, dtype=np.uint8)
-    return Batch(
-        np.empty(0),
-        *composed_frames(payload("HEARTBEAT", 0), named("HEARTBEAT"), FrameSender(0, 0), none),
-    )
+    heartbeat = named("HEARTBEAT")
+    data, frames = composed_frames(payload("HEARTBEAT", 0), heartbeat, FrameSender(0, 0), none)
+    return Batch(np.empty(0), data, frames)
 
 
 class LossyLink:
@@ -274,7 +287,8 @@ class LossyLink:
     def __init__(self, faults: Faults, seed: int) -> None:
         self._faults = faults
         # The key sets it apart from everything else that begins with the seed of the flight.
-        self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x6C696E6B,)))
+        sequence = np.random.SeedSequence(seed, spawn_key=(0x6C696E6B,))
+        self._random = np.random.default_rng(sequence)
         self._latest = -np.inf
         self._held: Batch | None = None
 
@@ -282,9 +296,11 @@ class LossyLink:
         """The frames that arrive, at the times they do; one that is to be overtaken waits for the next."""
         faults = self._faults
         lost, late, overtaken = self._random.random((len(batch), 3)).T
-        there = np.flatnonzero((lost >= faults.loss) & ~self.out(batch.time))
+        arrives = (lost >= faults.loss) & ~self.out(batch.time)
+        there = np.flatnonzero(arrives)
         time = batch.time[there] + faults.delay + faults.jitter * late[there]
-        time = np.maximum.accumulate(np.maximum(time, self._latest))
+        in_order = np.maximum(time, self._latest)
+        time = np.maximum.accumulate(in_order)
         self._latest = float(time[-1]) if len(time) else self._latest
         arriving = batch.taken(there, time)
         waits = overtaken[there] < faults.reordered
@@ -308,11 +324,8 @@ class LossyLink:
 
     def out(self, time: NDArray[np.float64] | float) -> NDArray[np.bool_]:
         """Whether the link is lost at a time, s of the motion."""
-        since = (
-            np.asarray(time)
-            - BOOT_SECONDS
-            - (np.inf if self._faults.outage is None else self._faults.outage)
-        )
+        begin = np.inf if self._faults.outage is None else self._faults.outage
+        since = np.asarray(time) - BOOT_SECONDS - begin
         return (since >= 0.0) & (since < self._faults.outage_seconds)
 
     def rest(self) -> list[Batch]:
@@ -337,9 +350,9 @@ def recorded(
     link = LossyLink(scenario.faults, scenario.seed)
     received = []
     for end in range(BLOCK, len(motion) + BLOCK, BLOCK):
-        received.append(
-            link.pass_on(transmitter.send(rows_of_motion(motion, slice(end - BLOCK, end))))
-        )
+        block = rows_of_motion(motion, slice(end - BLOCK, end))
+        sent = transmitter.send(block)
+        received.append(link.pass_on(sent))
         progress(min(end / len(motion), 1.0))
     whole = joined([*received, *link.rest()])
     # The first boot is on 1 January 2026, 0:00 UTC: the same for every flight, so that files are too.
