@@ -31,8 +31,10 @@ COLUMNS = ["flight", "windows", "median ratio", "worst", "below 1", "in the 90 %
 def cut(name: str, flight: mavdem.Flight, most: int | None) -> list[Window]:
     """Up to ``most`` windows, evenly over the flight."""
     every = windows(name, flight)
-    places = np.linspace(0, len(every) - 1, min(most or len(every), len(every)))
-    return [every[place] for place in np.unique(places.astype(int))]
+    count = min(most or len(every), len(every))
+    places = np.linspace(0, len(every) - 1, count)
+    chosen = np.unique(places.astype(int))
+    return [every[place] for place in chosen]
 
 
 def by_flight(compared: Comparison) -> Table:
@@ -44,14 +46,17 @@ def by_flight(compared: Comparison) -> Table:
         inside = ours["horizons"][-1]["inside"] or np.nan
         shares = [f"{share:.2f}" for share in (below, inside)]
         ratios = [f"{ours[name]:.3g}" for name in ("relative", "worst")]
-        rows.append([flight, str(ours["windows"]), *ratios, *shares])
+        count = str(ours["windows"])
+        rows.append([flight, count, *ratios, *shares])
     return Table(COLUMNS, rows)
 
 
 def beside(compared: Comparison, question: Question, theirs: Method) -> str:
     """Our errors over those of a method, by horizon."""
-    by_name = {row["method"]: np.array(row["horizons"]) for row in compared.over_flights(question)}
-    over = zip(by_name["ours"] / by_name[theirs.name], HORIZONS, strict=False)
+    rows = compared.over_flights(question)
+    by_name = {row["method"]: np.array(row["horizons"]) for row in rows}
+    ratios = by_name["ours"] / by_name[theirs.name]
+    over = zip(ratios, HORIZONS, strict=False)
     at = ", ".join(f"{one:.2f} at {step}" for one, step in over)
     return f"Motors {question}, over {theirs.name}: {at} steps."
 
@@ -80,7 +85,8 @@ def main(most: int | None, preset: str, settings: str) -> None:
     (all_of_ours,) = (row for row in compared.over_flights() if row["method"] == "ours")
     print(f"\nGeometric mean of the medians: {all_of_ours['relative']:.3g}.")
     worse = all_of_ours["worse_than_constant"]
-    print(f"Worse than the constant mean: {worse} of {all_of_ours['windows']} windows.")
+    windows_tried = all_of_ours["windows"]
+    print(f"Worse than the constant mean: {worse} of {windows_tried} windows.")
     print(beside(compared, KNOWN, ten))
     print(beside(compared, UNKNOWN, four))
     print(f"In the 90 % band: {all_of_ours['inside'][-1]:.2f} of the samples.")

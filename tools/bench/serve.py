@@ -61,7 +61,8 @@ class Served(NamedTuple):
     def megabytes(self) -> float:
         """Of the process that answers, now."""
         text = Path(f"/proc/{self.process.pid}/status").read_text()
-        return int(text.split("VmRSS:")[1].split()[0]) / 1024
+        resident = text.split("VmRSS:")[1]
+        return int(resident.split()[0]) / 1024
 
 
 @contextmanager

@@ -83,7 +83,8 @@ def read(logs: tuple[Path, ...]) -> None:
         size = path.stat().st_size / 1e6
         for reader in (ours, READERS[path.suffix.lower()]):
             count = reader(str(path))
-            seconds = min(repeat(partial(reader, str(path)), number=1, repeat=3))
+            runs = repeat(partial(reader, str(path)), number=1, repeat=3)
+            seconds = min(runs)
             speeds = {"MB/s": size / seconds, "messages/s": count / seconds}
             rows.append({"file": path.name, "by": reader.__name__, "s": seconds, **speeds})
     show(pd.DataFrame(rows))
@@ -104,7 +105,8 @@ def fleet(logs: tuple[Path, ...]) -> None:
                 kind = f"{path.suffix.lower()}, tier {tier}"
         rows.append({"logs": kind, "CPU s": time.process_time() - began})
     table = pd.DataFrame(rows)
-    spent = pd.concat([table, table.assign(logs="all")]).groupby("logs")["CPU s"]
+    both = pd.concat([table, table.assign(logs="all")])
+    spent = both.groupby("logs")["CPU s"]
     show(spent.agg(["size", "mean", "median", "max"]).reset_index())
     print(f"\nAt most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
 

@@ -54,7 +54,8 @@ def with_checksums(stream: bytearray) -> bytes:
     at = 8
     while at + 8 <= len(stream):
         second = stream[at] == 0xFD
-        end = at + (10 if second else 6) + stream[at + 1]
+        header = 10 if second else 6
+        end = at + header + stream[at + 1]
         if stream[at] not in (0xFD, 0xFE) or (second and stream[at + 2] > 1):
             at += 1
             continue
@@ -63,8 +64,10 @@ def with_checksums(stream: bytearray) -> bytes:
         number = int.from_bytes(stream[at + 7 : at + 10], "little") if second else stream[at + 5]
         if number in dialect.mavlink_map:
             seed = dialect.mavlink_map[number].crc_extra
-            stream[end : end + 2] = x25crc([*stream[at + 1 : end], seed]).crc.to_bytes(2, "little")
-        at = end + 2 + (13 if second and stream[at + 2] == 1 else 0) + 8
+            checksum = x25crc([*stream[at + 1 : end], seed]).crc
+            stream[end : end + 2] = checksum.to_bytes(2, "little")
+        signature = 13 if second and stream[at + 2] == 1 else 0
+        at = end + 2 + signature + 8
     return bytes(stream)
 
 
@@ -89,7 +92,8 @@ def check(kind: str, content: bytes) -> None:
     for vehicle in log.vehicles:
         for name, columns in vehicle.messages.items():
             assert not np.isinf(columns["time"]).any(), name
-            assert {len(values) for values in columns.values()} == {columns["time"].size}, name
+            lengths = {len(values) for values in columns.values()}
+            assert lengths == {columns["time"].size}, name
     with contextlib.suppress(NotLearnable, Unreadable):
         inventory(log)
 

@@ -33,8 +33,10 @@ LEANS = {"lean": (True, False), "lean, goal met before": (True,), "lean, not met
 def outcome(loop: Loop, plant: list[float], gains: Mapping[str, float], target: Target) -> Values:
     """Whether the loops of the true ``plant`` have the goal with these ``gains``, and their lean in the wind."""
     effect, *dynamics = plant
-    true = replace(loop, gains=np.array([effect]), draws=np.array([dynamics])).changed(gains)
-    met = scores_of(target, true.rate, true.attitude)[0] >= 1
+    flown = replace(loop, gains=np.array([effect]), draws=np.array([dynamics]))
+    true = flown.changed(gains)
+    score = scores_of(target, true.rate, true.attitude)[0]
+    met = score >= 1
     return {"met": bool(met), "lean": true.lean_in_wind}
 
 
@@ -74,8 +76,10 @@ def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: 
     rows = rows_of(judge, HALVES[half][:flights], jobs)
     rows = rows.reindex(columns=["advice", *GOALS, "lean"])
     for name, met in LEANS.items():
-        rows[name] = rows["lean"].where(rows["goal met before"].isin(met))
-    grouped = pd.concat([rows, rows.assign(advice="all")]).groupby("advice")
+        of_kind = rows["goal met before"].isin(met)
+        rows[name] = rows["lean"].where(of_kind)
+    both = pd.concat([rows, rows.assign(advice="all")])
+    grouped = both.groupby("advice")
     table = grouped[GOALS].sum().astype(int)
     table.insert(0, "loops", grouped.size())
     table[[*LEANS]] = grouped[[*LEANS]].median()

@@ -53,7 +53,8 @@ SHIFT = (0.05, 0.14)  # of the arm
 
 def scenario(kind: str, number: int, rate: float) -> Scenario:
     """The flight of a kind and number, its motors at ``rate``, Hz."""
-    rng = np.random.default_rng([list(KINDS).index(kind), number])
+    kind_number = list(KINDS).index(kind)
+    rng = np.random.default_rng([kind_number, number])
     length, flights = (200.0, 3) if kind == SOUND else (50.0, 1)
     values = drawn(TABLES["alarms"], rng) | {"seed": number, "duration": length, "flights": flights}
     if kind != HOVER:
@@ -68,7 +69,8 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
     elif kind == SECOND:
         values["propeller"] = BROKEN | {"motor": other, "start": second}
     elif kind == SHIFTED:
-        far = rng.uniform(*SHIFT) * ARMS[values["vehicle"]["model"]]
+        arm = ARMS[values["vehicle"]["model"]]
+        far = rng.uniform(*SHIFT) * arm
         bearing = rng.uniform(0.0, 2 * np.pi)
         ahead = {"forward": far * np.cos(bearing), "right": far * np.sin(bearing)}
         values["load"] = {"start": start, **ahead}
@@ -79,7 +81,8 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
 def watched(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
     """Hours settled, and what is said of the motors in a flight."""
     signals = Signals(telemetry_of(flight, fly(flight)))
-    return sum(end - begin for begin, end in settled(signals, 0)) / 3600, motor_alarms(signals)
+    hours = sum(end - begin for begin, end in settled(signals, 0)) / 3600
+    return hours, motor_alarms(signals)
 
 
 def judged(case: tuple[str, int], rate: float) -> list[Values]:
@@ -92,10 +95,12 @@ def judged(case: tuple[str, int], rate: float) -> list[Values]:
     begin = propeller.start if propeller.motor else max(vehicle.weak_from, flight.load.start)
     # The first two seconds are before the arming that scenarios count from.
     breaks = np.inf if kind == SOUND else begin + 2.0
-    first = next((alarm for alarm in alarms if alarm.time >= breaks), None)
+    after = (alarm for alarm in alarms if alarm.time >= breaks)
+    first = next(after, None)
     row: Values = {"flights": kind, "half": ("even", "odd")[number % 2], "hours": hours}
     row["delay"] = np.inf if first is None else first.time - breaks
-    row["right"] = first is not None and first.motor == (propeller.motor or vehicle.weak_motor)
+    broken = propeller.motor or vehicle.weak_motor
+    row["right"] = first is not None and first.motor == broken
     row["on a motor"] = sum(alarm.motor is not None for alarm in alarms)
     return [row]
 
@@ -105,7 +110,8 @@ def line_of(flights: pd.DataFrame) -> pd.Series:
     delays = flights["delay"]
     known = delays[np.isfinite(delays)]
     line: Values = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
-    line |= {"found in 5 s": (delays <= 5.0).sum(), "longest, s": f"{known.max():.1f}"}
+    found = (delays <= 5.0).sum()
+    line |= {"found in 5 s": found, "longest, s": f"{known.max():.1f}"}
     line["named right, of found"] = f"{flights['right'].sum()} of {len(known)}"
     line["median delay, s"] = f"{delays.median():.1f}"
     line["alarms on a motor"] = flights["on a motor"].sum()
@@ -114,7 +120,8 @@ def line_of(flights: pd.DataFrame) -> pd.Series:
 
 def replayed(recording: Path) -> list[Values]:
     """A row: what a live session finds in a recording, on a clock of its stamps."""
-    frames = sorted((stamp / 1e6, data) for stamp, data in read_stream(recording).stamped_frames())
+    stamped = read_stream(recording).stamped_frames()
+    frames = sorted((stamp / 1e6, data) for stamp, data in stamped)
     link = Mock(speaks_first=False, dropped=0, events=list)
     shown = Mock(return_value=None), Mock(), Mock()
     with patch.object(mavdem.live.session, "time") as clock:
@@ -132,7 +139,8 @@ def replayed(recording: Path) -> list[Values]:
     row["found"] = ", ".join(f"{one.time:.1f} s {one.name} {one.size:.0%}" for one in alarms)
     row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
     row["torque known"] = share(known)
-    row["0 in band"] = share(np.abs(torque[known]) <= band[known])
+    holds = np.abs(torque[known]) <= band[known]
+    row["0 in band"] = share(holds)
     return [row]
 
 
@@ -140,7 +148,8 @@ def replayed(recording: Path) -> list[Values]:
 @click.argument("recordings", nargs=-1, type=click.Path(exists=True, path_type=Path))
 def main(recordings: tuple[Path, ...], rate: float, flights: int, jobs: int) -> None:
     if recordings:
-        show("A live session", rows_of(replayed, recordings, jobs).sort_values("0 in band"))
+        rows = rows_of(replayed, recordings, jobs)
+        show("A live session", rows.sort_values("0 in band"))
         return
     asked = [
         (kind, number) for kind, count in KINDS.items() for number in range(min(count, flights))

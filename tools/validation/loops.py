@@ -83,20 +83,27 @@ def drawn(seed: int, rng: np.random.Generator) -> Scenario:
     if seed % 3:  # of three flights two have the gyro's low-pass
         parameters |= GIVEN["gyro"][autopilot]
     wanted["vehicle"] |= {**vehicle, "parameters": parameters}
-    wanted["excitation"] = GIVEN["steering"][seed // 2 % len(GIVEN["steering"])]
+    steering = GIVEN["steering"]
+    turn = seed // 2 % len(steering)
+    wanted["excitation"] = steering[turn]
     wanted["sensors"] |= {name: one(name) for name in ("delay", "rate_sd")}
     wanted["stream"]["rates"] = {"ATTITUDE_TARGET": RATE}
     of = scenario_of(wanted)
     body = airframe(of.vehicle)
-    hover = [body.command_for(body.hover_speed) / body.full] * 4
+    share = body.command_for(body.hover_speed) / body.full
+    hover = [share] * 4
     least = 180.0
     for axis in AXES:
         controller = flown_by(of, axis)
-        plant = plant_of(of, axis, linear_axis(of.vehicle, axis).B[-1], hover)
+        effect = linear_axis(of.vehicle, axis).B[-1]
+        plant = plant_of(of, axis, effect, hover)
         names = [controller.names[name] for name in "pid"]
-        default = controller.changed(dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True)))
-        excess = truth_of(default, plant)["rate_gain_margin"] - one("gain_margin")
-        gains = {name: 10 ** (excess / 20) * default.parameters[name] for name in names}
+        usual = dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True))
+        default = controller.changed(usual)
+        margin = truth_of(default, plant)["rate_gain_margin"]
+        excess = margin - one("gain_margin")
+        factor = 10 ** (excess / 20)
+        gains = {name: factor * default.parameters[name] for name in names}
         gains[controller.names["angle"]] = one("angle")
         known = truth_of(default.changed(gains), plant)
         least = min(least, known["rate_phase_margin"], known["attitude_phase_margin"])
@@ -108,16 +115,21 @@ def drawn(seed: int, rng: np.random.Generator) -> Scenario:
 
 def flown_by(of: Scenario, axis: Axis) -> Controller:
     """The controller of one axis that a scenario flies."""
-    weights = frame(of.vehicle.frame, airframe(of.vehicle).arm)[2 + AXES.index(axis)]
-    return controller_of(parameters_of(of, cycle_of(of)), axis, weights)
+    row = 2 + AXES.index(axis)
+    columns = frame(of.vehicle.frame, airframe(of.vehicle).arm)
+    weights = columns[row]
+    parameters = parameters_of(of, cycle_of(of))
+    return controller_of(parameters, axis, weights)
 
 
 def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
     """As ``PLANT``: of a demand where outputs, each of ``effect`` (4,) rad/s² per µs, are at ``shares`` of a ms."""
     damping = -linear_axis(of.vehicle, axis).A[-1, -1]
-    gain = 1000 * effect @ flown_by(of, axis).per_demand(shares)
+    per_demand = flown_by(of, axis).per_demand(shares)
+    gain = 1000 * effect @ per_demand
     lag = sum(airframe(of.vehicle).lag) / 2
-    return [float(gain), float(damping), lag, of.sensors.delay + cycle_of(of) / 2]
+    delay = of.sensors.delay + cycle_of(of) / 2
+    return [float(gain), float(damping), lag, delay]
 
 
 def figures_of(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]:
@@ -132,7 +144,8 @@ def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]
     """Likewise, of a known plant."""
     known = np.array(plant[:1]), np.array([plant[1:]])
     rate = rate_loop(controller, *known)
-    found = figures_of(*known, rate, attitude_loop(controller, rate))
+    attitude = attitude_loop(controller, rate)
+    found = figures_of(*known, rate, attitude)
     return {name: float(one[0]) for name, one in found.items()}
 
 
@@ -149,13 +162,15 @@ def flown(seed: int, cache: Path) -> Path:
         with suppress(ValueError):  # it tumbles
             motion = fly(of)
             outputs = motion.outputs[motion.landed_state == IN_AIR]
-            limited = ((outputs >= MAX_PULSE) | (outputs <= pulse(IDLE_COMMAND))).any(axis=1)
+            full = outputs >= MAX_PULSE
+            idle = outputs <= pulse(IDLE_COMMAND)
+            limited = (full | idle).any(axis=1)
     shares = (outputs.mean(axis=0) / 1000 - 1).tolist()
     effects = truth(of, motion)
-    known = {
-        axis: truth_of(flown_by(of, axis), plant_of(of, axis, effects[f"{axis}_effect"], shares))
-        for axis in AXES
-    }
+    known = {}
+    for axis in AXES:
+        plant = plant_of(of, axis, effects[f"{axis}_effect"], shares)
+        known[axis] = truth_of(flown_by(of, axis), plant)
     write_log(folder / "flight.tlog", of, motion)
     (folder / "truth.json").write_text(json.dumps(known, indent=1), "utf-8")
     return folder
@@ -170,12 +185,14 @@ def simulated(seed: int, cache: Path) -> tuple[Log, Truth]:
         for name, columns in log.vehicles[0].messages.items()
     }
     known = json.loads((folder / "truth.json").read_text("utf-8"))
-    return replace(log, vehicles=(replace(log.vehicles[0], messages=exact),)), known
+    vehicle = replace(log.vehicles[0], messages=exact)
+    return replace(log, vehicles=(vehicle,)), known
 
 
 def loops_in(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
     """What ``mavdem tune`` finds by axis, where messages faster than ``rate``, Hz, but one in so many are left out."""
-    slower = replace(log, vehicles=tuple(thinned(one, rate) for one in log.vehicles))
+    vehicles = tuple(thinned(one, rate) for one in log.vehicles)
+    slower = replace(log, vehicles=vehicles)
     return assess(slower, options=Options(whole=False)).loops
 
 
@@ -183,11 +200,13 @@ def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
     """The vehicle's messages, fewer of those that come faster than ``rate``, Hz."""
     kept = {}
     for name, columns in vehicle.messages.items():
-        kinds = next((columns[key] for key in KINDS if key in columns), columns["boot"])
+        known = (columns[key] for key in KINDS if key in columns)
+        kinds = next(known, columns["boot"])
         rows = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
         rates = (rate_without_gaps(np.diff(columns["time"][one])) for one in rows)
         parts = [one[:: max(1, round(own / rate))] for one, own in zip(rows, rates, strict=True)]
-        kept[name] = selected(columns, np.sort(np.concatenate(parts)))
+        chosen = np.sort(np.concatenate(parts))
+        kept[name] = selected(columns, chosen)
     return replace(vehicle, messages=kept)
 
 
@@ -268,13 +287,16 @@ def line_of(rows: Any) -> pd.Series:
 def main(
     logs: tuple[Path, ...], half: str, rates: str, flights: int, cache: Path, jobs: int
 ) -> None:
-    read = partial(judged, rates=[float(rate) for rate in rates.split()], cache=cache)
+    hertz = [float(rate) for rate in rates.split()]
+    read = partial(judged, rates=hertz, cache=cache)
     rows = rows_of(read, logs or HALVES[half][:flights], jobs)
     if logs:
-        show("Logs", rows[rows["figure"].isin(SHOWN) | (rows["cause"] != "")])
+        is_shown = rows["figure"].isin(SHOWN) | (rows["cause"] != "")
+        show("Logs", rows[is_shown])
         return
     axes = rows.drop_duplicates(["log", "rate", "axis"])
-    show("Given or refused, axes", axes.groupby(["rate", "cause"]).size().reset_index(name="axes"))
+    counts = axes.groupby(["rate", "cause"]).size()
+    show("Given or refused, axes", counts.reset_index(name="axes"))
     given = rows[rows["cause"] == ""]
     both = pd.concat([given, given.assign(axis="all")])
     grouped = both.groupby(["figure", "rate", "axis"], sort=False).apply(line_of)

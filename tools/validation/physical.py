@@ -65,12 +65,11 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     places = list(product(TABLES["scales"]["wind"], FLOWN["winds"]))
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
-    drawn = [
-        [(*places[number], one) for number in rng.permutation(len(places))[:kept]]
-        for one in FLOWN["steering"]
-    ]
+    chosen = rng.permutation(len(places))[:kept]
+    drawn = [[(*places[number], one) for number in chosen] for one in FLOWN["steering"]]
     turns = [case for some in zip(*drawn, strict=True) for case in some]
-    streams = cycle(product(RATES, ("px4", "ardupilot")))
+    combinations = product(RATES, ("px4", "ardupilot"))
+    streams = cycle(combinations)
     bank = []
     for (vehicle, air, steering), (rate, autopilot) in zip(turns, streams, strict=False):
         other = varied(rng)
@@ -109,7 +108,8 @@ def scenario(case: Case) -> Scenario:
 def truth_of(motion: Motion, of: Scenario, part: Flight) -> Values:
     """Each motor's effect (r,) at the trim of ``part``, damping (1/s) and lag (s), the mean of up and down."""
     within = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
-    landed = np.where(within & (motion.landed_state == IN_AIR), IN_AIR, 1).astype(np.uint8)
+    airborne = within & (motion.landed_state == IN_AIR)
+    landed = np.where(airborne, IN_AIR, 1).astype(np.uint8)
     known = truth(of, replace(motion, landed_state=landed))
     turning = np.interp(part.time, motion.time, known["roll_disturbance"])
     damping = -float(known["roll_A"][1, 1])
@@ -121,13 +121,15 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
     """Of the mean effect, damping or lag, and the half width of its interval, NaN where it is not identifiable."""
     if name == "effect":
         return found.mean_effect(LEVEL)
-    return float(getattr(found, name)), float(getattr(found.interval(LEVEL), name))
+    half_width = float(getattr(found.interval(LEVEL), name))
+    return float(getattr(found, name)), half_width
 
 
 def parts_of(flight: Flight) -> dict[int | None, Flight]:
     """The whole flight, and its windows of 7 s."""
     size = round(7.0 / flight.dt)
-    windows = {number: flight[number * size :][:size] for number in range(len(flight) // size)}
+    numbers = range(len(flight) // size)
+    windows = {number: flight[number * size :][:size] for number in numbers}
     return {None: flight} | windows
 
 
@@ -152,10 +154,12 @@ def judged(case: Case) -> list[Values]:
         for name in PARAMETERS:
             value, half = estimate_of(found, name)
             true = float(np.abs(known[name]).mean())
-            row |= {f"{name} status": found.status[name], f"{name} error": value / true - 1}
+            error = value / true - 1
+            row |= {f"{name} status": found.status[name], f"{name} error": error}
             row[f"{name} inside"] = abs(value - true) <= half
         if window is None:
-            row |= wind_of(wind(found, Record.of(part)), known["wind"])
+            torque = wind(found, Record.of(part))
+            row |= wind_of(torque, known["wind"])
         rows.append(row)
     return rows
 
@@ -165,10 +169,11 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
     if not torque.resolved:
         return {}
     half = quantile(LEVEL) * torque.scale_error * torque.sd
+    in_band = np.abs(torque.torque - true) <= torque.band
     return {
         "standard deviation inside": abs(torque.sd - true.std()) <= half,
         "mean inside": abs(torque.mean - true.mean()) <= torque.mean_band,
-        "course inside": np.mean(np.abs(torque.torque - true) <= torque.band),
+        "course inside": np.mean(in_band),
     }
 
 
@@ -178,8 +183,10 @@ def line_of(some: Any, name: str) -> pd.Series:
     line: Values = {"number": len(some)} | {one: share(status == one) for one in STATUSES}
     known = some[status == "reported"]
     line["inside"] = share(known[f"{name} inside"])
-    line["worst"] = f"{max(known[f'{name} error'], key=abs, default=np.nan):+.0%}"
-    line["inside, where biased"] = share(some[status == "biased"][f"{name} inside"])
+    worst = max(known[f"{name} error"], key=abs, default=np.nan)
+    line["worst"] = f"{worst:+.0%}"
+    biased = some[status == "biased"]
+    line["inside, where biased"] = share(biased[f"{name} inside"])
     return pd.Series(line)
 
 
@@ -187,16 +194,19 @@ def simulated(seed: int, part: int, jobs: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering; and of the wind torque."""
     rows = rows_of(judged, cases(seed, part), jobs)
     click.echo(f"{rows['seed'].nunique()} flights, seed {seed}.\n")
-    quick = rows[(rows["steering"] == QUICK) & (rows["rate"] >= 100)]
+    is_quick = (rows["steering"] == QUICK) & (rows["rate"] >= 100)
+    quick = rows[is_quick]
     slow = rows[rows["rate"] == 50].assign(steering="all, 50 Hz")
     every = rows.assign(steering="all"), quick.assign(steering=f"{QUICK}, 100 Hz or more"), slow
     grouped = pd.concat([rows, *every]).groupby(["steering", "of"], sort=False)
     for name in PARAMETERS:
-        show(f"**{name.capitalize()}**", grouped.apply(line_of, name).reset_index())
+        lines = grouped.apply(line_of, name)
+        show(f"**{name.capitalize()}**", lines.reset_index())
     insides = ["standard deviation inside", "mean inside", "course inside"]
     table = []
     for status in STATUSES:
-        some = rows[rows["effect status"] == status].dropna(subset=insides)
+        alike = rows[rows["effect status"] == status]
+        some = alike.dropna(subset=insides)
         shares = {inside: share(some[inside]) for inside in insides}
         table.append({"effect": status, "flights": len(some), **shares})
     show("**Wind torque**, where it is resolved", table)
@@ -222,7 +232,8 @@ def usdlog(path: Path) -> NDArray[Any]:
     row = np.dtype([("event", "<u2"), ("time", "<u8"), *named])
     begin = variables[-1].end()
     # A checksum, shorter than any row, ends the file.
-    return np.frombuffer(content, row, (len(content) - begin) // row.itemsize, begin)
+    count = (len(content) - begin) // row.itemsize
+    return np.frombuffer(content, row, count, begin)
 
 
 def crazyflie(axis: str) -> list[Values]:
@@ -232,7 +243,8 @@ def crazyflie(axis: str) -> list[Values]:
     time = np.arange(56.0 * RATE, 89.0 * RATE) / RATE  # where it is excited
     columns = [rows[f"motor.m{motor}"] / 65535 for motor in range(1, 5)]
     given = [*columns, np.radians(rows[gyro])]
-    *motors, turning = (np.interp(time, rows["time"] / 1e6, one) for one in given)
+    seconds = rows["time"] / 1e6
+    *motors, turning = (np.interp(time, seconds, one) for one in given)
     inputs = np.stack(motors, 1)
     effects = np.array(directions)
     flight = Flight(time, inputs, turning[:, None], dt=1 / RATE, effect_directions=effects)

@@ -35,7 +35,8 @@ DRAWS = 5  # of the healthy flights that one is compared with
 def judged(case: tuple[str, int]) -> list[Values]:
     """A row: the balance of a flight of a kind, in conditions of its own, and the motor that is at fault."""
     kind, number = case
-    rng = np.random.default_rng([20, KINDS.index(kind), number])
+    kind_number = KINDS.index(kind)
+    rng = np.random.default_rng([20, kind_number, number])
     motor = int(rng.integers(1, 5))
     values = drawn(TABLES["propellers"], rng) | {"seed": int(rng.integers(1 << 30))}
     if kind in THRUSTS:
@@ -49,31 +50,38 @@ def judged(case: tuple[str, int]) -> list[Values]:
     motion = fly(flight_of(values))
     # At the autopilots' default rate of 10 Hz, after the climb-out.
     airborne = motion.landed_state == IN_AIR
-    rows = np.flatnonzero(airborne & (motion.time > motion.time[airborne][0] + 5.0))[::25]
+    climbed = motion.time > motion.time[airborne][0] + 5.0
+    rows = np.flatnonzero(airborne & climbed)[::25]
     time = motion.time[rows]
     commands = (motion.outputs[rows] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
     turned = Rotation.from_quat(motion.known_attitude[rows], scalar_first=True)
     lean = turned.as_euler("ZYX")[:, :0:-1]
-    balance = balance_figures([(time, commands, lean)], QUAD_X, float(np.ptp(time)))
+    seconds = float(np.ptp(time))
+    balance = balance_figures([(time, commands, lean)], QUAD_X, seconds)
     figures = HealthFigures(f"{number}", MOTORS, QUAD_X, balance)
     return [{"flight": kind, "number": number, "motor": motor, "figures": figures}]
 
 
 @command(__doc__, flights=40)
 def main(flights: int, jobs: int) -> None:
-    flown = rows_of(judged, [(kind, number) for kind in KINDS for number in range(flights)], jobs)
+    cases = [(kind, number) for kind in KINDS for number in range(flights)]
+    flown = rows_of(judged, cases, jobs)
     healthy = flown[flown["flight"] == "healthy"]["figures"]
     found = []
     for flight in flown.itertuples():
         for draw in range(DRAWS):
-            order = np.random.default_rng([flight.number, draw]).permutation(flights)
-            baseline = healthy.iloc[order[order != flight.number][:3]].tolist()
+            rng = np.random.default_rng([flight.number, draw])
+            order = rng.permutation(flights)
+            others = order[order != flight.number]
+            baseline = healthy.iloc[others[:3]].tolist()
             (verdict,) = assess([flight.figures], baseline)
             right = verdict.suspect_motor == flight.motor
             found.append({"flight": flight.flight, "health": verdict.health, "right": right})
     rows = pd.DataFrame(found)
-    table = pd.crosstab(rows["flight"], rows["health"], normalize="index").map("{:.0%}".format)
-    faults = rows[rows["health"] == "fault"].groupby("flight")["right"]
+    shares = pd.crosstab(rows["flight"], rows["health"], normalize="index")
+    table = shares.map("{:.0%}".format)
+    faulty = rows[rows["health"] == "fault"]
+    faults = faulty.groupby("flight")["right"]
     table["right"] = faults.agg(share)
     show(f"{flights} flights of each kind", table.reindex(list(KINDS)).reset_index())
 

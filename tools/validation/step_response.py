@@ -34,7 +34,8 @@ def judged(number: int) -> list[Values]:
     outer = known["roll_attitude_loop"]
     frequency = known["loop_frequency"]
     stiff = controller_for(flight, cycle_of(flight)).stiff[0]
-    closed = {"rate": outer * 2j * np.pi * frequency / stiff, "attitude": outer / (1 + outer)}
+    rate = outer * 2j * np.pi * frequency / stiff
+    closed = {"rate": rate, "attitude": outer / (1 + outer)}
     found = {"rate": rate_response(signals, parts), "attitude": attitude_response(signals, parts)}
     rows = []
     for loop, measured in found.items():
@@ -44,7 +45,8 @@ def judged(number: int) -> list[Values]:
         else:
             step = step_of(frequency, closed[loop], measured.time)
             held = np.abs(step - measured.step) <= measured.step_half
-            row |= {"inside, %": 100 * held.mean(), "overshoot, %": 100 * measured.overshoot.value}
+            overshoot = 100 * measured.overshoot.value
+            row |= {"inside, %": 100 * held.mean(), "overshoot, %": overshoot}
             row |= {"true": 100 * (step.max() - 1), "peak": measured.peak.value}
             row["true peak"] = np.abs(closed[loop]).max()
         rows.append(row)
@@ -56,7 +58,8 @@ def main(flights: int, first: int, jobs: int) -> None:
     every = rows_of(judged, range(first, first + flights), jobs)
     for loop, rows in every.groupby("loop"):
         known = rows.dropna(subset="true")
-        off = (known["overshoot, %"] - known["true"]).abs()
+        errors = known["overshoot, %"] - known["true"]
+        off = errors.abs()
         inside = f"inside {known['inside, %'].mean():.0f} %"
         points = f"{off.median():.1f} points (median), {off.max():.1f} at most"
         within = f"{(off <= 3).sum()} within 3"

@@ -40,7 +40,8 @@ FILTERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
 
 def vehicle(seed: int, number: int) -> Scenario:
     """Returns a flight of a vehicle of its own, all axes excited."""
-    values = drawn(TABLES["twin"], np.random.default_rng([seed, number])) | {"seed": number}
+    rng = np.random.default_rng([seed, number])
+    values = drawn(TABLES["twin"], rng) | {"seed": number}
     known = load("iris_identification").model_dump(mode="json")
     name = FILTERS[values["stream"]["autopilot"]]
     values["vehicle"]["parameters"] = {name: values.pop("cutoff")}
@@ -48,7 +49,8 @@ def vehicle(seed: int, number: int) -> Scenario:
     scenario = flight_of(known | values | sections)
     hover = in_hover(scenario, 1.0)
     margin = truth(hover, fly(hover))["roll_rate_margins"][2]
-    return with_gains(scenario, 10 ** ((margin - MARGIN) / 20))
+    excess = margin - MARGIN
+    return with_gains(scenario, 10 ** (excess / 20))
 
 
 def with_gains(scenario: Scenario, times: float) -> Scenario:
@@ -60,7 +62,8 @@ def with_gains(scenario: Scenario, times: float) -> Scenario:
 
 def in_hover(scenario: Scenario, times: float) -> Scenario:
     """Returns a calm hover of the scenario's vehicle with ``times`` the gains."""
-    calm = load("calm").model_copy(update={"duration": 20.0, "seed": scenario.seed})
+    changes = {"duration": 20.0, "seed": scenario.seed}
+    calm = load("calm").model_copy(update=changes)
     return with_gains(with_vehicle(calm, scenario), times)
 
 
@@ -68,24 +71,31 @@ def oscillation(rates: Array, dt: float) -> tuple[float, float]:
     """Returns frequency, Hz, and sd, °/s, of the stronger oscillation above 4 Hz of ``rates`` (T, 2), rad/s."""
     frequency, _, windows = spectrogram(rates.T, 1 / dt, nperseg=round(2.5 / dt))
     powers = np.median(windows, axis=-1) * (frequency > 4)
-    power = powers[powers.max(axis=1).argmax()]
-    power *= np.abs(frequency - frequency[power.argmax()]) < 1.5
-    size = np.degrees(np.sqrt(power.sum() * frequency[1]))
-    return float(power @ frequency / power.sum()), float(size)
+    strongest = powers.max(axis=1).argmax()
+    power = powers[strongest]
+    peak = frequency[power.argmax()]
+    power *= np.abs(frequency - peak) < 1.5
+    variance = power.sum() * frequency[1]
+    size = np.degrees(np.sqrt(variance))
+    mean = power @ frequency / power.sum()
+    return float(mean), float(size)
 
 
 def simulated(scenario: Scenario) -> tuple[float, float]:
     """Returns the oscillation of the scenario's vehicle in hover with larger gains."""
-    motion = fly(in_hover(scenario, TIMES))
+    hovering = in_hover(scenario, TIMES)
+    motion = fly(hovering)
     hover = (motion.time > 8) & (motion.time < 16)
     return oscillation(motion.known_rates[hover, :2], cycle_of(scenario))
 
 
 def recorded(path: str) -> tuple[float, float]:
     """Returns the oscillation in a log."""
-    attitude = choose_vehicle(read_log(path).vehicles, None).messages["ATTITUDE"]
+    flown = choose_vehicle(read_log(path).vehicles, None)
+    attitude = flown.messages["ATTITUDE"]
     time, first = np.unique(attitude["time"], return_index=True)
-    grid = np.arange(time[0], time[-1], np.median(np.diff(time)))
+    step = np.median(np.diff(time))
+    grid = np.arange(time[0], time[-1], step)
     rates = [np.interp(grid, time, attitude[name][first]) for name in ("rollspeed", "pitchspeed")]
     return oscillation(np.column_stack(rates), grid[1] - grid[0])
 
@@ -124,8 +134,10 @@ def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
         show("Recorded", compared(Path(log).name, log, recorded(hot)))
         return
     rows = rows_of(partial(judged, seed=seed), range(vehicles), jobs)
-    close = abs(np.log(rows["Hz of the twin"] / rows["Hz"])) <= np.log(1.05)
-    like = abs(np.log(rows["°/s of the twin"] / rows["°/s"])) <= np.log(1.5)
+    frequency_error = abs(np.log(rows["Hz of the twin"] / rows["Hz"]))
+    close = frequency_error <= np.log(1.05)
+    size_error = abs(np.log(rows["°/s of the twin"] / rows["°/s"]))
+    like = size_error <= np.log(1.5)
     under = f"{close.sum()} within 5 % of frequency, {like.sum()} within 1.5 of size."
     show(f"{vehicles} vehicles, seed {seed}", rows, under)
 

@@ -50,13 +50,14 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
     """Returns what holds the truth, what is reported and right of speed and direction, and the drag after it."""
     motion = fly(flight)
     with TemporaryDirectory() as folder:
-        write_log(log := Path(folder) / "flight.tlog", flight, motion)
+        log = Path(folder) / "flight.tlog"
+        write_log(log, flight, motion)
         found = wind(log, drag=drag)
-    truth = np.column_stack(
-        [np.interp(found.time, motion.time, part) for part in motion.wind[:, :2].T]
-    )
-    speed = float(np.hypot(*truth.mean(axis=0)))
-    direction = coming_from(*truth.mean(axis=0))
+    north, east = (np.interp(found.time, motion.time, part) for part in motion.wind[:, :2].T)
+    truth = np.column_stack([north, east])
+    mean = truth.mean(axis=0)
+    speed = float(np.hypot(*mean))
+    direction = coming_from(*mean)
     apart = abs((found.direction - direction + 180) % 360 - 180)
     low, high = found.speed_interval
     has_speed = found.status["speed"] == "reported" and not found.calm
@@ -64,9 +65,11 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
     row: Values = {"flights": name}
     row["speed inside"] = low <= speed <= high or found.calm
     row["direction inside"] = apart <= found.direction_interval or speed < 0.3
-    row["band"] = np.mean(abs(found.velocity - truth) <= found.band)
+    in_band = abs(found.velocity - truth) <= found.band
+    row["band"] = np.mean(in_band)
     row["speed reported"] = has_speed
-    row["speed right"] = has_speed and abs(found.speed - speed) <= max(0.7, 0.12 * speed)
+    limit = max(0.7, 0.12 * speed)
+    row["speed right"] = has_speed and abs(found.speed - speed) <= limit
     row["direction reported"] = has_direction
     row["direction right"] = has_direction and apart <= 10
     return row, found.drag.of_next_flight()
@@ -75,27 +78,36 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
 def judged(case: tuple[int, str], seed: int) -> list[Values]:
     """Rows of the flights of one vehicle."""
     number, name = case
-    rng = np.random.default_rng([seed, number, NAMES.index(name)])
-    linear, quadratic = np.exp(rng.uniform(np.log([0.12, 0.003]), np.log([0.7, 0.04])))
+    name_number = NAMES.index(name)
+    rng = np.random.default_rng([seed, number, name_number])
+    lowest = np.log([0.12, 0.003])
+    highest = np.log([0.7, 0.04])
+    linear, quadratic = np.exp(rng.uniform(lowest, highest))
     axes = rng.uniform(0.85, 1.15) ** np.array([1, -1])
     vehicle: Values = {"model": str(rng.choice(["iris", "ardrone2"]))}
     vehicle["drag_linear"] = (linear * axes).tolist()
     vehicle["drag_quadratic"] = (quadratic * axes).tolist()
-    row, _ = flown(name, scenario(name, vehicle, rng))
+    flight = scenario(name, vehicle, rng)
+    row, _ = flown(name, flight)
     if name not in AFTER_LEGS:
         return [row]
-    legs, drag = flown("legs", scenario("legs", vehicle, rng))
-    again, _ = flown(f"{name}, its drag", scenario(name, vehicle, rng), drag)
+    first = scenario("legs", vehicle, rng)
+    legs, drag = flown("legs", first)
+    second = scenario(name, vehicle, rng)
+    again, _ = flown(f"{name}, its drag", second, drag)
     return [row, legs, again]
 
 
 @command(__doc__, seed=0, flights=5)
 def main(seed: int, flights: int, jobs: int) -> None:
-    rows = rows_of(partial(judged, seed=seed), product(range(flights), NAMES), jobs)
-    grouped = pd.concat([rows, rows.assign(flights="all")]).groupby("flights", sort=False)
+    cases = product(range(flights), NAMES)
+    rows = rows_of(partial(judged, seed=seed), cases, jobs)
+    both = pd.concat([rows, rows.assign(flights="all")])
+    grouped = both.groupby("flights", sort=False)
     table = grouped[[*SHARES]].agg(share)
     table.insert(0, "number", grouped.size())
-    table[[*COUNTS]] = grouped[[*COUNTS]].sum().astype(int)
+    sums = grouped[[*COUNTS]].sum()
+    table[[*COUNTS]] = sums.astype(int)
     show(f"Seed {seed}", table.reset_index())
 
 
