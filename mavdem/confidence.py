@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 # as scipy.stats has them, which takes half a second to import
 from scipy.special import ndtri, stdtrit
 
+Interval = tuple[float, float]
 # probability of the intervals and bands that are shown, unless another level is asked for
 LEVEL = 0.9
 ENDS = 0.5 - LEVEL / 2, 0.5 + LEVEL / 2  # shares of draws below the ends of such an interval

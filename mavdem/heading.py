@@ -1,4 +1,4 @@
-"""Heading: what every JSON document of mavdem begins with; names, and values by name."""
+"""Heading: what every JSON document of mavdem begins with; names, numbers, and values by name."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from importlib import metadata
 from typing import Any
 
 Names = tuple[str, ...]
+Numbers = tuple[float, ...]
 Values = dict[str, Any]
 """JSON values by key: a document, or a part of one."""
 

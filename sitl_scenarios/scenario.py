@@ -11,7 +11,6 @@ from math import cos, inf, log, radians, sin
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -22,6 +21,8 @@ from pydantic import (
     PositiveFloat,
     model_validator,
 )
+
+from sitl_scenarios.motion import Array
 
 
 def shortened(text: str, longest: int = 60) -> str:
@@ -91,7 +92,7 @@ Direction = Annotated[
 ]
 
 
-def towards(direction: float) -> NDArray[np.float64]:
+def towards(direction: float) -> Array:
     """(3,) unit vector NED that wind from ``direction`` degrees, clockwise from north, moves along."""
     angle = radians(direction)
     return np.array([-cos(angle), -sin(angle), 0.0])

@@ -30,7 +30,7 @@ from sitl_scenarios.dynamics import (
     dynamics,
 )
 from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
-from sitl_scenarios.motion import Array, Motion
+from sitl_scenarios.motion import Array, Arrays, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
@@ -111,7 +111,7 @@ def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: D
     return _slopes(acceleration, rotors, 1e-5 * rotors)
 
 
-def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
+def truth(scenario: Scenario, motion: Motion) -> Arrays:
     """Arrays by name: every column of ``Motion``, ``scenario`` as JSON text, and what docs/scenarios.md explains.
 
     ``roll_A`` (2, 2) and ``roll_B`` (2, 4) are of angle (rad) and rate (rad/s) without lag, by µs from ``trim`` (4,);
@@ -120,9 +120,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
-    arrays: dict[str, NDArray[Any]] = {
-        field.name: getattr(motion, field.name) for field in fields(motion)
-    }
+    arrays: Arrays = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion)
@@ -157,7 +155,7 @@ LOWEST = 0.05  # Hz of the loops: position control is slower
 STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
-def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> dict[str, NDArray[Any]]:
+def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> Arrays:
     """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
 
     They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.

@@ -17,7 +17,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameter_values
-from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Array, Flags, Telemetry, selected
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Array, Flags, Parameters, Telemetry, selected
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 MEDIAN_STEPS = 41
@@ -230,9 +230,9 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     )
 
 
-def _earlier(telemetry: Telemetry, segment: Segment) -> dict[str, float]:
+def _earlier(telemetry: Telemetry, segment: Segment) -> Parameters:
     """The controller's parameters that changed after the segment began, or sometime, with their values before."""
-    before = dict(telemetry.earlier)
+    before: Parameters = telemetry.earlier
     sent = telemetry.messages.get("PARAM_VALUE")
     if sent is not None:
         rows = (sent["boot"] < segment.boot) | (

@@ -13,10 +13,10 @@ import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES, Signal
 from mavdem.alignment.signals import Signals, held, setpoints
+from mavdem.confidence import Interval
 from mavdem.ingest.telemetry import Array, Flags, Parameters
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 
-Interval = tuple[float, float]
 Intervals = list[Interval]
 
 IDLE_COLLECTIVE = 0.15

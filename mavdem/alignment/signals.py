@@ -43,6 +43,7 @@ from mavdem.alignment.drive import (
     recorded,
     series,
 )
+from mavdem.confidence import Interval
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -200,7 +201,7 @@ class VehicleSignals:
     telemetry: Telemetry
 
     @cached_property
-    def settled(self) -> dict[int, list[tuple[float, float]]]:
+    def settled(self) -> dict[int, list[Interval]]:
         """Settled flight by boot, where ``phases.settled`` has worked it out."""
         return {}
 

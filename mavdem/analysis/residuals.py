@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import quantile
+from mavdem.confidence import Interval, quantile
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts.assessment import BoundTest
@@ -23,10 +23,10 @@ class Residuals(NamedTuple):
     auto: Array  # (L + 1,) autocorrelation
     across: Array  # (L + 1,) correlation with the command, so long after it
     # of both; the second allows for the autocorrelation of both (Ljung, sec. 16.6)
-    bounds: tuple[float, float]
+    bounds: Interval
 
     @property
-    def largest(self) -> tuple[float, float]:
+    def largest(self) -> Interval:
         """The largest correlations, but for the first of ``auto``."""
         return float(np.abs(self.auto[1:]).max()), float(np.abs(self.across).max())
 

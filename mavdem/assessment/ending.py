@@ -18,7 +18,6 @@ from mavdem.alignment.drive import Motors
 from mavdem.alignment.phases import (
     ASKED_SECONDS,
     AVERAGING_SECONDS,
-    Interval,
     airborne_collective,
     during,
     of_boot,
@@ -32,6 +31,7 @@ from mavdem.assessment.motion import (
     attitude_error,
 )
 from mavdem.condition.said import in_order
+from mavdem.confidence import Interval
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported

@@ -20,7 +20,6 @@ from mavdem.alignment.phases import (
     ASKED_SECONDS,
     GROUND_HEIGHT,
     MAX_TILT,
-    Interval,
     Intervals,
     above_take_off,
     airborne_collective,
@@ -35,6 +34,7 @@ from mavdem.alignment.quality import STOP_MARGIN, at_limits
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.steadiness import followed
 from mavdem.condition.condition import vibration_of
+from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import MULTIROTORS

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.baselines.identified import (
     DEPENDENCE_TOLERANCE,
@@ -185,7 +186,7 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
         ]
         likelihoods.append(sum(states.log_likelihood for states in expected))
         if not np.isfinite(likelihoods[-1]):
-            raise np.linalg.LinAlgError("the likelihood is not finite")
+            raise LinAlgError("the likelihood is not finite")
         if len(likelihoods) > 1 and likelihoods[-1] - likelihoods[-2] < EM_NATS:
             return EMFit(model, starts, likelihoods)
         model = _maximized(model, expected, segments)
@@ -243,7 +244,7 @@ def _fitted(segments: Segments, order: int) -> Fitted:
         (n, k) = B.shape
         m = len(C)
         gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
-    except np.linalg.LinAlgError:
+    except LinAlgError:
         raise NotLearnable(Fact(Forecasts.EM_BROKE_DOWN, order=order)) from None
     return Fitted(
         StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim),

@@ -6,6 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.linalg import LinAlgError
 
 from mavdem.baselines.identified import (
     RANK_TOLERANCE,
@@ -89,7 +90,7 @@ def found_by_projection(segments: Segments, order: int) -> Fitted:
     R = covariance[order:, order:]
     try:
         K = innovation_gain(A, C, Q, R, S)
-    except np.linalg.LinAlgError:
+    except LinAlgError:
         raise NotLearnable(Fact(Forecasts.NOT_OBSERVABLE, order=order)) from None
     model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
     starts = np.array([_start(model, *segment) for segment in segments])
@@ -157,11 +158,11 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
     Systems, 1996, sec. 4.2.2, Table 4.1); ``LinAlgError`` where there is no steady filter.
     """
     for least in LEAST_NOISES:
-        with suppress(np.linalg.LinAlgError):
+        with suppress(LinAlgError):
             process = Q + least * np.eye(len(A))
             measurement = R + least * np.eye(len(C))
             return steady_gain(A, C, process, measurement, S)[0]
-    raise np.linalg.LinAlgError("no noise makes a steady filter")
+    raise LinAlgError("no noise makes a steady filter")
 
 
 def _start(model: StateSpace, inputs: Array, outputs: Array) -> Array:

@@ -25,7 +25,7 @@ from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.heading import Values
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import number_of
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
@@ -162,7 +162,7 @@ def axis_document(found: Advice | Fact) -> Values:
     }
 
 
-def parameter_files(gains: dict[str, float], telemetry: Telemetry) -> tuple[str, str]:
+def parameter_files(gains: Parameters, telemetry: Telemetry) -> tuple[str, str]:
     """Returns ``gains`` as QGroundControl loads them, and as Mission Planner does.
 
     The former has a line of vehicle id, component id, name, value and type, by tabs; the latter of name and value.

@@ -35,7 +35,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath
-from mavdem.heading import Names, Values
+from mavdem.heading import Names, Numbers, Values
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 from mavdem.ingest.telemetry import Array
@@ -63,17 +63,17 @@ class HoverFigures:
     motors: Names
     unit: str
     seconds: float
-    trim: tuple[float, ...]
-    trim_of_range: tuple[float, ...]
-    trim_share: tuple[float, ...]
-    headroom: tuple[float, ...]
-    at_upper_limit: tuple[float, ...]
-    at_lower_limit: tuple[float, ...]
+    trim: Numbers
+    trim_of_range: Numbers
+    trim_share: Numbers
+    headroom: Numbers
+    at_upper_limit: Numbers
+    at_lower_limit: Numbers
     roll: float | None
     pitch: float | None
 
     @property
-    def imbalance(self) -> tuple[float, ...]:
+    def imbalance(self) -> Numbers:
         """How much more each motor works than the mean of all, %: 100 (``trim_share`` - 1)."""
         return tuple(100 * (share - 1) for share in self.trim_share)
 
@@ -174,7 +174,7 @@ class VibrationFigures:
     The level is x, y and z from ArduPilot, one for all axes from PX4, and not alike: compare flights of one autopilot.
     """
 
-    level: tuple[float, ...]
+    level: Numbers
     clips: int
 
 

@@ -19,6 +19,7 @@ from mavdem.condition.resonance import FASTEST_LOOP
 from mavdem.condition.spectra import Spectrum
 from mavdem.facts import Fact, Level
 from mavdem.facts.noise import NotchAdvice
+from mavdem.ingest.telemetry import Parameters
 
 SHARES = (1 / 4, 1 / 3, 1 / 2)  # of the line's frequency: bandwidths, of which the last is usual
 ENOUGH = 0.9
@@ -94,7 +95,7 @@ def notch_advice(
     )
 
 
-def _settings(controller: Controller, line: Peak, bandwidth: float) -> dict[str, float]:
+def _settings(controller: Controller, line: Peak, bandwidth: float) -> Parameters:
     """The parameters of a notch on a line, by name."""
     mode = 0.0
     if line.kind is PeakKind.MOTOR:
@@ -119,5 +120,5 @@ def _settings(controller: Controller, line: Peak, bandwidth: float) -> dict[str,
     return _static_of_px4(line, bandwidth)
 
 
-def _static_of_px4(line: Peak, bandwidth: float) -> dict[str, float]:
+def _static_of_px4(line: Peak, bandwidth: float) -> Parameters:
     return {"IMU_GYRO_NF0_FRQ": float(f"{line.frequency:.3g}"), "IMU_GYRO_NF0_BW": bandwidth}

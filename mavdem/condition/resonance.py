@@ -23,7 +23,7 @@ from mavdem.alignment.phases import both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.margins import Complex, transfer
-from mavdem.confidence import quantile
+from mavdem.confidence import Interval, quantile
 from mavdem.errors import NotLearnable
 from mavdem.ingest.telemetry import Array
 
@@ -62,7 +62,7 @@ class Resonance:
     """There, of the rate with its setpoint, or with the motors."""
     highest: float
     """Hz up to which it was looked for."""
-    ms_interval: tuple[float, float] | None = None
+    ms_interval: Interval | None = None
     """The 90 % interval of the maximum sensitivity; None without setpoint."""
     whole: bool = False
     """Whether the response was seen to fall below −3 dB, so that no peak comes after it."""

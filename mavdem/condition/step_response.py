@@ -45,6 +45,7 @@ from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import StepResponses
+from mavdem.heading import Numbers
 
 SECONDS = {"rate": 0.5, "attitude": 2.0}
 """Of a step's response, until it has settled; a window is two of them, and the one before."""
@@ -404,7 +405,7 @@ def _described(
     )
 
 
-def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> tuple[float, ...]:
+def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> Numbers:
     """Those of ``FIGURES`` of one step (K,) and |T| (F,)."""
     tenth, half, most = (_reached(time, step, level) for level in (0.1, 0.5, 0.9))
     rise = most - tenth if most < time[-1] else most

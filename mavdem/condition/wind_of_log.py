@@ -13,6 +13,7 @@ from mavdem.alignment.drive import AXES, Signal, floats, recorded, series
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
+from mavdem.confidence import Interval
 from mavdem.dem.airflow.identification import LONGEST_SECONDS
 from mavdem.dem.airflow.model import Drag
 from mavdem.errors import NotLearnable
@@ -174,7 +175,7 @@ def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:
     return abs(moved - (before + after) * dt / 2) > POSITION_JUMP + 2 * dt
 
 
-def _jumps(time: Array, values: Array, limits: tuple[float, float], turn: float = np.inf) -> Flags:
+def _jumps(time: Array, values: Array, limits: Interval, turn: float = np.inf) -> Flags:
     """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
     steps = np.abs(np.diff(values))
     return np.asarray(np.minimum(steps, turn - steps) > limits[0] + limits[1] * np.diff(time))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import ENOUGH_SAMPLES, quantile
+from mavdem.confidence import ENOUGH_SAMPLES, Interval, quantile
 from mavdem.dem.airflow.identification import (
     GUST_SECONDS,
     STEPS,
@@ -88,7 +88,7 @@ class WindVelocity:
     """
 
     speed: float
-    speed_interval: tuple[float, float]
+    speed_interval: Interval
     direction: float
     direction_interval: float
     gust: float

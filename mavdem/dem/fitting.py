@@ -11,6 +11,7 @@ from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
+    Sizes,
     SufficientStatistics,
     embed,
     temporal_precision,
@@ -186,7 +187,7 @@ def gain_of(
 
 def predictor_of(
     theta: Array,
-    sizes: tuple[int, int, int],
+    sizes: Sizes,
     gain: Array,
     dt: float,
 ) -> StateSpace:

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.dem.engine.ascent import at_theta
 from mavdem.dem.engine.free_energy import free_energy
@@ -70,7 +71,7 @@ def learn_with_fit(train: Records, settings: Settings | None = None) -> tuple[Le
         record, settings = checked(train, settings)
         try:
             fitted = fit(record, settings)
-        except np.linalg.LinAlgError:
+        except LinAlgError:
             raise NotLearnable(Fact(ModelRefusal.FIT_BREAKS_DOWN)) from None
         segments = generalized(settings, fitted.scaling, record)
         refined = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments))
@@ -161,7 +162,7 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
                 return fitted
             iterate = at_theta(model, samples, refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
-    except np.linalg.LinAlgError:
+    except LinAlgError:
         return fitted
     refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)
     return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import STRONG_EVIDENCE_NATS
+from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval
 from mavdem.dem.engine.linalg import Array, Indices, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.record import Record, Records, is_whole
@@ -62,7 +62,7 @@ class OrderChoice:
             else np.full(len(self.orders), np.nan)
         )
 
-    def gain(self, order: int, over: int) -> tuple[float, float]:
+    def gain(self, order: int, over: int) -> Interval:
         """The increase of F̄ᵒ at ``order`` ``over`` another one, averaged over the flights that have both, nats.
 
         Returns:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from math import ceil, e, pi, sqrt
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.ndimage import gaussian_filter1d
 
 from mavdem.confidence import ENOUGH_SAMPLES
@@ -202,7 +203,7 @@ def fits_by_order(box: BlackBox, most: int) -> tuple[Iterate | None, ...]:
         try:
             with raise_on_overflow():
                 fits.append(_fitted(box, order))
-        except np.linalg.LinAlgError:
+        except LinAlgError:
             fits.append(None)
     return tuple(fits)
 
@@ -244,7 +245,7 @@ def chain(box: BlackBox, order: int) -> Array:
         rates = np.vstack([rates, most @ rate])
         if len(states) == order:
             return _theta(box, states, rates)
-    raise np.linalg.LinAlgError("too few derivatives for as many states")
+    raise LinAlgError("too few derivatives for as many states")
 
 
 def _channels(box: BlackBox) -> tuple[list[Array], list[Array]]:

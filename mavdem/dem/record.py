@@ -16,7 +16,7 @@ from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
-from mavdem.heading import Names, Values
+from mavdem.heading import Names, Numbers, Values
 from mavdem.unit_slips import real_numbers
 
 # no text for a number, no ``True`` for 1, no infinity and no NaN
@@ -136,7 +136,7 @@ class Record:
     # (r,) relative effect of each motor on the axis, where it is known
     effect_directions: Array | None = None
     # (segments,) times of the first samples on the flight's clock, s, if it has one
-    begins: tuple[float, ...] = ()
+    begins: Numbers = ()
     input_names: Names = ()
     output_names: Names = ()
     input_units: Names = ()
@@ -145,7 +145,7 @@ class Record:
     parameters: Mapping[str, float] = field(default_factory=dict)
     # of the parameters that changed in flight or later
     earlier: Mapping[str, float] = field(default_factory=dict)
-    input_range: tuple[float, ...] = ()  # inputs at no and at full throttle, where they are known
+    input_range: Numbers = ()  # inputs at no and at full throttle, where they are known
     setpoints: Array | None = None  # (T, q) what was asked of the axis, NaN where there is none
     setpoint_names: Names = ()
 

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
 from mavdem.dem.record import LARGEST, checked_values
-from mavdem.heading import Values
+from mavdem.heading import Numbers, Values
 from mavdem.unit_slips import real_numbers
 
 FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``
@@ -28,8 +28,8 @@ class Gaussian:
     A known entry is one of high precision; a structure is a matrix of them.
     """
 
-    mean: tuple[float, ...]
-    precision: tuple[tuple[float, ...], ...]
+    mean: Numbers
+    precision: tuple[Numbers, ...]
 
     def __init__(self, mean: ArrayLike, precision: ArrayLike) -> None:
         means = real_numbers(mean, "mean")

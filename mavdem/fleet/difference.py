@@ -34,11 +34,10 @@ from mavdem.fleet.row import (
     UNKNOWN,
     Flight,
     FlightRow,
-    Numbers,
     flights_of,
     vehicles_of,
 )
-from mavdem.heading import Names, Values
+from mavdem.heading import Names, Numbers, Values
 from mavdem.health.balance import SCATTER
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS

@@ -18,7 +18,7 @@ from mavdem.alignment.drive import AXES, INPUTS
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
-from mavdem.heading import Names, Values, heading
+from mavdem.heading import Names, Numbers, Values, heading
 from mavdem.units import (
     AngularAcceleration,
     ArmLengths,
@@ -52,7 +52,6 @@ NOT_IDENTIFIABLE = Status.NOT_IDENTIFIABLE  # the status of what a flight says n
 AXIS_ORDER = (*AXES, "")
 MOTORS, DEMAND = INPUTS
 
-Numbers = tuple[float, ...]
 Many = Numbers | None
 Text = str | None
 Whole = int | None
@@ -118,7 +117,7 @@ class FlightRow:
     """standard deviation of the angle from level"""
     tilt_max: Radians = at("condition.tilt_max")
     """largest angle from level"""
-    vibration: Annotated[tuple[float, ...], unit("m/s²")] | None = at("condition.vibration.level")
+    vibration: Annotated[Numbers, unit("m/s²")] | None = at("condition.vibration.level")
     """mean vibration, x, y and z or one level"""
     clips: Whole = at("condition.vibration.clips")
     """times that an accelerometer was out of range"""
@@ -146,7 +145,7 @@ class FlightRow:
     """what is asked of the motors in roll, pitch and yaw, as shares of their mean command"""
     balance_error: Many = None
     """standard error of balance"""
-    balance_lean: Annotated[tuple[float, ...], unit("rad")] | None = None
+    balance_lean: Annotated[Numbers, unit("rad")] | None = None
     """mean roll and pitch while balance was measured"""
     lean_effect: tuple[PerRadian, ...] | None = None
     """change of balance by roll and by pitch, row after row"""
@@ -190,7 +189,7 @@ class FlightRow:
     """half width of the 90 % interval of wind_torque_mean"""
     wind_speed: Speed = None
     """speed of the mean wind"""
-    wind_speed_interval: Annotated[tuple[float, ...], unit("m/s")] | None = None
+    wind_speed_interval: Annotated[Numbers, unit("m/s")] | None = None
     """ends of the 90 % interval of wind_speed"""
     wind_direction: Radians = None
     """where the wind comes from, clockwise from north"""
@@ -202,7 +201,7 @@ class FlightRow:
     """half widths of the 90 % intervals of drag"""
     mean_inputs: tuple[OfInputUnit, ...] | None = at("condition.hover.trim")
     """mean of each input over the flight"""
-    mean_outputs: Annotated[tuple[float, ...], unit("rad, rad/s")] | None = None
+    mean_outputs: Annotated[Numbers, unit("rad, rad/s")] | None = None
     """mean of each output over the flight"""
     headline: Text = at("headline")
     """the worst that was found, or how the flight was lost, one sentence"""

@@ -21,11 +21,11 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import HealthUnknown
-from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, FlightRows, Numbers
+from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, Reader
-from mavdem.heading import Values
+from mavdem.heading import Numbers, Values
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights, motor_signatures
 

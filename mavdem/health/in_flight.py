@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from mavdem.alignment.drive import MotorGeometry
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.steadiness import MAX_TURN
-from mavdem.confidence import STRONG_EVIDENCE_NATS, quantile
+from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval, quantile
 from mavdem.dem.engine.linalg import Array, Flags
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
-from mavdem.heading import Values
+from mavdem.heading import Numbers, Values
 from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import LEAST_SECONDS, motor_signatures
 
@@ -181,7 +181,7 @@ class MotorAlarm(NamedTuple):
     assumed: bool = False  # whether the motors' places are assumed, and with them the name
     boot: int = 0  # number of the vehicle's boot, from 0 on, whose clock the times are on
     # interval of 90 % of the share of its thrust that a weak motor lost, for any of ``THRUST_EXPONENTS``
-    loss: tuple[float, ...] = ()
+    loss: Numbers = ()
 
     @property
     def weak(self) -> bool:
@@ -189,7 +189,7 @@ class MotorAlarm(NamedTuple):
         return self.motor is not None and self.size > 0
 
     @property
-    def sound_share(self) -> tuple[float, float]:
+    def sound_share(self) -> Interval:
         """The share of its command by which a sound motor would give its thrust, and the half width of 90 %.
 
         It hardly depends on the exponent: where thrust goes with a power of the command, a loss divides the command.

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.confidence import Interval
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
-from mavdem.heading import Names
+from mavdem.heading import Names, Numbers
 from mavdem.ingest.telemetry import Array, Parameters
 from mavdem.ingest.vocabulary import NAMES
 
@@ -255,7 +256,7 @@ def place_name(position: Position) -> str:
 _QUAD_X = (45.0, -135.0, -45.0, 135.0)
 _QUAD_X_SPINS = "++--"
 _TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text("utf-8"))
-_ARDUPILOT_FRAMES: dict[int, dict[int, tuple[tuple[float, ...], str]]] = {
+_ARDUPILOT_FRAMES: dict[int, dict[int, tuple[Numbers, str]]] = {
     int(kind): {int(type_): (tuple(bearings), spins) for type_, (bearings, spins) in types.items()}
     for kind, types in _TABLES.items()
 }
@@ -265,9 +266,7 @@ Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/conn
 https://github.com/ArduPilot/ardupilot/blob/master/libraries/AP_Motors/AP_MotorsMatrix.cpp."""
 
 
-def _placed(
-    bearings: tuple[float, ...], directions: str
-) -> tuple[dict[int, Position], dict[int, int]]:
+def _placed(bearings: Numbers, directions: str) -> tuple[dict[int, Position], dict[int, int]]:
     """Place and spin of each motor."""
     places = ((round(cos(radians(at)), 6), round(sin(radians(at)), 6)) for at in bearings)
     return dict(enumerate(places, 1)), {
@@ -394,7 +393,7 @@ def output_scale(
     return OutputScale(name, "", 0.0, high, step)
 
 
-def _px4_range(drivers: Sequence[Driver], parameters: Parameters) -> tuple[float, float]:
+def _px4_range(drivers: Sequence[Driver], parameters: Parameters) -> Interval:
     """Outputs at no and at full throttle, the mean over the motors; 0 and 0 where one has none.
 
     A channel has a range of its own or, where that is -1 and before PX4 1.12, that of its driver.

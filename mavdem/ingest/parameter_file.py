@@ -17,10 +17,10 @@ from mavdem.facts import Fact
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.telemetry import Log, repair
+from mavdem.ingest.telemetry import Log, Parameters, repair
 
 
-def read_parameters(path: PathName) -> dict[str, float]:
+def read_parameters(path: PathName) -> Parameters:
     """Returns the parameters of a file by name; raises ``Unreadable``: it cannot be opened, or has none."""
     found = dict[str, float]()
     for line in file_bytes(path).decode("utf-8", "replace").splitlines():

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.sources import Flaw, Repair
 
@@ -182,7 +183,7 @@ class Log:
     unread: tuple[Unread, ...]
     frames: int
     bytes_skipped: int
-    receive_time: tuple[float, float]
+    receive_time: Interval
 
 
 def repair(code: Repair, **figures: Any) -> Facts:
@@ -194,7 +195,7 @@ def log_of_vehicles(
     vehicles: tuple[Telemetry, ...],
     frames: int,
     bytes_skipped: int,
-    receive_time: tuple[float, float] = (nan, nan),
+    receive_time: Interval = (nan, nan),
     counts: Mapping[str, int] | None = None,
 ) -> Log:
     """Returns the log of a file of vehicles only, one at least; ``counts`` are the messages by their own names."""

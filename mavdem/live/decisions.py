@@ -45,6 +45,7 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import Session
 from mavdem.flight import Flight
+from mavdem.heading import Numbers
 from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Array, Fields, Telemetry, joined, log_of_vehicles
@@ -77,7 +78,7 @@ class Setup:
     motors: str
     layout: MotorGeometry
     scale: OutputScale
-    rates: tuple[float, ...]
+    rates: Numbers
     start: float
 
 

@@ -15,12 +15,13 @@ from mavdem.alignment.signals import ROUNDING
 from mavdem.analysis.findings import Findings
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
 from mavdem.assessment.limits import worst
+from mavdem.confidence import Interval
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.event import Event
 from mavdem.facts.session import Session
-from mavdem.heading import Names
+from mavdem.heading import Names, Numbers
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live.wind import WindRow
 
@@ -71,10 +72,10 @@ class SessionStatus:
     flying: bool = False
     learned: int = 0
     shown: int = 0
-    latency: tuple[float, ...] = (nan, nan, nan)
+    latency: Numbers = (nan, nan, nan)
     behind: float = 0.0
-    ahead: tuple[float, float] = (nan, nan)
-    useful: tuple[float, float] = (nan, nan)
+    ahead: Interval = (nan, nan)
+    useful: Interval = (nan, nan)
     lost: int = 0
     missing: float = 0.0
     late: int = 0
@@ -155,7 +156,7 @@ class LiveHistory:
         self._taken = 0
         self._segment = 0
         # the parts learned from: first and last sample, s
-        self.learned: list[tuple[float, float]] = []
+        self.learned: list[Interval] = []
         # By horizon: time, prediction, band and last sample of those whose time has not come.
         self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}
@@ -234,7 +235,7 @@ class LiveHistory:
         width = 9 + len(self.motors)
         return np.array([(*row, *[nan] * width)[:width] for row in self._rows]).reshape(-1, width)
 
-    def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
+    def _compare(self, time: float, outputs: Array) -> Interval:
         """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""
         shown = (nan, nan)
         nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)

@@ -21,6 +21,7 @@ from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
 from mavdem.ingest.motors import MOTOR_MESSAGES
+from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import euler_angles
 
 Values = tuple[float, ...]
@@ -200,7 +201,7 @@ def outputs(message: Message) -> tuple[int, Values]:
     return port, tuple(0.0 if value == UINT16_UNKNOWN else float(value) for value in sent)
 
 
-def parameters_of(messages: Iterable[Message], autopilot: str) -> dict[str, float]:
+def parameters_of(messages: Iterable[Message], autopilot: str) -> Parameters:
     """The finite parameters by name, from the PARAM_VALUEs of the named MAV_AUTOPILOT."""
     columns = zip(*(message.values for message in messages), strict=True)
     types = {"param_id": "S16", "param_type": "u1", "param_value": "<f4"}

@@ -23,6 +23,7 @@ from mavdem.alignment.learnability import MAX_STEP_RATIO
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
+from mavdem.heading import Numbers
 from mavdem.ingest.mavlink.clocks import (
     MAX_OFFSET,
     MIN_RESET_STAMPS,
@@ -241,7 +242,7 @@ class Grid:
         self.running = False
         self.start = 0.0  # first point of the segment's grid, s
         self.dt: float | None = None  # step, s, once it is decided
-        self.rates: tuple[float, ...] = ()  # Hz of the streams that decided it
+        self.rates: Numbers = ()  # Hz of the streams that decided it
         self._streams: tuple[Samples, ...] = ()
         self._samplings: tuple[_Sampling, ...] = ()
         self._next = 0

@@ -32,6 +32,7 @@ from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch, Watched
+from mavdem.heading import Numbers
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
@@ -72,9 +73,9 @@ class Pose(NamedTuple):
     """The latest attitude that came, at ``time``, s of the boot clock."""
 
     time: float
-    angles: tuple[float, ...]  # roll, pitch and yaw, rad
-    rates: tuple[float, ...]  # of the body, rad/s
-    asked: tuple[float, ...]  # roll and pitch, rad; NaN where not known
+    angles: Numbers  # roll, pitch and yaw, rad
+    rates: Numbers  # of the body, rad/s
+    asked: Numbers  # roll and pitch, rad; NaN where not known
 
 
 class LiveStream:
@@ -140,7 +141,7 @@ class LiveStream:
         return self._clock.now
 
     @property
-    def parameters(self) -> dict[str, float]:
+    def parameters(self) -> Parameters:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
         if self.followed is None:
             return {}

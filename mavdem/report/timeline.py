@@ -17,6 +17,7 @@ from mavdem.alignment.signals import Setpoint, Signals, attitude, held
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
+from mavdem.confidence import Interval
 from mavdem.facts.event import Event
 from mavdem.report.charts import TIME, Axis, Chart, Line, Mark, over_time
 from mavdem.report.model_charts import torque_line
@@ -48,9 +49,9 @@ class Timeline(NamedTuple):
     """
 
     rows: tuple[Chart, ...]
-    span: tuple[float, float]
+    span: Interval
     axes: Mapping[str, tuple[Chart, ...]] = MappingProxyType({})
-    trained: tuple[tuple[float, float], ...] = ()
+    trained: tuple[Interval, ...] = ()
     modes: tuple[tuple[float, float, str], ...] = ()
     events: tuple[Event, ...] = ()
     position: Signal | None = None

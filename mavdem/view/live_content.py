@@ -11,7 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.confidence import LEVEL
+from mavdem.confidence import LEVEL, Interval
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.learner import TOO_FEW
@@ -73,7 +73,7 @@ class LiveWriter:
         self.channels = channels
         self._recording = recording
         # by plot, the least and most that were measured
-        self._seen: dict[str, tuple[float, float]] = {}
+        self._seen: dict[str, Interval] = {}
         # of each, the segment and the time, s, of the latest sample
         self._drawn: dict[Lines, tuple[int, float]] = {}
         # the latest samples of the wind torque: an alarm of a motor is about the last seconds

@@ -13,6 +13,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mavdem.confidence import Interval
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
 from mavdem.files import atomic_write
@@ -75,7 +76,7 @@ def drawn(
     recording: rr.RecordingStream,
     origin: str,
     chart: Chart,
-    span: tuple[float, float],
+    span: Interval,
     marks: Sequence[tuple[str, str, Sequence[float]]] = (),
 ) -> rrb.View:
     """Draws a ``chart`` over the boot clock at the entity ``origin``, later lines over earlier ones.
@@ -178,7 +179,7 @@ def recorded(target: Target, name: str) -> Iterator[rr.RecordingStream]:
         file.write(contents)
 
 
-def range_of(*values: Array) -> tuple[float, float]:
+def range_of(*values: Array) -> Interval:
     """Returns the least and the most of the finite ones of some values."""
     finite = np.concatenate([series[np.isfinite(series)] for series in values])
     return (float(finite.min()), float(finite.max())) if len(finite) else (-1.0, 1.0)

@@ -20,7 +20,7 @@ from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, number_o
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, euler, pulse
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import Autopilot
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.motion import Arrays, Motion
 from sitl_scenarios.plan import FULL_STICK
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import CHARGED, GRAVITY
@@ -58,7 +58,7 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     return table
 
 
-def by_column(names: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def by_column(names: str, values: NDArray[Any]) -> Arrays:
     """The columns (N,) of ``values`` (N, n) by names between spaces."""
     return dict(zip(names.split(), values.T, strict=True))
 

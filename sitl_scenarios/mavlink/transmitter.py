@@ -14,7 +14,7 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.messages import Payloads, named, parameters, payload, written
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
 from sitl_scenarios.scenario import Faults, Scenario
 
@@ -23,14 +23,14 @@ from sitl_scenarios.scenario import Faults, Scenario
 class Batch:
     """N frames, one behind the other in ``data``."""
 
-    time: NDArray[np.float64]  # (N,) s of the flight, ascending: when each was sent, or is received
+    time: Array  # (N,) s of the flight, ascending: when each was sent, or is received
     data: Bytes  # their bytes
     frames: Frames  # the table of them
 
     def __len__(self) -> int:
         return len(self.time)
 
-    def taken(self, rows: NDArray[np.intp], time: NDArray[np.float64]) -> Batch:
+    def taken(self, rows: NDArray[np.intp], time: Array) -> Batch:
         """The frames of these rows (M,), in this order, at the times (M,)."""
         return Batch(time, *gathered([(self.data, self.frames)], rows))
 
@@ -86,7 +86,7 @@ class Schedule:
         """Seconds between one message and the next; infinite for none."""
         return self._courses[name][1]
 
-    def due(self, name: str, times: NDArray[np.float64]) -> NDArray[np.intp]:
+    def due(self, name: str, times: Array) -> NDArray[np.intp]:
         """In which of the next cycles, at ``times`` (N,), s, ascending from call to call, a message is sent."""
         first, interval = self._courses[name]
         if not np.isfinite(interval):
@@ -235,7 +235,7 @@ class Transmitter:
             return self._framed(placed, motion.time)
         return _nothing()
 
-    def _streams(self, motion: Motion, clock: NDArray[np.float64]) -> list[Placed]:
+    def _streams(self, motion: Motion, clock: Array) -> list[Placed]:
         placed: list[Placed] = []
         for name in self._rates:
             rows = self.schedule.due(name, clock)
@@ -246,7 +246,7 @@ class Transmitter:
                 placed.append((name, rows, payloads))
         return placed
 
-    def _framed(self, placed: list[Placed], time: NDArray[np.float64]) -> Batch:
+    def _framed(self, placed: list[Placed], time: Array) -> Batch:
         rows = np.concatenate([rows for _, rows, _ in placed])
         order = np.argsort(rows, kind="stable")
         sequence = np.empty(len(rows), dtype=np.int64)
@@ -322,7 +322,7 @@ class LossyLink:
             self._held = arriving.taken(np.array([behind]), arriving.time[-1:])
         return arriving.taken(np.array(order, np.intp), arriving.time[: len(order)])
 
-    def out(self, time: NDArray[np.float64] | float) -> NDArray[np.bool_]:
+    def out(self, time: Array | float) -> NDArray[np.bool_]:
         """Whether the link is lost at a time, s of the motion."""
         begin = np.inf if self._faults.outage is None else self._faults.outage
         since = np.asarray(time) - BOOT_SECONDS - begin

@@ -97,7 +97,7 @@ class Advice:
     """Of the gyro in the demand; None where the log is too slow to show it."""
 
     @property
-    def parameters(self) -> dict[str, float]:
+    def parameters(self) -> Parameters:
         """The gains to set, by the autopilot's name, where they change."""
         return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
 
@@ -150,7 +150,7 @@ def advise(
     )
 
 
-def _best(loop: Loop, target: Target) -> dict[str, float]:
+def _best(loop: Loop, target: Target) -> Parameters:
     """The gains to set, by name: of the least lean in wind, or else those that come closest to the margins.
 
     Their cost is the logarithm of the lean and, of each limit that is crossed, how far: an exact penalty.
@@ -168,7 +168,7 @@ def _best(loop: Loop, target: Target) -> dict[str, float]:
     loudest = LOUDER * _demand(loop.controller, frequency, density)
     slowest = [SLOWER * one.bandwidth for one in (few.rate, few.attitude)]
 
-    def stepped(steps: Array) -> dict[str, float]:
+    def stepped(steps: Array) -> Parameters:
         factors = np.exp(steps).clip(1 / STEP, STEP)
         new = np.minimum(factors * list(known.values()), most)
         return {name: float(f"{value:.4g}") for name, value in zip(known, new, strict=True)}
@@ -203,7 +203,7 @@ def _best(loop: Loop, target: Target) -> dict[str, float]:
     return new
 
 
-def _gains_of(loop: Loop) -> dict[str, float]:
+def _gains_of(loop: Loop) -> Parameters:
     """The gains that there are, by name; a gain of 0 stays so."""
     names = (loop.controller.names[gain] for gain in GAINS)
     known = loop.controller.parameters

@@ -18,7 +18,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Controllers
-from mavdem.heading import Values
+from mavdem.heading import Numbers, Values
 from mavdem.ingest.telemetry import Flags, Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 
@@ -91,14 +91,14 @@ class Controller:
     derivative_of_error: bool  # ArduPilot differentiates the error, PX4 the rate alone
     cycle: float  # s
     # (4,) thrust that a demand of 1 adds to each motor, as a share of its most
-    mixer: tuple[float, ...]
+    mixer: Numbers
     expo: float  # quadratic share of the thrust curve that the autopilot undoes
     # shares of the output's range at which thrust begins and ends
     spin: tuple[float, float] = (0.0, 1.0)
     names: Mapping[str, str]  # the parameter behind "p", "i", "d" and so on
     parameters: Parameters  # all that it was made of
     # (4,) likewise, of the motors in the axis's torque, with ArduPilot
-    weights: tuple[float, ...] = ()
+    weights: Numbers = ()
 
     def __post_init__(self) -> None:
         for name, (low, high) in RANGES.items():
@@ -122,7 +122,7 @@ class Controller:
             if self.parameters.get(name)
         )
 
-    def per_demand(self, shares: Sequence[float]) -> tuple[float, ...]:
+    def per_demand(self, shares: Sequence[float]) -> Numbers:
         """Returns (4,) how far a demand of 1 moves outputs that are at ``shares`` of their range, as such shares."""
         begin, end = self.spin
         thrust = np.clip((np.asarray(shares) - begin) / (end - begin), 0.0, 1.0)
@@ -164,7 +164,7 @@ def controller_of(
     return Controller(axis=axis, parameters=own, weights=given, **known)
 
 
-def _ardupilot(own: Parameters, axis: str, weights: tuple[float, ...]) -> Values:
+def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
     """The fields of an ArduPilot's controller."""
     short = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}[axis]
     rate = f"ATC_RAT_{short}_"
@@ -303,7 +303,7 @@ def _required(parameters: Parameters, *names: str) -> list[float]:
     return [parameters[name] for name in names]
 
 
-def _allocation(parameters: Parameters) -> dict[str, tuple[float, ...]]:
+def _allocation(parameters: Parameters) -> dict[str, Numbers]:
     """PX4's mixer by axis: the inverse of the motors' torques and thrust, normalised as the control allocator does."""
     rotors = [f"CA_ROTOR{number}_" for number in range(MOTORS)]
     x, y, moment = (

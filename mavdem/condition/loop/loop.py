@@ -175,7 +175,7 @@ def _shares(target: Target, loop: OpenLoop) -> dict[str, Array]:
     }
 
 
-def changed_in(record: Record, controller: Controller) -> dict[str, float]:
+def changed_in(record: Record, controller: Controller) -> Parameters:
     """Returns the parameters of a ``controller`` that changed in the ``record``, with their values before."""
     prefix = controller.names["p"][:-1]
     return {

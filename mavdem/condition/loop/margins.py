@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response, notched
-from mavdem.confidence import ENDS
+from mavdem.confidence import ENDS, Interval
 from mavdem.dem.engine.linalg import Array
 from mavdem.ingest.telemetry import Flags
 
 Complex = NDArray[np.complex128]
-Interval = tuple[float, float]
 GRID = (0.02, 100.0, 500)
 """Hz from and to, and how many frequencies between, evenly by ratio; up to 0.45 of the loop's own rate at most."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.condition.resonance import WINDOW_SECONDS, Spectra, spectra_of_pieces
+from mavdem.confidence import Interval
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import SLOWEST_RATE
 from mavdem.dem.graybox.parameters import rate_column
@@ -30,7 +31,7 @@ class MeasuredResponse(NamedTuple):
     """Of the rate to its setpoint, in flight, and as the loop predicts it."""
 
     # Hz from and to which the setpoint explains enough of the rate's power to compare
-    band: tuple[float, float]
+    band: Interval
     fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
     agreement: float  # likewise of what the setpoint explains: what is missing is the loop's error
     # of the motors' demand in flight, over that of the parameters; NaN where it is not known

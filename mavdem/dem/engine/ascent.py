@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
@@ -202,7 +203,7 @@ def _round(
         belief = belief._replace(theta=steps.e_step(model, samples, belief))
         belief = belief._replace(lambda_=_m_step(model, samples, belief))
         then = _iterate(model, samples, belief, state_map)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    except (LinAlgError, FloatingPointError):
         # Noise so small, or a start so far, that the rest is lost in rounding.
         return now
     return then if then.free_energy >= now.free_energy else now
@@ -219,7 +220,7 @@ def _d_step(
 def _m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
     lambda_ = steps.m_step(model, samples, belief)
     if not np.abs(lambda_).max() < LARGEST_LAMBDA:
-        raise np.linalg.LinAlgError("a noise precision diverges")
+        raise LinAlgError("a noise precision diverges")
     return lambda_
 
 

@@ -19,6 +19,8 @@ from scipy.ndimage import correlate1d
 from mavdem.dem.engine.linalg import Array, Indices, logdet
 from mavdem.dem.engine.model import unpack
 
+Sizes = tuple[int, int, int]  # of states, inputs and outputs
+
 
 def taylor_weights(
     order: int,
@@ -149,7 +151,7 @@ class GenerativeModel:
     state_precision: Array | None = None
 
     @property
-    def sizes(self) -> tuple[int, int, int]:
+    def sizes(self) -> Sizes:
         """n, r and m."""
         return self.n, self.r, self.m
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
@@ -54,7 +55,7 @@ def steady_gain(
             if np.all(np.divide(*sizes) <= STEADY):
                 gain = A @ P @ _transposed(C) + crossed
                 return gain @ np.linalg.inv(C @ P @ _transposed(C) + R), P
-    raise np.linalg.LinAlgError("there is no steady filter: an unstable state may not be seen")
+    raise LinAlgError("there is no steady filter: an unstable state may not be seen")
 
 
 def _transposed(matrices: Array) -> Array:
@@ -140,7 +141,7 @@ class KalmanFilter(NamedTuple):
                 P = covariances[-1]
                 try:
                     weights.append(np.linalg.inv(C @ P @ C.T + R))
-                except np.linalg.LinAlgError:  # after an overflow
+                except LinAlgError:  # after an overflow
                     weights.append(np.full_like(R, np.nan))
                 gain = (A @ P @ C.T + S) @ weights[-1]
                 gains.append(gain)
@@ -242,7 +243,7 @@ def smoothed(
         A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs)
     )
     if not np.isfinite(filtered.covariances).all():
-        raise np.linalg.LinAlgError("the filter's covariance overflows")
+        raise LinAlgError("the filter's covariance overflows")
     pushes = inputs @ model.B.T + model.offset
     measured = outputs - model.trim
     states, errors = filtered.states(start, pushes, measured)

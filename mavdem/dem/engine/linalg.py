@@ -14,6 +14,7 @@ from threading import RLock
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from scipy.linalg.lapack import dposv, dpotrf, dpotri
@@ -87,7 +88,7 @@ def _scaled(matrix: Array) -> tuple[Array, Array]:
 
 def _check(failed: int) -> None:
     if failed:
-        raise np.linalg.LinAlgError("the matrix is not positive definite")
+        raise LinAlgError("the matrix is not positive definite")
 
 
 def require_positive_definite(matrix: Array, name: str, size: int) -> None:
@@ -101,7 +102,7 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
     if size:
         try:
             logdet(matrix)
-        except np.linalg.LinAlgError:
+        except LinAlgError:
             raise ValueError(f"{name} must be positive definite") from None
 
 
@@ -112,7 +113,7 @@ def raise_on_overflow() -> Iterator[None]:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield
     except FloatingPointError as error:
-        raise np.linalg.LinAlgError(f"overflow: {error}") from None
+        raise LinAlgError(f"overflow: {error}") from None
 
 
 _lock = RLock()

@@ -21,7 +21,7 @@ from mavdem.dem.engine.gauss_newton import (
     Quadratic,
     gauss_newton,
 )
-from mavdem.dem.engine.generative import GenerativeModel
+from mavdem.dem.engine.generative import GenerativeModel, Sizes
 from mavdem.dem.engine.linalg import Array, Indices, inverse, logdet
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
@@ -51,7 +51,7 @@ DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
 
 def models_of(
     thetas: Array,
-    sizes: tuple[int, int, int],
+    sizes: Sizes,
     gain: Array,
     dt: float,
 ) -> StateSpace:
@@ -195,7 +195,7 @@ class SimulationError:
     free: Indices
     prior_mean: Array
     prior_precision: Array
-    sizes: tuple[int, int, int]
+    sizes: Sizes
     gain: Array
     dt: float
     segments: SimulationSegments

@@ -8,6 +8,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.dem.engine.linalg import ROUNDING, Array, inverse, one_thread
@@ -100,14 +101,14 @@ def _chosen(
         try:
             fits.append(fitted(parameters, some, first))
             start = fits[-1].theta
-        except np.linalg.LinAlgError:
+        except LinAlgError:
             continue
     if not fits:
-        raise np.linalg.LinAlgError
+        raise LinAlgError
     chosen = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
-        with suppress(np.linalg.LinAlgError):
+        with suppress(LinAlgError):
             refined = fitted(parameters, some, np.append(chosen.theta, 0.0), STRONG_EVIDENCE_NATS)
             chosen = max(chosen, refined, key=lambda fit: fit.evidence)
     return fits, chosen

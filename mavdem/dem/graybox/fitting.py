@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
@@ -64,7 +65,7 @@ class LogJoint(NamedTuple):
         try:
             for errors, _ in self.innovations(at[None]):
                 value += _log_likelihood(errors[0])
-        except np.linalg.LinAlgError:
+        except LinAlgError:
             value = np.nan
         return value, np.empty(0)
 
@@ -83,7 +84,7 @@ class LogJoint(NamedTuple):
             slope -= slopes @ scaled[0].ravel()
             curvature += slopes @ slopes.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
-            raise np.linalg.LinAlgError("there is no steady filter")
+            raise LinAlgError("there is no steady filter")
         return Quadratic(at, value, slope, curvature)
 
     def limited(self, step: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import LEVEL, SURE_DEVIATIONS, half_width
+from mavdem.confidence import LEVEL, SURE_DEVIATIONS, Interval, half_width
 from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
 from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS
@@ -84,7 +84,7 @@ class Physical(NamedTuple):
         """Standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant."""
         return float(np.linalg.norm([one.size for one in self.components]))
 
-    def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
+    def mean_effect(self, level: float = LEVEL) -> Interval:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
 
         The interval of probability ``level`` is narrower than the motors' own: they move together.

@@ -12,6 +12,7 @@ from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice, choose
@@ -143,7 +144,7 @@ class OnlineJoint:
             self._statistics = new
         self._waiting.clear()
         if fits and self._uncounted * self._dt >= REFIT_SECONDS and new.rows >= 1:
-            with one_thread(wait=False) as free, suppress(np.linalg.LinAlgError):
+            with one_thread(wait=False) as free, suppress(LinAlgError):
                 if free:
                     self._uncounted = 0
                     self._fit(self.combinations, new, self._units)

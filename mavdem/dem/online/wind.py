@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from mavdem.confidence import half_width
+from mavdem.confidence import Interval, half_width
 from mavdem.dem.engine.kalman import SteadyFilter
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
@@ -136,7 +136,7 @@ class OnlineWind:
         self._blocks: deque[MemoryBlock] = deque(
             maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block))
         )
-        self._coming = deque[tuple[float, float]]()  # of the samples of the next block
+        self._coming = deque[Interval]()  # of the samples of the next block
         # of sound motors, since the last gap or change of a motor
         self._inputs: deque[Array] = deque(maxlen=round(FILTER_SECONDS / memory.dt) + self._lag)
         self._weak: WeakMotors | None = None
@@ -146,7 +146,7 @@ class OnlineWind:
         # of the torque behind the latest sample, s
         self.delay = self._lag * self._dt
 
-    def update(self, inputs: Array, weak: WeakMotors | None = None) -> tuple[float, float]:
+    def update(self, inputs: Array, weak: WeakMotors | None = None) -> Interval:
         """Takes a sample's inputs (r,); returns the torque and its half width, rad/s², or NaN.
 
         Nothing is fitted to samples of ``weak`` motors.

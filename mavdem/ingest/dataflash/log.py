@@ -277,7 +277,7 @@ def _on_boot_clock(
     return placed, left_out + repairs
 
 
-def _parameters(logged: Columns, way: int) -> dict[str, float]:
+def _parameters(logged: Columns, way: int) -> Parameters:
     """The last values, or the first, ``way`` -1."""
     values = logged.get("Value", np.zeros(0)).astype(float)[::way].tolist()
     pairs = zip(texts_of(logged, "Name")[::way], values, strict=False)

@@ -28,7 +28,7 @@ from mavdem.ingest.mavlink.framing import (
     Seeds,
     rows_of,
 )
-from mavdem.ingest.telemetry import Columns, Fields
+from mavdem.ingest.telemetry import Columns, Fields, Parameters
 from mavdem.ingest.vocabulary import number_of
 
 WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
@@ -108,7 +108,7 @@ def enum_name(enum: str, value: int) -> str:
     return str(entry.name).removeprefix(f"{enum}_")
 
 
-def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:
+def parameter_values(sent: Columns, autopilot: str) -> Parameters:
     """The last finite value of each parameter by name, of :func:`parameters_sent`."""
     return {name: value for name, value in parameters_sent(sent, autopilot) if isfinite(value)}
 
