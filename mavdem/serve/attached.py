@@ -85,9 +85,9 @@ class Attached:
 
     def _attend(self, executor: LearningProcess) -> None:
         """One session."""
-        part = self._library.new_part()
+        name = f"{datetime.now(UTC):%Y-%m-%d_%H-%M-%S}.tlog"
+        part = self._library.new_part(name)
         recording = RawRecording(part)
-        began = datetime.now(UTC)
         ignored: Callable[[object], None] = lambda _: None  # noqa: E731
 
         def check(fact: Fact) -> None:
@@ -113,7 +113,7 @@ class Attached:
                 session.end()
         finally:
             if recording.frames:
-                self._library.entered(part, f"{began:%Y-%m-%d_%H-%M-%S}.tlog")
+                self._library.entered(part, name)
                 self._notify()
             else:
                 part.unlink()

@@ -219,9 +219,12 @@ class Library:
         if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
             raise Refusal(Fact(Request.DISK_FULL))
 
-    def new_part(self) -> Path:
-        """Where an upload may be written; what is left there of a dead server is swept."""
-        return self.folder / INCOMING / f"{self.name}-{secrets.token_hex(8)}"
+    def new_part(self, recording: str = "") -> Path:
+        """Where an upload may be written, or a ``recording`` of that name.
+
+        Of what a dead server leaves there, uploads are swept, and recordings entered.
+        """
+        return self.folder / INCOMING / f"{self.name}-{recording or secrets.token_hex(8)}"
 
     def receive(self, part: Path, digest: str, name: str, **columns: Any) -> Entry:
         """Takes a whole upload, ``part``, and returns its entry.
@@ -374,7 +377,12 @@ class Library:
         return [path.name for path in places if path.name != self.name and not _is_held(path)]
 
     def recover(self) -> None:
-        """Gives what dead servers were doing to others, and removes what they left half done."""
+        """Gives what dead servers were doing to others, and removes what they left half done, but no recording."""
+        for server in self.dead_servers():
+            for part in (self.folder / INCOMING).glob(f"{server}-*.tlog"):
+                with suppress(FileNotFoundError):  # another server has taken it
+                    if part.stat().st_size:
+                        self.entered(part, part.name.removeprefix(f"{server}-"))
         with self._transaction() as db:
             for server in self.dead_servers():
                 self._release(db, server)

@@ -44,6 +44,8 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     waiting, working = received(library), received(library, "Two.")
     library.change(waiting.id, stage=Stage.READING, claimed=library.name)
     library.new_part().write_bytes(b"half of a log")
+    library.new_part("session.tlog").write_bytes(log("Three."))
+    library.new_part("empty.tlog").touch()
     (tmp_path / "logs" / "unacknowledged").mkdir()
     (tmp_path / "logs" / "unacknowledged" / "a.ulg").write_bytes(log())
     (tmp_path / "results" / f".{working.digest}").mkdir()
@@ -52,13 +54,14 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
 
     again = Library(tmp_path)
     entries, total = again.find(*ALL, 10)
-    assert total == 2 and {entry.stage for entry in entries} == {Stage.WAITING}
+    assert total == 3 and {entry.stage for entry in entries} == {Stage.WAITING}
+    assert "session.tlog" in {entry.name for entry in entries}
     assert all(again.path_of(entry).is_file() for entry in entries)
     left = {
         part: len(list((tmp_path / part).iterdir()))
         for part in ("incoming", "logs", "results", "servers")
     }
-    assert left == {"incoming": 0, "logs": 2, "results": 0, "servers": 1}
+    assert left == {"incoming": 0, "logs": 3, "results": 0, "servers": 1}
     AtOnce(again).run()
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
