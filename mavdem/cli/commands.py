@@ -8,6 +8,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 import click
@@ -90,8 +91,9 @@ class _Commands(click.Group):
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             if command.name == "review":
-                for log in filter(is_log, rest):
-                    say_aside(f"Reviewing {printable(log)} …")
+                for before, word in pairwise(["", *rest]):
+                    if is_log(word) and not before.startswith("-"):
+                        say_aside(f"Reviewing {printable(word)} …")
             with ending_at_once():
                 command = imported_command(str(command.name))
         return name, command, rest
