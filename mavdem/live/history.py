@@ -20,6 +20,7 @@ from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.event import Event
+from mavdem.facts.lights import Light
 from mavdem.facts.session import Session
 from mavdem.heading import Names, Numbers
 from mavdem.health.in_flight import MotorAlarm
@@ -61,6 +62,7 @@ class SessionStatus:
         alarms: the latest changes of the motors' balance; without a motor they are no alarms.
         findings, judgement: what the model so far is good for, and what is judged of the flight; None before.
         wind, no_wind: the latest row in m/s, None before one; why there is none although the vehicle flies.
+        mean_wind: the mean of the flight's rows.
         alarm: what is bad now: of motors that are weak it stays after the landing.
         watched: since when each of what needs no model is watched, or why it is not.
         lights: the worst of that so far, by light.
@@ -86,6 +88,7 @@ class SessionStatus:
     alarm: Facts = ()
     wind: WindRow | None = None
     no_wind: Fact | None = None
+    mean_wind: WindRow | None = None
     watched: Facts = ()
     lights: Mapping[str, Fact] = field(default_factory=dict)
 
@@ -93,9 +96,10 @@ class SessionStatus:
     def judged(self) -> Judgement:
         """What is judged of the flight, by its model and without."""
         known = self.judgement or self._unjudged
-        lights = {
-            name: worst([fact, self.lights.get(name, fact)]) for name, fact in known.lights.items()
-        }
+        seen = dict(self.lights)
+        if self.mean_wind is not None:
+            seen[Light.WIND] = self.mean_wind.light
+        lights = {name: worst([seen.get(name, fact), fact]) for name, fact in known.lights.items()}
         bad = [fact for fact in lights.values() if fact.level is Level.BAD]
         if not bad or known.headline.level is Level.BAD:
             return known._replace(lights=lights)

@@ -409,8 +409,8 @@ class LiveSession:
         self._shown += estimate is None
         self.history.advance(row.time, setup.boot)
         wind = self.stream.air.row
-        speed, low, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
-        beside = speed, (high - low) / 2, *setup.scale.fraction(row.inputs)
+        speed, _, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
+        beside = speed, high - speed, *setup.scale.fraction(row.inputs)
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
         if self._display is not None:
             sample = row.time, self.history.shift, row.segment, row.outputs, row.inputs

@@ -208,6 +208,7 @@ class LiveStream:
             watched=self.watched,
             lights=dict(self._watchdog.lights),
             wind=self.air.row,
+            mean_wind=self.air.mean,
             no_wind=self.air.obstacle,
         )
 

@@ -36,8 +36,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.wind import FIRST_FIT_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.identifiability import Status
 from mavdem.facts.session import Session
-from mavdem.facts.wind import NoWind
+from mavdem.facts.wind import NoWind, WindDoubt, WindLight
 from mavdem.live.link import SILENCE_SECONDS
 
 SAMPLE = 0.05  # s between samples that are kept, at least
@@ -88,9 +89,30 @@ class WindRow(NamedTuple):
         )
         return strength, course
 
+    @property
+    def light(self) -> Fact:
+        """What the light of a flight says whose mean this is."""
+        speed, low, high, origin, turned = self.by_compass
+        status = speed_status(speed, low, high)
+        if status is Status.NOT_IDENTIFIABLE:
+            # Of a drag that no flight has measured, as a rule
+            unsure = Fact(WindDoubt.SPEED_UNSURE, status=status, low=low, high=high, by_drag=True)
+            return Fact(WindLight.WIND_NOT_KNOWN, because=unsure)
+        low = least_speed(low, high)
+        return Fact(
+            WindLight.WIND_BLEW,
+            Level.GOOD,
+            calm=not low,
+            speed=speed,
+            low=low,
+            high=high,
+            direction=origin if low and turned <= DIRECTION_LIMIT else None,
+            share=0.0,
+        )
+
 
 class LiveWind:
-    """Makes rows of attitude and velocity in settled flight: the latest ``row``, or the ``obstacle`` to them.
+    """Makes rows of attitude and velocity in free flight: the latest ``row``, their ``mean``, or the ``obstacle``.
 
     The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.
     """
@@ -104,7 +126,9 @@ class LiveWind:
     def restart(self) -> None:
         """Forgets the flight, whose clock is over."""
         self.row: WindRow | None = None
+        self.mean: WindRow | None = None
         self.obstacle: Fact | None = None
+        self._rows = 0  # in the mean
         self.flags = VELOCITY_KNOWN
         self._said = False
         self._last = -inf
@@ -179,7 +203,8 @@ class LiveWind:
             checked(stamps, angles, speeds)
         except NotLearnable as error:
             self.obstacle = error.fact
-            self.row = None
+            self.row = self.mean = None
+            self._rows = 0
             self._filter = None
             return
         self.obstacle = None
@@ -213,4 +238,11 @@ class LiveWind:
         variances = np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
         mean = weights @ winds
         band = quantile() * np.sqrt(weights @ (variances + (winds - mean) ** 2))
-        self.row = WindRow(end - self._step, mean, band)
+        self.row = row = WindRow(end - self._step, mean, band)
+        # Drag and lean err alike in all rows, so the mean is known no better than they are.
+        self._rows += 1
+        before = self.mean or row
+        parts = (
+            old + (new - old) / self._rows for old, new in zip(before[1:], row[1:], strict=True)
+        )
+        self.mean = WindRow(row.time, *parts)

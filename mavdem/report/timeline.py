@@ -241,7 +241,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         over_time(
             "Wind torque", TORQUE.name, [Line.around(f"on {axis}", DISTURBANCE, time, *around)]
         ),
-        over_time("Wind", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
+        over_time("Wind now", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
     )
     known = tuple(row for row in charts if any(np.isfinite(one.y).any() for one in row.lines))
     span = float(time[0]), float(time[-1])

@@ -235,6 +235,10 @@ def test_live_rows_are_of_free_flight_only(scale, why):
             ).tolist()
     assert why in str(live.obstacle or "") and (live.row is None) == bool(why)
     assert why or np.mean(inside) > 0.8
+    assert (live.mean is None) == bool(why)
+    if live.mean is not None:
+        light = live.mean.light.figures
+        assert light["low"] < np.hypot(*air.mean(axis=0)) < light["high"] and not light["calm"]
 
 
 # Of the last, 5 m/s are those at 60 m: SIM_WIND_T is its default.

@@ -28,6 +28,7 @@ from mavdem.live import LiveStream
 from mavdem.live.history import SessionStatus
 from mavdem.live.recent import MAX_ROWS, Recent
 from mavdem.live.watchdog import CALM_SECONDS, DECISION_SECONDS, LIMITED_SHARE
+from mavdem.live.wind import WindRow
 from mavdem.report.live import watching
 
 
@@ -148,6 +149,10 @@ def test_the_status_stands_in_its_place_on_a_terminal(capsys):
     with Place(console=console, auto_refresh=False, transient=True) as place:
         lines = [_say_status(place, session, "") for _ in range(3)]
     assert "1:1: learning" in shown.getvalue() and shown.getvalue().count("\n") == 1
+    wind = WindRow(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
+    known = {"wind": wind, "flying": True, "rates": {"ATTITUDE": 99.6}, "latency": (0.01, 0.02)}
+    full = _status_line(SessionStatus(vehicle="1:1", learned=123_456, **known))
+    assert "123,456" in full and full.index("20.0 ms late") < 88  # of 100, with the margin's
     # Where it is no terminal, what is new is a line.
     assert _say_status(None, session, "") == lines[0] == _say_status(None, session, lines[0])
     assert capsys.readouterr().err == lines[0] + "\n"
