@@ -7,7 +7,8 @@ from math import inf
 from mavdem.analysis.overrides import limited_motor
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
-from mavdem.facts import Fact, Level
+from mavdem.facts import Code, Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.health.balance import LEAST_SECONDS
 from mavdem.health.trim import trim_of_signals
@@ -19,15 +20,18 @@ def motors_light(evidence: Evidence) -> Fact:
     """Returns the worst that a log shows of its motors: an event or alarm that names one, limits, trim, or headroom."""
     motors = evidence.signals.motors
     names = () if motors is None else motors.layout.names
+    hover = evidence.condition.hover
+    # Where there was no hover to judge, a moment at the limit is all that shows.
+    telling: list[Code] = [InFlight.MOTOR_LOST_THRUST]
+    if hover is None:
+        telling.append(MotionEvent.MOTOR_AT_ITS_STOP)
     found = [
         event
         for event in filter(None, (evidence.ending, *evidence.events))
-        if event.subject in names
-        and (event.level is Level.BAD or event.code is InFlight.MOTOR_LOST_THRUST)
+        if event.subject in names and (event.level is Level.BAD or event.code in telling)
     ]
     # Of several losses the largest is named, not the earliest.
     found.sort(key=lambda event: -event.figures.get("rise", inf))
-    hover = evidence.condition.hover
     if hover is None:
         found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
     else:

@@ -11,6 +11,7 @@ from mavdem.analysis.analysis import motor_alarms
 from mavdem.assessment.assess import while_controlled
 from mavdem.assessment.motors import motors_light
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
 from mavdem.health.in_flight import losses_of
@@ -78,3 +79,6 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     bare = replace(flight, condition=replace(flight.condition, hover=None), events=())
     found = motors_light(bare)
     assert (found.code, found.level) == (MotorsLight.MOTORS_NOT_SEEN, Level.UNKNOWN)
+    stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject="motor 3 (front left)")
+    assert motors_light(replace(bare, events=(stop,))) == stop
+    assert motors_light(replace(flight, events=(stop,))).level is Level.GOOD
