@@ -70,12 +70,14 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
     from scipy.signal import find_peaks  # it takes half a second to import
 
     frequency = spectrum.frequency
-    logarithms = np.log(np.maximum(spectrum.whole, np.finfo(np.float64).tiny))
+    positive = np.maximum(spectrum.whole, np.finfo(np.float64).tiny)
+    logarithms = np.log(positive)
     drive = _drive(spectrum)
     found = list[Peak]()
     for exponent in TRIED:
         tracked = _tracked(logarithms, frequency, drive, exponent)
-        for row in find_peaks(tracked, prominence=np.log(OVER) / 2)[0].tolist():
+        rows = find_peaks(tracked, prominence=np.log(OVER) / 2)[0].tolist()
+        for row in rows:
             if frequency[row] >= LOWEST:
                 found.append(_peak(spectrum, logarithms, drive, row))
     kept = list[Peak]()
@@ -100,9 +102,12 @@ def _drive(spectrum: Spectrum) -> Array:
 
 def _along(logarithms: Array, frequency: Array, places: Array) -> Array:
     """(…, W) the spectra at one frequency of each window, Hz (…, W): the higher of the bins beside it."""
-    low = np.clip((places / frequency[1]).astype(int), 0, len(frequency) - 2)
+    bins = (places / frequency[1]).astype(int)
+    low = np.clip(bins, 0, len(frequency) - 2)
     windows = np.arange(len(logarithms))
-    return np.asarray(np.maximum(logarithms[windows, low], logarithms[windows, low + 1]))
+    below = logarithms[windows, low]
+    above = logarithms[windows, low + 1]
+    return np.asarray(np.maximum(below, above))
 
 
 def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float) -> Array:
@@ -120,31 +125,41 @@ def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak
     at = float(frequency[row])
     # Once more about the place that the best exponent gives.
     for _ in range(2):
-        scores = _along(logarithms, frequency, at * drive ** EXPONENTS[:, None])
-        best = float(EXPONENTS[np.argmax(scores.mean(axis=1))])
+        places = at * drive ** EXPONENTS[:, None]
+        scores = _along(logarithms, frequency, places)
+        means = scores.mean(axis=1)
+        best = float(EXPONENTS[np.argmax(means)])
         tracked = _tracked(logarithms, frequency, drive, best)
         middle = round(at / frequency[1])
-        rows = np.arange(max(middle - 3, 1), min(middle + 4, len(frequency) - 1))
+        first = max(middle - 3, 1)
+        last = min(middle + 4, len(frequency) - 1)
+        rows = np.arange(first, last)
         top = int(rows[np.argmax(tracked[rows])])
         before, here, after = tracked[top - 1 : top + 2].tolist()
         bend = before - 2 * here + after
-        at = float((top + (0.5 * (before - after) / bend if bend < 0 else 0.0)) * frequency[1])
+        beside_top = 0.5 * (before - after) / bend if bend < 0 else 0.0
+        at = float((top + beside_top) * frequency[1])
     kind = _kind(scores, best, at)
     if kind is PeakKind.MOTOR and best > STEEPEST and spectrum.highest < FOLDING:
         kind = PeakKind.UNNAMED
     beside = max(FEWEST_BINS, round(AROUND * top))
-    base = float(np.median(tracked[max(top - beside, 0) : top + beside + 1]))
+    around = tracked[max(top - beside, 0) : top + beside + 1]
+    base = float(np.median(around))
     along = _along(logarithms, frequency, at * drive**best)
     present = np.mean(along > base + np.log(OVER) / 2)
-    low = np.flatnonzero(tracked[:top] <= (here + base) / 2).max(initial=0)
-    wide = np.argmax(np.append(tracked[low + 1 :], -np.inf) <= (here + base) / 2)
+    half = (here + base) / 2
+    is_below = tracked[:top] <= half
+    low = np.flatnonzero(is_below).max(initial=0)
+    upwards = np.append(tracked[low + 1 :], -np.inf)
+    wide = np.argmax(upwards <= half)
+    ratio = float(np.exp(here - base)) if present >= LASTING else 0.0
     order = None
     if np.isfinite(spectrum.speed).all() and kind is PeakKind.MOTOR:
         order = at / float(np.median(spectrum.speed))
     return Peak(
         kind=kind,
         frequency=at,
-        ratio=float(np.exp(here - base)) if present >= LASTING else 0.0,
+        ratio=ratio,
         density=float(np.exp(here)),
         width=float(wide * frequency[1]),
         exponent=None if kind is PeakKind.UNNAMED else best,
@@ -156,10 +171,12 @@ def _kind(scores: Array, best: float, at: float) -> PeakKind:
     """What moves with the ``best`` of ``EXPONENTS``, by scores (E, W); unnamed where other kinds fit nearly as well."""
     kinds = np.array([_kind_of(one, at) for one in EXPONENTS.tolist()])
     own = _kind_of(best, at)
-    chosen = scores[np.flatnonzero(best == EXPONENTS)[0]]
+    row = np.flatnonzero(best == EXPONENTS)[0]
+    chosen = scores[row]
     for other in set(kinds.tolist()) - {own, PeakKind.UNNAMED}:
         rivals = scores[kinds == other]
-        rival = rivals[np.argmax(rivals.mean(axis=1))]
+        strongest = np.argmax(rivals.mean(axis=1))
+        rival = rivals[strongest]
         better = chosen - rival
         if better.mean() <= SURE_DEVIATIONS * better.std() / np.sqrt(len(better)):
             return PeakKind.UNNAMED

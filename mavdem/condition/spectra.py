@@ -77,17 +77,21 @@ class Spectrum:
     @cached_property
     def by_throttle(self) -> tuple[Array, Array]:
         """(L,) throttle, and (L, F) mean density of all axes there, in windows of even number; empty without it."""
-        order = np.argsort(self.throttle)[: np.count_nonzero(np.isfinite(self.throttle))]
+        known = np.count_nonzero(np.isfinite(self.throttle))
+        order = np.argsort(self.throttle)[:known]
         if not len(order):
             return np.zeros(0), np.zeros((0, len(self.frequency)))
-        parts = np.array_split(order, min(LEVELS, len(order)))
+        count = min(LEVELS, len(order))
+        parts = np.array_split(order, count)
         levels = np.array([self.throttle[part].mean() for part in parts])
-        return levels, np.array([self.whole[part].mean(axis=0) for part in parts])
+        densities = np.array([self.whole[part].mean(axis=0) for part in parts])
+        return levels, densities
 
     def power(self, low: float, high: float) -> float:
         """Returns the mean power of all axes between two frequencies, Hz, unit²."""
         rows = (self.frequency >= low) & (self.frequency <= high)
-        return float(self.whole[:, rows].mean(axis=0).sum() * self.frequency[1])
+        density = self.whole[:, rows].mean(axis=0).sum()
+        return float(density * self.frequency[1])
 
 
 def thinned(frequency: Array, density: Array, most: int) -> tuple[Array, Array]:
@@ -95,7 +99,8 @@ def thinned(frequency: Array, density: Array, most: int) -> tuple[Array, Array]:
     size = -(-len(frequency) // most)
     count = len(frequency) // size
     groups = density[..., : count * size].reshape(*density.shape[:-1], count, size)
-    return frequency[: count * size].reshape(count, size).mean(axis=1), groups.max(axis=-1)
+    middles = frequency[: count * size].reshape(count, size).mean(axis=1)
+    return middles, groups.max(axis=-1)
 
 
 def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, Spectrum]:
@@ -125,7 +130,8 @@ def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:
             yield "gyro", RATE_MESSAGE, Signal(rates[0].time, rates[0].boot, table)
     demand = signals.telemetry.messages.get(DEMAND_MESSAGE)
     if demand is not None:
-        yield "demand", DEMAND_MESSAGE, series(demand, demand["controls"][:, : len(AXES)])
+        demands = demand["controls"][:, : len(AXES)]
+        yield "demand", DEMAND_MESSAGE, series(demand, demands)
 
 
 def _spectrum(
@@ -138,12 +144,14 @@ def _spectrum(
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
     if usual > 1 / SLOWEST or len(sampled.time) * usual < SECONDS / 2:
         return None
-    size = int(2 ** np.round(np.log2(SECONDS / usual)))
+    windows = np.log2(SECONDS / usual)
+    size = int(2 ** np.round(windows))
     times = []
     powers = []
     for part in parts:
         rows = np.flatnonzero(within(sampled, part, slack=0))
-        gaps = np.flatnonzero(np.diff(sampled.time[rows]) > 3 * usual)
+        is_gap = np.diff(sampled.time[rows]) > 3 * usual
+        gaps = np.flatnonzero(is_gap)
         for run in np.split(rows, gaps + 1):
             if len(run) >= size:
                 time = sampled.time[run]
@@ -176,10 +184,13 @@ def _at(signal: Signal | None, middle: Array, parts: Sequence[Segment]) -> Array
     if signal is None or len(boots) > 1:
         return np.full(len(middle), np.nan)
     here = np.isin(signal.boot, list(boots))
-    total = np.append(0.0, np.cumsum(signal.values[here]))
-    edges = np.searchsorted(signal.time[here], middle + np.array([[-SECONDS / 2], [SECONDS / 2]]))
+    sums = np.cumsum(signal.values[here])
+    total = np.append(0.0, sums)
+    window = np.array([[-SECONDS / 2], [SECONDS / 2]])
+    edges = np.searchsorted(signal.time[here], middle + window)
     counts = np.ptp(edges, axis=0)
-    return np.where(counts > 0, np.ptp(total[edges], axis=0) / np.maximum(counts, 1), np.nan)
+    means = np.ptp(total[edges], axis=0) / np.maximum(counts, 1)
+    return np.where(counts > 0, means, np.nan)
 
 
 def _motor_speed(signals: Signals) -> Signal | None:
@@ -188,5 +199,7 @@ def _motor_speed(signals: Signals) -> Signal | None:
     if logged is None:
         return None
     order = np.lexsort((logged["time"], logged["boot"]))
-    kept = order[logged["RPM"][order] > 0]
-    return Signal(logged["time"][kept], logged["boot"][kept], logged["RPM"][kept] / 60.0)
+    is_turning = logged["RPM"][order] > 0
+    kept = order[is_turning]
+    turns = logged["RPM"][kept] / 60.0
+    return Signal(logged["time"][kept], logged["boot"][kept], turns)

@@ -145,7 +145,8 @@ class StepResponse:
         """
         forward, back = transfer(controller, self.frequency)
         closed = self.response * back / forward
-        above = np.flatnonzero(np.abs(closed) >= np.abs(1 - closed))
+        is_closed = np.abs(closed) >= np.abs(1 - closed)
+        above = np.flatnonzero(is_closed)
         seen = len(above) and above[-1] + 1 < len(self.frequency)
         if seen:
             return float(self.frequency[above[-1]])
@@ -158,7 +159,8 @@ class StepResponse:
         """
         known = frequency <= self.highest
         predicted = np.interp(self.frequency, frequency, np.abs(closed))
-        off = np.abs(predicted - self.gain) > np.maximum(self.gain_half, STEADY)
+        band = np.maximum(self.gain_half, STEADY)
+        off = np.abs(predicted - self.gain) > band
         share = float(off.mean())
         subject = f"{self.axis} {self.loop}"
         peak = float(frequency[np.argmax(np.abs(closed))])
@@ -166,7 +168,9 @@ class StepResponse:
             agrees = StepResponses.PREDICTION_AGREES
             return Fact(agrees, Level.GOOD, subject=subject, highest=self.highest)
         code = StepResponses.PREDICTION_DOUBTED
-        if np.abs(closed).max() > np.abs(closed[known]).max(initial=0.0):
+        highest_peak = np.abs(closed).max()
+        known_peak = np.abs(closed[known]).max(initial=0.0)
+        if highest_peak > known_peak:
             code = StepResponses.MEASUREMENT_DOUBTED
         return Fact(code, subject=subject, share=share, frequency=peak, highest=self.highest)
 
@@ -207,7 +211,9 @@ def _response(
         return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=4 * seconds)
     sampled, pieces = found
     pieces = [piece for piece in pieces if np.ptp(piece[0])]
-    if sum(piece.shape[1] for piece in pieces) < 2 * FEWEST_WINDOWS * seconds * sampled:
+    samples = sum(piece.shape[1] for piece in pieces)
+    least_samples = 2 * FEWEST_WINDOWS * seconds * sampled
+    if samples < least_samples:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
     controller = known_controller_of(signals)
     gain = USUAL_ANGLE_GAIN if controller is None else controller.angle
@@ -218,14 +224,17 @@ def _response(
         for piece in pieces:
             piece[0] += gain * (piece[3] - piece[2])
     fit = _fitted(sampled, pieces, gain, seconds)
-    return _described(signals.axis, loop, sampled, fit, spectra_of_pieces(sampled, pieces))
+    spectra = spectra_of_pieces(sampled, pieces)
+    return _described(signals.axis, loop, sampled, fit, spectra)
 
 
 def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
     """Whether the rate's setpoint has the correction of the attitude's error in it, by ``gain``, 1/s."""
     asked, _, angle, wanted = np.concatenate(pieces, axis=1)
-    terms = np.column_stack([sampled * np.gradient(wanted), gain * (wanted - angle)])
-    return bool(np.linalg.lstsq(terms, asked)[0][1] > 0.5)
+    turning = sampled * np.gradient(wanted)
+    terms = np.column_stack([turning, gain * (wanted - angle)])
+    fitted = np.linalg.lstsq(terms, asked)[0]
+    return bool(fitted[1] > 0.5)
 
 
 class _Fit(NamedTuple):
@@ -249,9 +258,11 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
             if angle_gain:
                 clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
                 driver = _windows(clean, taps, size)
-            left = seen[:, taps:] - _regressors(asked, taps) @ weights
+            explained = _regressors(asked, taps) @ weights
+            left = seen[:, taps:] - explained
             whitening = _autoregression(left)
-            scale = np.maximum(_filtered(left, whitening).std(axis=1), TINY)[:, None]
+            spread = _filtered(left, whitening).std(axis=1)
+            scale = np.maximum(spread, TINY)[:, None]
             r, p, z = (_filtered(one, whitening) / scale for one in (asked, seen, driver))
             fit = _step(r, p, z, taps)
             weights = fit.weights
@@ -262,11 +273,16 @@ def _without_feedback(piece: Array, angle_gain: float, weights: Array, sampled: 
     """(N,) the rate's setpoint that remains where the angle moves by it alone: x / (1 + K T / s)."""
     size = piece.shape[1]
     outer = piece[0] + angle_gain * piece[2]
-    mirrored = np.fft.rfft(np.append(outer, outer[::-1]))
+    there_and_back = np.append(outer, outer[::-1])
+    mirrored = np.fft.rfft(there_and_back)
     frequency = np.fft.rfftfreq(2 * size, 1 / sampled)
-    s = 2j * np.pi * np.maximum(frequency, frequency[1] / 100)
-    closed = np.fft.rfft(np.append(0.0, weights), 2 * size)
-    return np.fft.irfft(mirrored / (1 + angle_gain * closed / s), 2 * size)[:size]
+    positive = np.maximum(frequency, frequency[1] / 100)
+    s = 2j * np.pi * positive
+    impulse = np.append(0.0, weights)
+    closed = np.fft.rfft(impulse, 2 * size)
+    feedback = angle_gain * closed / s
+    driving = mirrored / (1 + feedback)
+    return np.fft.irfft(driving, 2 * size)[:size]
 
 
 def _windows(series: Sequence[Array], taps: int, size: int) -> Array:
@@ -277,7 +293,8 @@ def _windows(series: Sequence[Array], taps: int, size: int) -> Array:
         if len(one) >= 2 * taps + size
     ]
     windows = np.concatenate([*views, np.zeros((0, size))])
-    return windows[:: -(-len(windows) // MOST_WINDOWS) or 1]
+    every = -(-len(windows) // MOST_WINDOWS) or 1
+    return windows[::every]
 
 
 def _regressors(windows: Array, taps: int) -> Array:
@@ -298,7 +315,8 @@ def _autoregression(left: Array) -> Array:
     covariance = [np.mean(steps[:, : size - lag] * steps[:, lag:]) for lag in range(ORDER + 1)]
     covariance[0] *= 1 + 1e-6
     own = solve_toeplitz(covariance[:-1], covariance[1:])
-    return np.convolve(np.append(1.0, -own), [1.0, -1.0])
+    whitening = np.append(1.0, -own)
+    return np.convolve(whitening, [1.0, -1.0])
 
 
 def _step(asked: Array, seen: Array, driver: Array, taps: int) -> _Fit:
@@ -311,18 +329,24 @@ def _step(asked: Array, seen: Array, driver: Array, taps: int) -> _Fit:
     moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
     steady = np.full(taps, 1 / STEADY)
     known = np.outer(steady, steady)
-    prior = _prior(normal + known, moment + steady / STEADY)
-    inverse = np.linalg.solve(np.eye(taps) + prior @ (own + known), prior)
-    weights = inverse @ (moment + steady / STEADY)
+    precision = normal + known
+    pulled = moment + steady / STEADY
+    prior = _prior(precision, pulled)
+    informed = own + known
+    identity = np.eye(taps)
+    inverse = np.linalg.solve(identity + prior @ informed, prior)
+    weights = inverse @ pulled
     left = target - measured @ weights
     scores = np.einsum("wbk,wb->wk", instruments, left) @ inverse.T
     used = float(np.trace(inverse @ own))
     windows = len(seen)
     # As a jackknife has it: each window draws the estimate towards itself.
-    scatter = scores.T @ scores * windows / max(windows - used, windows / 4)
-    missed = np.eye(taps) - inverse @ (own + known)
+    free_windows = max(windows - used, windows / 4)
+    scatter = scores.T @ scores * windows / free_windows
+    missed = identity - inverse @ informed
     by_steady = inverse @ steady
-    covariance = scatter + missed @ prior @ missed.T + np.outer(by_steady, by_steady)
+    biased = missed @ prior @ missed.T
+    covariance = scatter + biased + np.outer(by_steady, by_steady)
     return _Fit(weights, covariance, windows)
 
 
@@ -333,14 +357,19 @@ def _prior(precision: Array, moment: Array) -> Array:
     shapes = list[Array]()
     evidence = list[Array]()
     for decay in DECAYS:
-        shape = _matern(after, SMOOTH, decay) + SLOW_SHARE * _matern(after, *SLOW)
+        slow = SLOW_SHARE * _matern(after, *SLOW)
+        shape = _matern(after, SMOOTH, decay) + slow
         # The response begins at 0.
-        shape = (shape - np.outer(shape[0], shape[0]) / shape[0, 0])[1:, 1:] / taps**2
-        root = np.linalg.cholesky(shape + 1e-8 * np.trace(shape) / taps * np.eye(taps))
-        values, vectors = np.linalg.eigh(root.T @ precision @ root)
-        gained = SIZES[:, None] * np.maximum(values, 0.0)
+        from_zero = shape - np.outer(shape[0], shape[0]) / shape[0, 0]
+        shape = from_zero[1:, 1:] / taps**2
+        jitter = 1e-8 * np.trace(shape) / taps * np.eye(taps)
+        root = np.linalg.cholesky(shape + jitter)
+        projected = root.T @ precision @ root
+        values, vectors = np.linalg.eigh(projected)
+        sizes = SIZES[:, None]
+        gained = sizes * np.maximum(values, 0.0)
         along = vectors.T @ (root.T @ moment)
-        fits = SIZES[:, None] * along**2 / (1 + gained)
+        fits = sizes * along**2 / (1 + gained)
         shapes.append(shape)
         evidence.append((fits - np.log1p(gained)).sum(axis=1) / 2)
     return np.tensordot(softmax(evidence) @ SIZES, shapes, axes=1)
@@ -348,9 +377,11 @@ def _prior(precision: Array, moment: Array) -> Array:
 
 def _matern(after: Array, length: float, decay: float) -> Array:
     """(K, K) Matérn's covariance of 5/2, decaying, at shares of the step's duration (K,)."""
-    apart = np.abs(np.subtract.outer(after, after)) * 5**0.5 / length
+    between = np.abs(np.subtract.outer(after, after))
+    apart = between * 5**0.5 / length
     alike = (1 + apart + apart**2 / 3) * np.exp(-apart)
-    return np.asarray(alike * np.exp(-np.add.outer(after, after) / decay))
+    decayed = np.exp(-np.add.outer(after, after) / decay)
+    return np.asarray(alike * decayed)
 
 
 def _described(
@@ -370,14 +401,19 @@ def _described(
     )
     every = np.vstack([fit.weights, drawn])
     # By Euler and Maclaurin: between two values the response is not straight.
-    bends = every @ (np.eye(taps, k=-1) - np.eye(taps, k=1)) / 24
+    slopes = np.eye(taps, k=-1) - np.eye(taps, k=1)
+    bends = every @ slopes / 24
     steps = np.cumsum(every, axis=1) - every / 2 - bends
-    responses = every @ np.exp(-2j * np.pi * np.outer(time, hertz))
+    turns = np.outer(time, hertz)
+    responses = every @ np.exp(-2j * np.pi * turns)
     gains = np.abs(responses)
-    unknown = np.append(np.flatnonzero(gains[1:].std(axis=0) > LEAST_KNOWN), len(hertz))[0]
+    spread = gains[1:].std(axis=0)
+    too_wide = np.flatnonzero(spread > LEAST_KNOWN)
+    unknown = np.append(too_wide, len(hertz))[0]
     is_asked = spectra.driver >= LEAST_POWER * spectra.driver.max()
     coherence = np.where(is_asked, spectra.coherence, 0.0)
-    asked = spectra.frequency[coherence >= LEAST_COHERENCE].max(initial=0.0)
+    is_coherent = coherence >= LEAST_COHERENCE
+    asked = spectra.frequency[is_coherent].max(initial=0.0)
     unknown = min(unknown, np.searchsorted(hertz, asked))
     if unknown < 2:
         return nothing
@@ -388,7 +424,8 @@ def _described(
     added = table[:, 0] - table[0, 0]
     added[0] = added[1:].mean()
     table[:, 0] = np.maximum(table[0, 0] - added, 0.0)
-    figures = dict(zip(FIGURES, map(_estimate, table.T), strict=True))
+    estimates = map(_estimate, table.T)
+    figures = dict(zip(FIGURES, estimates, strict=True))
     return StepResponse(
         axis=axis,
         loop=loop,
@@ -409,15 +446,18 @@ def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> Numbers:
     """Those of ``FIGURES`` of one step (K,) and |T| (F,)."""
     tenth, half, most = (_reached(time, step, level) for level in (0.1, 0.5, 0.9))
     rise = most - tenth if most < time[-1] else most
-    off = np.flatnonzero(np.abs(step - 1) > SETTLED)
+    is_off = np.abs(step - 1) > SETTLED
+    off = np.flatnonzero(is_off)
     settled = time[off.max(initial=0)]
     top = np.argmax(gain)
-    return max(step.max() - 1, 0.0), rise, settled, half, gain[top], hertz[top]
+    overshoot = max(step.max() - 1, 0.0)
+    return overshoot, rise, settled, half, gain[top], hertz[top]
 
 
 def _reached(time: Array, step: Array, level: float) -> float:
     """When a step (K,) first has a ``level``, between its values; the last time where it never has."""
-    highest = np.maximum.accumulate(np.append(0.0, step))
+    from_zero = np.append(0.0, step)
+    highest = np.maximum.accumulate(from_zero)
     return float(np.interp(level, highest, np.append(0.0, time)))
 
 
@@ -428,7 +468,8 @@ def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
     """
     even = np.arange(STEP_HERTZ / 2, frequency[-1], STEP_HERTZ)
     real = np.interp(even, frequency, closed.real)
-    waves = np.sin(2 * np.pi * np.outer(time, even)) / even
+    angles = 2 * np.pi * np.outer(time, even)
+    waves = np.sin(angles) / even
     return np.asarray(waves @ real * STEP_HERTZ * 2 / np.pi)
 
 

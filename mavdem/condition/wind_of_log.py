@@ -59,7 +59,9 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, no velocity, no yaw or no flight, or no free one.
     """
-    return wind_of(Signals(choose_vehicle(read_log(path).vehicles, vehicle)), drag)
+    log = read_log(path)
+    flown = choose_vehicle(log.vehicles, vehicle)
+    return wind_of(Signals(flown), drag)
 
 
 def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
@@ -72,7 +74,8 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(Fact(NoWind.NO_VELOCITY, missing=missing))
     boots = np.unique(moving.boot).tolist()
     flown = [(_flown(signals, angles, moving, boot), boot) for boot in boots]
-    best, best_boot = max(flown, key=lambda pair: len(pair[0]), default=(np.zeros((0, 8)), 0))
+    nothing = (np.zeros((0, 8)), 0)
+    best, best_boot = max(flown, key=lambda pair: len(pair[0]), default=nothing)
     if len(best) < 10:
         raise NotLearnable(Fact(NoWind.NO_FLIGHT_WITH_VELOCITY))
     stuck = _longest_stuck(signals.position, best_boot, best)
@@ -80,12 +83,13 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(Fact(NoWind.STUCK, duration=stuck, lean=STUCK_LEAN))
     if np.ptp(best[:, 0]) > LONGEST_SECONDS:
         raise NotLearnable(Fact(NoWind.CLOCK_JUMPS))
-    if 0 in (still := np.ptp(best[:, 3:6], axis=0)[:2]):
+    still = np.ptp(best[:, 3:6], axis=0)[:2]
+    if 0 in still:
         raise NotLearnable(Fact(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw"))
-    drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if drag is None else drag
-    return replace(
-        estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7]), boot=best_boot
-    )
+    if drag is None:
+        drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters)
+    found = estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7])
+    return replace(found, boot=best_boot)
 
 
 def _moving(telemetry: Telemetry) -> Signal | None:
@@ -115,22 +119,33 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
         np.interp(at, one.time[here], one.angle[here])
         for one, here in zip(angles, own, strict=True)
     ]
-    kept = phases.during(at, _flights(signals, boot, time, moved[3]))
+    flights = _flights(signals, boot, time, moved[3])
+    kept = phases.during(at, flights)
     kept &= (at >= time[0]) & (at <= time[-1])
-    after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
-    kept &= time[after] - time[after - 1] <= LONGEST_STEP
-    jumps = np.any([_jumps(time, speed, VELOCITY_JUMP) for speed in moved[:2]], axis=0)
+    following = np.searchsorted(time, at)
+    after = np.clip(following, 1, len(time) - 1)
+    steps = time[after] - time[after - 1]
+    kept &= steps <= LONGEST_STEP
+    by_axis = [_jumps(time, speed, VELOCITY_JUMP) for speed in moved[:2]]
+    jumps = np.any(by_axis, axis=0)
     for place, speed in zip(moved[4:], moved, strict=False):
-        jumps |= is_reset(np.diff(place), speed[:-1], speed[1:], np.diff(time))
-    kept &= ~phases.during(at, [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]])
-    resets = at[1:][_jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)]
-    kept &= at > np.max(resets, initial=-np.inf) + LONGEST_STEP
+        way = np.diff(place)
+        jumps |= is_reset(way, speed[:-1], speed[1:], np.diff(time))
+    doubted = [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
+    kept &= ~phases.during(at, doubted)
+    turns = _jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)
+    resets = at[1:][turns]
+    last_reset = np.max(resets, initial=-np.inf)
+    kept &= at > last_reset + LONGEST_STEP
     for name in FLAGS:
         flags = recorded(signals.telemetry, name, "flags")
         if flags is not None and np.any(here := flags.boot == boot):
-            known = velocity_known(flags.values[here].astype(np.int64))
-            kept &= np.interp(at, flags.time[here], ~known) == 0
-    table = [at, *turned, *(np.interp(at, time, column) for column in moved[:4])]
+            bits = flags.values[here].astype(np.int64)
+            known = velocity_known(bits)
+            unknown = np.interp(at, flags.time[here], ~known)
+            kept &= unknown == 0
+    moving_then = (np.interp(at, time, column) for column in moved[:4])
+    table = [at, *turned, *moving_then]
     return np.column_stack(table)[kept]
 
 
@@ -147,8 +162,10 @@ def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
     place = [
         np.interp([time - 1.0, time], position.time[here], axis) for axis in position.values[here].T
     ]
-    moved = np.linalg.norm(np.diff(place, axis=1)[:, 0], axis=0)
-    stuck = (np.arccos(np.cos(roll) * np.cos(pitch)) >= STUCK_LEAN) & (moved < STUCK_METRES)
+    way = np.diff(place, axis=1)[:, 0]
+    moved = np.linalg.norm(way, axis=0)
+    lean = np.arccos(np.cos(roll) * np.cos(pitch))
+    stuck = (lean >= STUCK_LEAN) & (moved < STUCK_METRES)
     return phases.longest(time, stuck)
 
 
@@ -164,18 +181,22 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.
     """Settled flight; where neither motors nor landed state were recorded, armed flight above the ground."""
     if signals.collective is not None or signals.landed_state is not None:
         return phases.settled(signals, boot)
-    up = phases.both(
-        phases.armed(signals, boot), phases.where(time, height > np.nanmin(height) + LOWEST_FLIGHT)
-    )
+    lowest = np.nanmin(height) + LOWEST_FLIGHT
+    armed = phases.armed(signals, boot)
+    above = phases.where(time, height > lowest)
+    up = phases.both(armed, above)
     return [flight for one in up if (flight := phases.between_transients(one, None)) is not None]
 
 
 def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:
     """Returns whether a change of position, m, in ``dt``, s, is more than speeds ``before`` and ``after`` it cover."""
-    return abs(moved - (before + after) * dt / 2) > POSITION_JUMP + 2 * dt
+    covered = (before + after) * dt / 2
+    return abs(moved - covered) > POSITION_JUMP + 2 * dt
 
 
 def _jumps(time: Array, values: Array, limits: Interval, turn: float = np.inf) -> Flags:
     """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
     steps = np.abs(np.diff(values))
-    return np.asarray(np.minimum(steps, turn - steps) > limits[0] + limits[1] * np.diff(time))
+    shorter = np.minimum(steps, turn - steps)
+    allowed = limits[0] + limits[1] * np.diff(time)
+    return np.asarray(shorter > allowed)

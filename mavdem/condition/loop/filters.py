@@ -34,7 +34,9 @@ def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.comple
     response = notched(controller.notches, rate, frequency)
     cutoff = controller.gyro_filter
     if cutoff:
-        share = np.tan(np.pi * frequency / rate) / np.tan(np.pi * min(cutoff / rate, HIGHEST))
+        warped = np.tan(np.pi * frequency / rate)
+        warped_cutoff = np.tan(np.pi * min(cutoff / rate, HIGHEST))
+        share = warped / warped_cutoff
         response /= 1 + 2**0.5 * 1j * share - share**2
     return response
 
@@ -48,19 +50,24 @@ def notched(notches: Iterable[Notch], rate: float, frequency: Array) -> NDArray[
             share = warped / np.tan(np.pi * notch.frequency / rate)
             damped = 1j * share * notch.bandwidth / notch.frequency
             kept = 10 ** (-notch.attenuation / 20)
-            response *= (1 - share**2 + kept * damped) / (1 - share**2 + damped)
+            undamped = 1 - share**2
+            response *= (undamped + kept * damped) / (undamped + damped)
     return response
 
 
 def gyro_delay(controller: Controller) -> float:
     """Returns by how much the gyro's filters delay slow motion, s."""
     slow = 0.1  # Hz, far below all
-    return -float(np.angle(gyro_response(controller, np.array([slow])))[0]) / (2 * np.pi * slow)
+    response = gyro_response(controller, np.array([slow]))
+    phase = float(np.angle(response)[0])
+    return -phase / (2 * np.pi * slow)
 
 
 def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
     """Returns the gyro's filters, and their phase lag at a ``frequency``, Hz, such as the crossover."""
     # from low frequencies on, so that it may be more than half a turn
     upwards = np.linspace(0.0, frequency, 100)
-    phase = np.unwrap(np.angle(gyro_response(controller, upwards)))
-    return GyroFilters(controller.gyro_filter, controller.notches, float(-np.degrees(phase[-1])))
+    response = gyro_response(controller, upwards)
+    phase = np.unwrap(np.angle(response))
+    lag = float(-np.degrees(phase[-1]))
+    return GyroFilters(controller.gyro_filter, controller.notches, lag)

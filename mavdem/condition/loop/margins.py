@@ -43,7 +43,8 @@ class FigureInterval:
     name: str
 
     def __get__(self, loop: Any, kind: type | None = None) -> Interval:
-        low, high = np.quantile(loop.figures[self.name], ENDS, method="nearest").tolist()
+        values = loop.figures[self.name]
+        low, high = np.quantile(values, ENDS, method="nearest").tolist()
         return low, high
 
 
@@ -93,8 +94,10 @@ class OpenLoop(Margins):
         1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
         """
         turned = np.unwrap(np.angle(1 + self.response), axis=1)
-        poles = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
-        return np.asarray(np.abs(turned[:, -1] - turned[:, 0] - poles * np.pi / 2) < np.pi)
+        quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
+        poles = np.round(quarters).clip(0, 2)
+        besides = turned[:, -1] - turned[:, 0] - poles * np.pi / 2
+        return np.asarray(np.abs(besides) < np.pi)
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:
@@ -107,13 +110,17 @@ class OpenLoop(Margins):
         margin = (margin + np.pi) % (2 * np.pi) - np.pi
         real, bears = _where_zero(self.response.imag, self.response.real, -gain)
         bears = np.where(real < 0, bears, np.nan)
-        (falls,) = _where_zero(np.abs(self.closed) - 2**-0.5, at)  # half of the power
-        late = np.fmin.reduce(margin / (2 * np.pi * hertz), axis=1)
+        half_power = np.abs(self.closed) - 2**-0.5
+        (falls,) = _where_zero(half_power, at)  # half of the power
+        delays = margin / (2 * np.pi * hertz)
+        late = np.fmin.reduce(delays, axis=1)
         nearest = np.fmin.reduce(np.abs(bears), axis=1)
-        nearest = np.where(np.any(bears == -nearest[:, None], axis=1), -nearest, nearest)
+        is_below = np.any(bears == -nearest[:, None], axis=1)
+        nearest = np.where(is_below, -nearest, nearest)
+        smallest = np.fmin.reduce(margin, axis=1)
         return {
             "crossover": np.fmax.reduce(hertz, axis=1),
-            "phase_margin": np.degrees(_or_infinite(np.fmin.reduce(margin, axis=1))),
+            "phase_margin": np.degrees(_or_infinite(smallest)),
             "gain_margin": 20 / np.log(10) * _or_infinite(nearest),
             "delay_margin": _or_infinite(late),
             "ms": np.abs(1 / (1 + self.response)).max(axis=1),
@@ -126,7 +133,8 @@ def _where_zero(values: Array, *others: Array) -> list[Array]:
     """(N, F - 1) of each of ``others`` where ``values`` (N, F) change sign between two frequencies; else NaN."""
     before, after = values[:, :-1], values[:, 1:]
     changes = np.signbit(before) != np.signbit(after)
-    share = np.where(changes, before / np.where(changes, before - after, 1.0), np.nan)
+    change = np.where(changes, before - after, 1.0)
+    share = np.where(changes, before / change, np.nan)
     return [one[..., :-1] + share * np.diff(one) for one in others]
 
 
@@ -142,17 +150,19 @@ def rate_loop(
 ) -> OpenLoop:
     """Returns the loop of the rate; ``gains`` (N,) and ``dynamics`` (N, 3) are those of a :class:`Loop`."""
     lowest, highest, count = grid
-    frequency = np.geomspace(lowest, min(highest, 0.45 / controller.cycle), count)
+    fastest = min(highest, 0.45 / controller.cycle)
+    frequency = np.geomspace(lowest, fastest, count)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)
-    acted = gyro_response(controller, frequency) * np.exp(-s * delay) / (lag * s + 1)
+    late = np.exp(-s * delay)
+    acted = gyro_response(controller, frequency) * late / (lag * s + 1)
     turned = 1 / (s + damping)
     to_rate = gains[:, None] * acted * turned
     forward, back = transfer(controller, frequency)
     response = back * to_rate
-    return OpenLoop(
-        frequency, response, forward * to_rate / (1 + response), turned / (1 + response)
-    )
+    closed = forward * to_rate / (1 + response)
+    disturbance = turned / (1 + response)
+    return OpenLoop(frequency, response, closed, disturbance)
 
 
 def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
@@ -161,7 +171,9 @@ def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
     # Rates are logged, and controlled, behind the gyro's filters, the angle is not.
     filtered = gyro_response(controller, rate.frequency)
     outer = controller.angle / s * rate.closed / filtered
-    return OpenLoop(rate.frequency, outer, outer / (1 + outer), rate.disturbance / s / (1 + outer))
+    closed = outer / (1 + outer)
+    disturbance = rate.disturbance / s / (1 + outer)
+    return OpenLoop(rate.frequency, outer, closed, disturbance)
 
 
 def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:

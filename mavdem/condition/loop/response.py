@@ -58,15 +58,18 @@ def measured_response(
     if controller.derivative_of_error and wanted is not None:
         table += [wanted, record.outputs[:, 0]]
     given = np.isfinite(table).all(axis=0)
-    cuts = np.union1d(record.starts[1:], np.flatnonzero(np.diff(given)) + 1)
-    plain, corrected = list[Array](), list[Array]()
+    changes = np.flatnonzero(np.diff(given)) + 1
+    cuts = np.union1d(record.starts[1:], changes)
+    plain = list[Array]()
+    corrected = list[Array]()
     for piece in np.split(np.array(table), cuts, axis=1):
         if np.isfinite(piece).all() and np.ptp(piece[0]):  # not as of a heading that is held
             asked, rate, moved, *angles = piece
             asked = evenly(asked)
             plain.append(np.array([asked, rate, moved]))
             if angles:
-                turn = controller.angle * (evenly(angles[0]) - angles[1])
+                error = evenly(angles[0]) - angles[1]
+                turn = controller.angle * error
                 corrected.append(np.array([asked + turn, rate, moved]))
     spectra = [
         spectra_of_pieces(1 / record.dt, pieces, 2 * WINDOW_SECONDS)
@@ -87,34 +90,41 @@ def _compared(
     hertz = found.frequency
     of_rate = found.power[1, 1].real
     coherence = found.coherence
-    unclear = hertz[(hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)]
+    is_unclear = (hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)
+    unclear = hertz[is_unclear]
     highest = float(min([*unclear, at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
-    unlike = np.abs(found.response - np.interp(hertz, at, closed)) ** 2 * found.driver
+    predicted = np.interp(hertz, at, closed)
+    unlike = np.abs(found.response - predicted) ** 2 * found.driver
     by_wind = (1 - coherence) * of_rate
-    fit, agreement = (
-        float(100 * (1 - (error[inside].sum() / of_rate[inside].sum()) ** 0.5))
-        if inside.any()
-        else 0.0
-        for error in (unlike + by_wind, unlike)
-    )
+    fit = agreement = 0.0
+    if inside.any():
+        power = of_rate[inside].sum()
+        fit, agreement = (
+            float(100 * (1 - (error[inside].sum() / power) ** 0.5))
+            for error in (unlike + by_wind, unlike)
+        )
     # What the controller should have asked for, by its parameters, and what it did.
-    forward, back = transfer(controller, np.maximum(hertz, hertz[1]))
+    positive = np.maximum(hertz, hertz[1])
+    forward, back = transfer(controller, positive)
     asks = np.stack([forward, -back])
     likewise = (asks.conj() * found.power[:2, 2]).sum(axis=0)
     asked = np.einsum("if,ijf,jf->f", asks.conj(), found.power[:2, :2], asks).real
-    sure = np.abs(likewise) ** 2 > SURE_COHERENCE * asked * found.power[2, 2].real
+    least = SURE_COHERENCE * asked * found.power[2, 2].real
+    sure = np.abs(likewise) ** 2 > least
     sure &= (hertz > LOWEST) & (hertz < 0.25 / dt)
     gain = np.nan
     if dt < 1 / SLOWEST_RATE and sure.sum() > 5:
-        gain = float(np.median(np.abs(likewise / asked)[sure]))
+        ratios = np.abs(likewise / asked)[sure]
+        gain = float(np.median(ratios))
     reason = None
     if abs(np.log(gain)) > GAIN_ERROR:
         reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, Level.WATCH, ratio=gain)
     elif highest < LEAST_BAND:
         reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
     elif agreement < LEAST_FIT:
-        share, needed = agreement / 100, LEAST_FIT / 100
+        share = agreement / 100
+        needed = LEAST_FIT / 100
         reason = Fact(Responses.RESPONSE_DISAGREES, Level.WATCH, share=share, needed=needed)
     return MeasuredResponse((LOWEST, highest), fit, agreement, gain, reason)
 
@@ -124,5 +134,6 @@ def evenly(asked: Array) -> Array:
     new = np.flatnonzero(np.diff(asked, prepend=np.nan))
     usual = int(np.median(np.diff(new))) if len(new) > 1 else 1
     # a plateau ends one step before the next
-    kept = np.union1d(new, np.maximum(new[1:] - usual, 0))
+    ends = np.maximum(new[1:] - usual, 0)
+    kept = np.union1d(new, ends)
     return np.asarray(np.interp(np.arange(len(asked)), kept, asked[kept]))
