@@ -47,7 +47,7 @@ class Gyro:
     def response(self, frequency: Array) -> NDArray[np.complex128]:
         """(F,) the rates behind the filters by the true ones, at ``frequency`` (F,), Hz."""
         responses = sosfreqz(self._sections, frequency, fs=1 / self._step)
-        return np.asarray(responses[1])
+        return responses[1]
 
     def fly(
         self,

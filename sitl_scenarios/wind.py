@@ -141,7 +141,7 @@ def second_order(constant: float, dt: float, samples: int, noise: np.random.Gene
 
 def _lag(keeps: float, drive: Array) -> Array:
     """X with x[0] = drive[0] and x[k] = keeps x[k − 1] + drive[k]."""
-    return np.asarray(lfilter([1.0], [1.0, -keeps], drive))
+    return lfilter([1.0], [1.0, -keeps], drive)
 
 
 LENGTH = 1.339  # a: it makes L the integral of f
@@ -155,7 +155,7 @@ def along(time: Array) -> Array:
     zeta = np.maximum(time / LENGTH, 1e-12)
     scale = 2 ** (2 / 3) / gamma(1 / 3)
     bessel = kv(1 / 3, zeta)
-    return np.asarray(scale * zeta ** (1 / 3) * bessel)
+    return scale * zeta ** (1 / 3) * bessel
 
 
 def across(time: Array) -> Array:
@@ -163,7 +163,7 @@ def across(time: Array) -> Array:
     zeta = np.maximum(time / LENGTH, 1e-12)
     scale = 2 ** (2 / 3) / gamma(1 / 3)
     bessel = kv(2 / 3, zeta)
-    return np.asarray(along(time) - scale * zeta ** (4 / 3) * bessel / 2)
+    return along(time) - scale * zeta ** (4 / 3) * bessel / 2
 
 
 def von_karman_noise(
@@ -198,7 +198,7 @@ def von_karman_noise(
     singles = (0, -1) if size % 2 == 0 else (0,)
     for single in singles:
         spectrum[single] = np.sqrt(power[single] * size) * parts[0, single]
-    return np.asarray(irfft(spectrum, size)[:samples])
+    return irfft(spectrum, size)[:samples]
 
 
 SPREAD = 0.094  # S: half-width by distance

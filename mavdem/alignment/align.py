@@ -126,9 +126,7 @@ def _fast(time: Array) -> Intervals:
 
 def usually_slow(steps: Array) -> Flags:
     """Returns which steps (N,) between the stamps of one boot are usually too long for ``MINIMUM_RATE``."""
-    return np.asarray(
-        median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE
-    )
+    return median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE
 
 
 def _at_any_rate(time: Array) -> Intervals:
@@ -361,6 +359,4 @@ def _filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:
     # it takes half a second to import, and few flights need it
     from scipy.signal import butter, sosfiltfilt
 
-    return np.asarray(
-        sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), values, axis=0, padlen=padding)
-    )
+    return sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), values, axis=0, padlen=padding)

@@ -235,7 +235,7 @@ class _Bank(NamedTuple):
     signal: Signal
 
     def sent(self, channel: int) -> Array:
-        return np.asarray(self.signal.values[:, channel - self.first])
+        return self.signal.values[:, channel - self.first]
 
 
 def outputs_by_port(message: str, columns: Columns) -> tuple[Array, int]:

@@ -65,18 +65,18 @@ def correlation(one: Array, other: Array, lags: int) -> Array:
         : lags + 1
     ]
     scale = np.sqrt(float(one @ one) * float(other @ other))
-    return np.asarray(products / scale if scale else np.zeros(lags + 1))
+    return products / scale if scale else np.zeros(lags + 1)
 
 
 def directions(learned: Learned) -> Array:
     """Returns (r,) how each input turns the vehicle, relative to the others: by the mixer, or else as estimated."""
     known = learned.record.effect_directions
     if known is not None:
-        return np.asarray(known)
+        return known
     if learned.record.inputs.shape[1] == 1:  # the controller's demand
         return np.ones(1)
     effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect
-    return np.asarray(effect if effect.any() else np.ones(len(effect)))
+    return effect if effect.any() else np.ones(len(effect))
 
 
 def weights(directions: Array) -> Array:

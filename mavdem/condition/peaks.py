@@ -96,7 +96,7 @@ def _drive(spectrum: Spectrum) -> Array:
     """(W,) the motors' speed, or else the throttle, over its median; 1 where it is not known throughout."""
     for driven in (spectrum.speed, spectrum.throttle):
         if np.isfinite(driven).all() and np.all(driven > 0):
-            return np.asarray(driven / np.median(driven))
+            return driven / np.median(driven)
     return np.ones(len(spectrum.time))
 
 

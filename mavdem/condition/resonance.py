@@ -264,4 +264,4 @@ def spectra_of(values: Array, size: int) -> Complex:
     """Returns the spectra (…, W, F) of those windows, about their means, through Hann's window."""
     windows = windows_of(values, size)
     centred = windows - windows.mean(axis=-1, keepdims=True)
-    return np.asarray(np.fft.rfft(centred * np.hanning(size)))
+    return np.fft.rfft(centred * np.hanning(size))

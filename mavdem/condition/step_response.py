@@ -122,7 +122,7 @@ class StepResponse:
     @property
     def gain(self) -> Array:
         """(F,) |T|."""
-        return np.asarray(np.abs(self.response))
+        return np.abs(self.response)
 
     @property
     def fact(self) -> Fact:
@@ -305,7 +305,7 @@ def _regressors(windows: Array, taps: int) -> Array:
 def _filtered(windows: Array, polynomial: Array) -> Array:
     """(W, T − P) windows (W, T) through a filter of P + 1 taps."""
     views = np.lib.stride_tricks.sliding_window_view(windows, len(polynomial), axis=1)
-    return np.asarray(views @ polynomial[::-1])
+    return views @ polynomial[::-1]
 
 
 def _autoregression(left: Array) -> Array:
@@ -381,7 +381,7 @@ def _matern(after: Array, length: float, decay: float) -> Array:
     apart = between * 5**0.5 / length
     alike = (1 + apart + apart**2 / 3) * np.exp(-apart)
     decayed = np.exp(-np.add.outer(after, after) / decay)
-    return np.asarray(alike * decayed)
+    return alike * decayed
 
 
 def _described(
@@ -470,7 +470,7 @@ def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
     real = np.interp(even, frequency, closed.real)
     angles = 2 * np.pi * np.outer(time, even)
     waves = np.sin(angles) / even
-    return np.asarray(waves @ real * STEP_HERTZ * 2 / np.pi)
+    return waves @ real * STEP_HERTZ * 2 / np.pi
 
 
 def _estimate(values: Array) -> Estimate:

@@ -88,8 +88,8 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(Fact(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw"))
     if drag is None:
         drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters)
-    found = estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7])
-    return replace(found, boot=best_boot)
+    estimate = estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7])
+    return replace(estimate, boot=best_boot)
 
 
 def _moving(telemetry: Telemetry) -> Signal | None:
@@ -199,4 +199,4 @@ def _jumps(time: Array, values: Array, limits: Interval, turn: float = np.inf) -
     steps = np.abs(np.diff(values))
     shorter = np.minimum(steps, turn - steps)
     allowed = limits[0] + limits[1] * np.diff(time)
-    return np.asarray(shorter > allowed)
+    return shorter > allowed

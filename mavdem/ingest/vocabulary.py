@@ -149,7 +149,7 @@ def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
 def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     """Returns unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
     turned = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-    return np.asarray(turned.as_quat(scalar_first=True))
+    return turned.as_quat(scalar_first=True)
 
 
 def attitude_target(q: Array | None = None, rates: Array | None = None) -> Fields:

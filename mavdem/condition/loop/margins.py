@@ -97,7 +97,7 @@ class OpenLoop(Margins):
         quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
         poles = np.round(quarters).clip(0, 2)
         besides = turned[:, -1] - turned[:, 0] - poles * np.pi / 2
-        return np.asarray(np.abs(besides) < np.pi)
+        return np.abs(besides) < np.pi
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:

@@ -213,7 +213,7 @@ class SimulationError:
         models = models_of(thetas, self.sizes, self.gain, self.dt)
         predicted = simulate(models, inputs, outputs[: settle + 1])
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(outputs[settle + 1 :] - predicted)
+            return outputs[settle + 1 :] - predicted
 
     def value(self, at: Array) -> tuple[float, Array]:
         """The log joint up to a constant, with the noise precision at its maximum; and errors (H, m, S)."""

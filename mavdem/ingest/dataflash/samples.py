@@ -68,7 +68,7 @@ def _plain(tables: Tables, message: str, fields: Names, number: int) -> Columns 
 def _on_clock(logged: Columns, sampled: Array) -> Array:
     """(N,) stamps of samples, µs, on the boot clock of their messages."""
     late = logged.get("TimeUS", sampled).astype(np.float64) - sampled.astype(np.float64)
-    return np.asarray(logged["time"] - late / 1e6)
+    return logged["time"] - late / 1e6
 
 
 def _batches(tables: Tables, sensor: str, number: int) -> Columns | None:

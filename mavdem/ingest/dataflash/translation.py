@@ -534,7 +534,7 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
 
 def _across_boots(columns: Columns) -> Array:
     """Stamps (N,) on a clock of all boots: no boot is as long as what lies between two."""
-    return np.asarray(columns["time"] + 1e9 * columns["boot"])
+    return columns["time"] + 1e9 * columns["boot"]
 
 
 def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:

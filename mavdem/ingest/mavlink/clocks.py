@@ -34,7 +34,7 @@ def far_off(values: Times, window: int, limit: float | Times) -> Flags:
         return np.zeros(0, dtype=np.bool_)
     half = window // 2
     medians = median_filter(np.pad(values, half, mode="reflect"), window)[half : half + len(values)]
-    return np.asarray(np.abs(values - medians) > limit)
+    return np.abs(values - medians) > limit
 
 
 def outliers(seconds: Times) -> Flags:
@@ -140,7 +140,7 @@ def _reference(sent: Sequence[Sent]) -> Sent | None:
 
 def _last_at(places: Places, wanted: Places) -> Rows:
     """The row of the last of ``places`` at or before each wanted one, else the first."""
-    return np.asarray(np.maximum(np.searchsorted(places, wanted, side="right") - 1, 0))
+    return np.maximum(np.searchsorted(places, wanted, side="right") - 1, 0)
 
 
 def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:

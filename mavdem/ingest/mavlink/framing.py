@@ -295,7 +295,7 @@ def _fits(start: Places, end: Places, taken: Frames, decided: int, until: int) -
     following = np.searchsorted(taken.start, start, side="right")
     free_from = np.concatenate([[decided], taken.end])[following]
     limit = np.append(taken.start, until)[following]
-    return np.asarray((start >= free_from) & (end <= limit))
+    return (start >= free_from) & (end <= limit)
 
 
 def _merged(tables: list[Frames]) -> Frames:
