@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from mavdem.facts import Fact
+from mavdem.facts import Code, Fact, Figure
 from mavdem.facts.forecasts import Forecasts
 
 
 class Refusal(ValueError):
     """What cannot be done, and why: a ``fact``, whose sentence and remedy are the message."""
 
-    def __init__(self, fact: Fact) -> None:
-        super().__init__(fact)
-        self.fact = fact
+    def __init__(self, fact: Fact | Code, **figures: Figure) -> None:
+        """Takes a ``fact``, or its code with ``figures``."""
+        self.fact = fact if isinstance(fact, Fact) else Fact(fact, **figures)
+        super().__init__(self.fact)
 
     def __str__(self) -> str:
         return self.fact.advised

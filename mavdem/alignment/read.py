@@ -159,18 +159,16 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     if len(matching) == 1:
         return matching[0]
     if not vehicles:
-        raise NotLearnable(Fact(Reason.LOG_WITHOUT_VEHICLE))
+        raise NotLearnable(Reason.LOG_WITHOUT_VEHICLE)
     rivals = matching or vehicles
     # two logs in one, of vehicles with the same ids
     alike = len({_ids(vehicle) for vehicle in rivals}) < len(rivals)
     raise NotLearnable(
-        Fact(
-            Reason.SEVERAL_VEHICLES if matching else Reason.NO_SUCH_VEHICLE,
-            name=wanted,
-            names=[rival.board if alike and rival.board else _ids(rival) for rival in rivals],
-            kinds=[rival.vehicle for rival in rivals],
-            autopilots=[rival.autopilot for rival in rivals],
-        )
+        Reason.SEVERAL_VEHICLES if matching else Reason.NO_SUCH_VEHICLE,
+        name=wanted,
+        names=[rival.board if alike and rival.board else _ids(rival) for rival in rivals],
+        kinds=[rival.vehicle for rival in rivals],
+        autopilots=[rival.autopilot for rival in rivals],
     )
 
 

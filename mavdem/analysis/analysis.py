@@ -249,7 +249,7 @@ def _learning(progress: StepProgress) -> Iterator[None]:
         with progress("Learning", measured=False):
             yield
     except ValueError as error:
-        raise NotLearnable(Fact(NoModel.NOT_LEARNED, because=fact_of(error))) from error
+        raise NotLearnable(NoModel.NOT_LEARNED, because=fact_of(error)) from error
 
 
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
@@ -281,7 +281,7 @@ def flown_after(segments: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     skips = [(one, int(np.searchsorted(one.time, begin - one.dt / 2))) for one in flights]
     left = tuple(one[skip:] for one, skip in skips if len(one) - skip >= FEWEST_SAMPLES)
     if not left:
-        raise TooFewSamples(Fact(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start))
+        raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start)
     return left
 
 

@@ -55,7 +55,7 @@ def with_one_set_of_gains(
                 known = [values for *since, values in sets if since <= [boot, begin]]
                 parts[known[-1]].append(flight[first:last])
     if not parts:
-        raise NotLearnable(Fact(Loops.GAINS_OF_AUTOTUNE))
+        raise NotLearnable(Loops.GAINS_OF_AUTOTUNE)
     gains, longest = max(parts.items(), key=lambda item: sum(map(len, item[1])))
     kept = tuple(_with_parameters(part, dict(gains)) for part in longest)
     if sum(map(len, kept)) == sum(map(len, flights)):

@@ -161,7 +161,7 @@ class Assessment(AssessmentDownstream):
     def refusal(self) -> NotLearnable:
         """Why there is no model, and what to do next."""
         because = self.headline if self.analysis is None else self.analysis.reason
-        return NotLearnable(Fact(NoModel.REFUSED, because=because, next_step=self.next_step))
+        return NotLearnable(NoModel.REFUSED, because=because, next_step=self.next_step)
 
     @property
     def of_documents(self) -> Values:

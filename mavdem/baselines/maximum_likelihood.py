@@ -30,7 +30,6 @@ from mavdem.dem.engine.linalg import ROUNDING, Array
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Records, required_number
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=8)
@@ -245,7 +244,7 @@ def _fitted(segments: Segments, order: int) -> Fitted:
         m = len(C)
         gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
     except LinAlgError:
-        raise NotLearnable(Fact(Forecasts.EM_BROKE_DOWN, order=order)) from None
+        raise NotLearnable(Forecasts.EM_BROKE_DOWN, order=order) from None
     return Fitted(
         StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim),
         fit.starts,

@@ -21,7 +21,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Records, required_number
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
 LONGEST_HORIZON = 20  # samples of past and of future that the state is found from, at most
@@ -91,7 +90,7 @@ def found_by_projection(segments: Segments, order: int) -> Fitted:
     try:
         K = innovation_gain(A, C, Q, R, S)
     except LinAlgError:
-        raise NotLearnable(Fact(Forecasts.NOT_OBSERVABLE, order=order)) from None
+        raise NotLearnable(Forecasts.NOT_OBSERVABLE, order=order) from None
     model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
     starts = np.array([_start(model, *segment) for segment in segments])
     return Fitted(model, starts)
@@ -112,7 +111,7 @@ def _horizon(segments: Segments, order: int) -> int:
         least = LEAST_WINDOWS * (1 + 2 * fewest * (k + m))
         code = Forecasts.TOO_FEW_FOR_ORDER
         samples = int(lengths.sum())
-        raise NotLearnable(Fact(code, subject=subject, samples=samples, parameters=least))
+        raise NotLearnable(code, subject=subject, samples=samples, parameters=least)
     longer = range(LONGEST_HORIZON, fewest, -1)
     usable = (each for each in longer if windows_per_column(each) >= USUAL_WINDOWS)
     return next(usable, fewest)
@@ -135,7 +134,7 @@ def _state_map(windows: Array, order: int, k: int) -> Array:
     directions = np.linalg.svd(basis.T @ of_future @ future_basis, full_matrices=False)[0]
     if directions.shape[1] < order:
         states = directions.shape[1]
-        raise NotLearnable(Fact(Forecasts.TOO_FEW_STATES, order=order, states=states))
+        raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=states)
     return np.asarray(to_basis @ directions[:, :order] * np.sqrt(number))
 
 

@@ -12,7 +12,6 @@ from mavdem.cli.commands import UNSUPPORTED
 from mavdem.cli.options import file_option, json_option, refuse_link
 from mavdem.cli.output import check_folder, files_in, print_result, progress, say_aside
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.difference import changed_parameters, vehicle_difference
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow, FlightRows, flights_of
@@ -78,7 +77,7 @@ def diff_command(
         both = (names & others) - {UNKNOWN}
         if len(both) != 1:
             several = Incomparable.NO_COMMON_VEHICLE
-            raise NotLearnable(Fact(several, shared=len(both), names=sorted(names | others)))
+            raise NotLearnable(several, shared=len(both), names=sorted(names | others))
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
     parameters = changed_parameters(_parameters(before, first[0]), _parameters(after, second[0]))
@@ -125,7 +124,7 @@ def _rows(name: str, source: str, vehicle: str | None, review: Values) -> Flight
         rows = read_rows(path)
         chosen = [row for row in rows if vehicle in (None, row.vehicle)]
         if {row.vehicle for row in chosen if row.status == OK} == {UNKNOWN}:
-            raise NotLearnable(Fact(Incomparable.VEHICLES_UNKNOWN, subject=name))
+            raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
     else:
         with progress(f"Reading {source}", measured=False):
 
@@ -143,7 +142,7 @@ def _rows(name: str, source: str, vehicle: str | None, review: Values) -> Flight
         names = {row.vehicle for row in rows if row.status == OK}
         if vehicle is not None and names and not chosen:
             lacks = Incomparable.VEHICLE_MISSING
-            raise NotLearnable(Fact(lacks, subject=name, name=vehicle, names=sorted(names)))
+            raise NotLearnable(lacks, subject=name, name=vehicle, names=sorted(names))
         because = min((row.status for row in chosen), default=None)
-        raise NotLearnable(Fact(Incomparable.NO_FLIGHT, subject=name, because=because))
+        raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, because=because)
     return chosen

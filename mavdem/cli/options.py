@@ -24,7 +24,6 @@ from mavdem.dem import Settings
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.window import Length
-from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
@@ -160,10 +159,10 @@ LINK_PATTERN = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", 
 def refuse_link(source: str) -> None:
     """Raises ``Unreadable`` for a link and for standard input, where a log is needed."""
     if source == "-":
-        raise Unreadable(Fact(Source.STANDARD_INPUT_IS_NO_LOG))
+        raise Unreadable(Source.STANDARD_INPUT_IS_NO_LOG)
     if LINK_PATTERN.match(source) and not os.path.isfile(source):
         attach = shlex.join(["mavdem", "live", source])
-        raise Unreadable(Fact(Source.LINK_IS_NO_LOG, path=source, name=attach))
+        raise Unreadable(Source.LINK_IS_NO_LOG, path=source, name=attach)
 
 
 def read_source(source: str, params: Path | None = None) -> Log:

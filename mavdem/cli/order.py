@@ -76,7 +76,7 @@ def order_command(
         channels.append(flight.inputs.shape[1])
         if channels[-1] != channels[0]:
             other = channels.pop()
-            raise NotLearnable(Fact(Source.AS_MANY_INPUTS_NEEDED, count=other, needed=channels[0]))
+            raise NotLearnable(Source.AS_MANY_INPUTS_NEEDED, count=other, needed=channels[0])
         return flight
 
     flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)

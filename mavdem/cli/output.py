@@ -183,9 +183,9 @@ def check_folder(folder: Path) -> None:
     """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
     existing = next(filter(os.path.lexists, (folder, *folder.absolute().parents)))
     if not existing.is_dir():
-        raise Unreadable(Fact(Place.OUT_IS_A_FILE, path=str(folder), existing=str(existing)))
+        raise Unreadable(Place.OUT_IS_A_FILE, path=str(folder), existing=str(existing))
     if not is_writable(existing):
-        raise Unreadable(Fact(Place.OUT_NOT_WRITABLE, path=str(folder), existing=str(existing)))
+        raise Unreadable(Place.OUT_NOT_WRITABLE, path=str(folder), existing=str(existing))
 
 
 def write_text(path: Path, text: str) -> None:
@@ -203,7 +203,7 @@ def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
             yield files
     except OSError as error:
         because = error.strerror or str(error)
-        raise Unreadable(Fact(Place.OUT_FAILED, path=str(folder), because=because)) from None
+        raise Unreadable(Place.OUT_FAILED, path=str(folder), because=because) from None
 
 
 def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
@@ -225,7 +225,7 @@ def writing(*files: Path) -> Iterator[None]:
     except OSError as error:
         names = " or ".join(str(path) for path in files)
         because = error.strerror or str(error)
-        raise Unreadable(Fact(Place.FILE_FAILED, path=names, because=because)) from None
+        raise Unreadable(Place.FILE_FAILED, path=names, because=because) from None
 
 
 # exit codes as a shell reports them: of any signal, less its number; of SIGINT

@@ -108,7 +108,7 @@ def tune_command(
             raise NotLearnable(loop)
     known = [one for one in found.values() if isinstance(one, Advice)]
     if not known:
-        raise NotLearnable(Fact(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values()))))
+        raise NotLearnable(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values())))
     gains = {name: value for one in known for name, value in one.parameters.items()} | settings
     refusal = None if any(one.gains for one in known) else known[0].sentence
     document = {

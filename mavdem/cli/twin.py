@@ -155,7 +155,7 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
             seeded = scenario.model_copy(update={"seed": seed})
             flown.append(replayed(seeded, loops["roll"].record.dt, setpoints, blown))
     except ValueError as error:
-        raise NotLearnable(Fact(Twins.CANNOT_FLY, because=str(error))) from None
+        raise NotLearnable(Twins.CANNOT_FLY, because=str(error)) from None
     return {
         axis: alike(loops[axis], one.outputs, [motion[:, AXES.index(axis)] for motion in flown])
         for axis, one in again.items()

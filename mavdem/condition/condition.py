@@ -32,7 +32,6 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.oscillation import Oscillation, oscillation_of
 from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath
 from mavdem.heading import Names, Numbers, Values
@@ -130,7 +129,7 @@ def hover_figures(
     shares = scale.fraction(outputs)
     trims = shares.mean(axis=0)
     if not trims.mean() > 0:
-        raise NotLearnable(Fact(MotorObstacle.MOTORS_OFF))
+        raise NotLearnable(MotorObstacle.MOTORS_OFF)
     upper, lower = at_limits(shares, scale)
     each = {
         "trim": outputs.mean(axis=0),

@@ -71,21 +71,21 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     moving = _moving(telemetry)
     if len(angles) < len(AXES) or moving is None:
         missing = AXES[len(angles) :]
-        raise NotLearnable(Fact(NoWind.NO_VELOCITY, missing=missing))
+        raise NotLearnable(NoWind.NO_VELOCITY, missing=missing)
     boots = np.unique(moving.boot).tolist()
     flown = [(_flown(signals, angles, moving, boot), boot) for boot in boots]
     nothing = (np.zeros((0, 8)), 0)
     best, best_boot = max(flown, key=lambda pair: len(pair[0]), default=nothing)
     if len(best) < 10:
-        raise NotLearnable(Fact(NoWind.NO_FLIGHT_WITH_VELOCITY))
+        raise NotLearnable(NoWind.NO_FLIGHT_WITH_VELOCITY)
     stuck = _longest_stuck(signals.position, best_boot, best)
     if stuck >= STUCK_SECONDS:
-        raise NotLearnable(Fact(NoWind.STUCK, duration=stuck, lean=STUCK_LEAN))
+        raise NotLearnable(NoWind.STUCK, duration=stuck, lean=STUCK_LEAN)
     if np.ptp(best[:, 0]) > LONGEST_SECONDS:
-        raise NotLearnable(Fact(NoWind.CLOCK_JUMPS))
+        raise NotLearnable(NoWind.CLOCK_JUMPS)
     still = np.ptp(best[:, 3:6], axis=0)[:2]
     if 0 in still:
-        raise NotLearnable(Fact(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw"))
+        raise NotLearnable(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw")
     if drag is None:
         drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters)
     estimate = estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7])

@@ -39,7 +39,7 @@ def from_text(kind: type[Kind], text: str) -> Kind:
         else None
     )
     if later and int(later[1]) > VERSION:
-        raise Unreadable(Fact(ModelFile.OF_LATER_VERSION))
+        raise Unreadable(ModelFile.OF_LATER_VERSION)
     try:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text, strict=True)
     except (ValidationError, TypeError) as error:

@@ -269,7 +269,7 @@ class Learned(Forecasting, LearnedDownstream):
         """
         physical = self.require_physical()
         if physical.caution is not None:
-            raise NotLearnable(Fact(NoPhysical.NO_SIMULATION_BAND, because=physical.caution))
+            raise NotLearnable(NoPhysical.NO_SIMULATION_BAND, because=physical.caution)
         return half_width(
             simulated(physical, self.record, self.record.following_inputs(inputs)).variance, level
         )

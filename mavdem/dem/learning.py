@@ -72,7 +72,7 @@ def learn_with_fit(train: Records, settings: Settings | None = None) -> tuple[Le
         try:
             fitted = fit(record, settings)
         except LinAlgError:
-            raise NotLearnable(Fact(ModelRefusal.FIT_BREAKS_DOWN)) from None
+            raise NotLearnable(ModelRefusal.FIT_BREAKS_DOWN) from None
         segments = generalized(settings, fitted.scaling, record)
         refined = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments))
         return _learned(refined, record, np.concatenate(segments)), refined
@@ -106,7 +106,7 @@ def checked(train: Records, settings: Settings | None = None) -> tuple[Record, C
     record = Record.of(train)
     if len(record) < FEWEST_SAMPLES:
         code = ModelRefusal.TOO_FEW_TO_LEARN
-        raise NotLearnable(Fact(code, least_samples=FEWEST_SAMPLES, samples=len(record)))
+        raise NotLearnable(code, least_samples=FEWEST_SAMPLES, samples=len(record))
     record.require_moving(settings.known_inputs)
     return record, complete(settings, record)
 
@@ -132,13 +132,11 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
             chosen |= {"parameter_precision": settings.parameter_precision or usual}
             return CompleteSettings(**(vars(settings) | chosen))
     raise NotLearnable(
-        Fact(
-            ModelRefusal.TOO_SHORT_FOR_WINDOW,
-            window=windows[-1],
-            least_samples=2 * windows[-1],
-            samples=len(record),
-            longest=record.longest,
-        )
+        ModelRefusal.TOO_SHORT_FOR_WINDOW,
+        window=windows[-1],
+        least_samples=2 * windows[-1],
+        samples=len(record),
+        longest=record.longest,
     )
 
 

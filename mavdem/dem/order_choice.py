@@ -166,7 +166,7 @@ def orders_of(
     values = np.full(max_order, np.nan)
     values[:allowed] = [np.nan if fit is None else fit.free_energy for fit in fits]
     if not np.isfinite(values).any():
-        raise NotLearnable(Fact(ModelRefusal.NO_ORDER_FITTED))
+        raise NotLearnable(ModelRefusal.NO_ORDER_FITTED)
     remarks = [
         Fact(OrderFact.ORDER_BROKE_DOWN, Level.WATCH, order=order)
         for order, fit in enumerate(fits, 1)

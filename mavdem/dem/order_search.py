@@ -32,7 +32,6 @@ from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
 
 WIDTH = 0.6
@@ -89,13 +88,11 @@ class BlackBox:
         new = len(read) / _repeated(width, record.dt)
         if not new >= ENOUGH_SAMPLES:
             raise NotLearnable(
-                Fact(
-                    ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER,
-                    samples=len(record),
-                    width=width,
-                    effective_samples=new,
-                    least_samples=float(ENOUGH_SAMPLES),
-                )
+                ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER,
+                samples=len(record),
+                width=width,
+                effective_samples=new,
+                least_samples=float(ENOUGH_SAMPLES),
             )
         unit = _time_of_change(read[:, :m], read[:, m : 2 * m])
         in_units = unit ** np.repeat(

@@ -14,7 +14,6 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
 from mavdem.heading import Names, Numbers, Values
 from mavdem.unit_slips import real_numbers
@@ -219,7 +218,7 @@ class Record:
                 code = ModelRefusal.CHANNEL_CONSTANT
                 subject = f"{name} column {still[0]}"
                 others_vary = name == "inputs" and len(still) < len(constant)
-                raise NotLearnable(Fact(code, subject=subject, others_vary=others_vary))
+                raise NotLearnable(code, subject=subject, others_vary=others_vary)
 
     @property
     def segments(self) -> list[tuple[Array, Array]]:

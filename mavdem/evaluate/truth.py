@@ -16,7 +16,6 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
 from mavdem.facts.forecasts import Compared, Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.files import PathName
@@ -108,7 +107,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
         why = error.strerror or str(error)
     except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
         why = ""
-    raise Unreadable(Fact(Forecasts.NO_TRUTH_FILE, name=name, error=why))
+    raise Unreadable(Forecasts.NO_TRUTH_FILE, name=name, error=why)
 
 
 def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
@@ -130,13 +129,11 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
         difference = np.sqrt(np.mean((rate - known) ** 2)) / rate.std()
         if not difference < MAX_DIFFERENCE:
             raise Unreadable(
-                Fact(
-                    Forecasts.TRUTH_OF_ANOTHER_FLIGHT,
-                    time=time[0],
-                    until=time[-1],
-                    subject=name,
-                    name=truth.source,
-                )
+                Forecasts.TRUTH_OF_ANOTHER_FLIGHT,
+                time=time[0],
+                until=time[-1],
+                subject=name,
+                name=truth.source,
             )
     return truth
 

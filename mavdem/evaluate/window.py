@@ -11,7 +11,6 @@ import numpy as np
 from mavdem.dem.engine.linalg import Indices
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 from mavdem.flight import Flight
 
@@ -50,16 +49,14 @@ def too_short(flight: Flight, start: float, train: int, test: int, least: int) -
     longest = min(train, left - shorter)
     options = ("--train", str(longest), "--test", str(shorter)) if longest >= least else ()
     return TooFewSamples(
-        Fact(
-            Forecasts.FLIGHT_TOO_SHORT,
-            samples=len(flight),
-            duration=flight.duration,
-            start=start,
-            left=left,
-            train_samples=train,
-            test_samples=test,
-            options=options,
-        )
+        Forecasts.FLIGHT_TOO_SHORT,
+        samples=len(flight),
+        duration=flight.duration,
+        start=start,
+        left=left,
+        train_samples=train,
+        test_samples=test,
+        options=options,
     )
 
 
@@ -72,13 +69,11 @@ def no_test_window(samples: int, dt: float, test: int, folds: int) -> TooFewSamp
     usual = part_samples(dt)[1]
     options = ("--test", str(shorter)) if shorter < test and samples >= 2 * usual else ()
     return TooFewSamples(
-        Fact(
-            Forecasts.NO_TEST_WINDOW,
-            samples=samples,
-            duration=samples * dt,
-            test_samples=test,
-            options=options,
-        )
+        Forecasts.NO_TEST_WINDOW,
+        samples=samples,
+        duration=samples * dt,
+        test_samples=test,
+        options=options,
     )
 
 

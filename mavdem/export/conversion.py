@@ -25,7 +25,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.extras import require
-from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.facts.model import Plant
 from mavdem.files import PathName, atomic_write
@@ -193,9 +192,9 @@ def _identified(learned: Learned) -> Physical:
     count = len(learned.record.output_names)
     if physical is None or physical.caution is not None:
         reason = learned.physical_reason if physical is None else physical.caution
-        raise NotLearnable(Fact(Plant.NO_PLANT, because=reason))
+        raise NotLearnable(Plant.NO_PLANT, because=reason)
     if count > 2:
-        raise NotLearnable(Fact(Plant.TOO_MANY_OUTPUTS, count=count))
+        raise NotLearnable(Plant.TOO_MANY_OUTPUTS, count=count)
     if doubtful := [
         f"{name} {status}" for name, status in physical.status.items() if status != "reported"
     ]:
@@ -270,7 +269,7 @@ def convert(
             written = _convert_stream(source, out)
     except OSError as error:
         because = error.strerror or str(error)
-        raise Unreadable(Fact(Place.FILE_FAILED, path=str(out), because=because)) from None
+        raise Unreadable(Place.FILE_FAILED, path=str(out), because=because) from None
     return {"source": str(source), "out": str(out), **written}
 
 

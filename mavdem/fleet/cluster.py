@@ -42,7 +42,7 @@ class Cluster:
     def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
         require("dask")
         if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
-            raise Unreadable(Fact(Reading.NO_ADDRESS, address=address))
+            raise Unreadable(Reading.NO_ADDRESS, address=address)
         self.address = address
         self.limits = limits
         self._read = read
@@ -86,7 +86,7 @@ class Cluster:
             client.close()
 
     def _refusal(self, code: Reading, **figures: Any) -> Unreadable:
-        return Unreadable(Fact(code, address=self.address, **figures))
+        return Unreadable(code, address=self.address, **figures)
 
     def _connected(self) -> Any:
         from distributed import Client

@@ -23,9 +23,9 @@ def earlier_flight(path: Path, axis: str) -> Learned:
         wrong = Fact(Prior.MODEL_UNREADABLE, path=str(path), because=str(error))
         raise Unreadable(wrong) from None
     if learned.record.output_names[:1] != (axis,):
-        raise Unreadable(Fact(Prior.MODEL_OF_OTHER_AXIS, path=str(path), name=axis))
+        raise Unreadable(Prior.MODEL_OF_OTHER_AXIS, path=str(path), name=axis)
     if learned.physical is None or not learned.physical.identifiable:
-        raise Unreadable(Fact(Prior.MODEL_WITHOUT_EFFECT, path=str(path), name=axis))
+        raise Unreadable(Prior.MODEL_WITHOUT_EFFECT, path=str(path), name=axis)
     return learned
 
 
@@ -50,5 +50,5 @@ def earlier_drag(path: Path, speed: float | None = None) -> Drag:
         wrong = Fact(Prior.DRAG_UNREADABLE, path=str(file), because=because)
         raise Unreadable(wrong) from error
     if wind.get("speed") == speed is not None:
-        raise Unreadable(Fact(Prior.DRAG_OF_THIS_FLIGHT, path=str(file)))
+        raise Unreadable(Prior.DRAG_OF_THIS_FLIGHT, path=str(file))
     return drag

@@ -132,7 +132,7 @@ def _unreadable(url: str, error: Exception, fetched: bool) -> Unreadable:
     """Why it cannot be read or ``fetched``, by the first line of what is said."""
     reason = next(iter(str(error).strip().splitlines()), "").rstrip(".")
     because = f"{type(error).__name__}: {reason}"
-    return Unreadable(Fact(Folder.URL_UNREADABLE, path=url, because=because, fetched=fetched))
+    return Unreadable(Folder.URL_UNREADABLE, path=url, because=because, fetched=fetched)
 
 
 def fetch(url: str, copy: Path) -> None:

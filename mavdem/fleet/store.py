@@ -60,7 +60,7 @@ def read_rows(folder: Path) -> FlightRows:
     """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``."""
     path = folder / STORE
     if not is_fleet(folder):
-        raise Unreadable(Fact(Folder.NO_FLEET, path=str(folder)))
+        raise Unreadable(Folder.NO_FLEET, path=str(folder))
     # SQLite's lock is a file beside it
     access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"
     uri = f"{path.absolute().as_uri()}?{access}"

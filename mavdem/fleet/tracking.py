@@ -170,7 +170,7 @@ def track(
         elif baseline:
             healthy, unknown = find_logs(baseline, folder)
             if unknown:
-                raise Unreadable(Fact(Folder.BASELINE_UNKNOWN, because=unknown[0]))
+                raise Unreadable(Folder.BASELINE_UNKNOWN, because=unknown[0])
             _read(store, healthy, reader, page, progress)
             store.healthy = _with_flight(store.rows_of(healthy))
         read, unread = _read(store, logs, reader, page, progress)
@@ -183,7 +183,7 @@ def _with_flight(rows: FlightRows) -> FlightRows:
     """The rows of a baseline; raises ``Unreadable`` where there is no flight among them."""
     if not any(row.status == OK for row in rows):
         path, why = (rows[0].file, rows[0].status) if rows else (None, None)
-        raise Unreadable(Fact(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=why))
+        raise Unreadable(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=why)
     return rows
 
 

@@ -157,7 +157,7 @@ class LogReader:
             self._executor.submit(os.getpid).result()
         except (OSError, BrokenExecutor) as error:
             self._exits.close()
-            raise Unreadable(Fact(Reading.READERS_NOT_STARTED, because=str(error))) from None
+            raise Unreadable(Reading.READERS_NOT_STARTED, because=str(error)) from None
         self._process = process
         return process
 
@@ -284,7 +284,7 @@ def _as_file(path: str) -> Iterator[Path]:
     """Gives the log as a plain file of this machine; raises ``Unreadable`` or ``OSError``."""
     if not is_url(path):
         if Path(path).exists() and not Path(path).is_file():
-            raise Unreadable(Fact(Reading.NO_PLAIN_FILE))  # opening one may wait for ever
+            raise Unreadable(Reading.NO_PLAIN_FILE)  # opening one may wait for ever
         yield Path(path)
         return
     with tempfile.TemporaryDirectory(prefix=f"mavdem-{os.getpid()}-") as folder:

@@ -48,7 +48,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         if stat.S_ISDIR(status.st_mode):
             raise Unreadable(_folder(path))
         if not stat.S_ISREG(status.st_mode):
-            raise Unreadable(Fact(Source.SPECIAL_FILE, path=str(path)))
+            raise Unreadable(Source.SPECIAL_FILE, path=str(path))
         with path.open("rb") as file:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
             size = status.st_size if limit is None else min(status.st_size, limit)
@@ -58,16 +58,16 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         if content[:6] == b"\xfd7zXZ\x00":
             content = _unpacked(content, path, limit)
     except FileNotFoundError:
-        raise Unreadable(Fact(Source.FILE_MISSING, path=str(path))) from None
+        raise Unreadable(Source.FILE_MISSING, path=str(path)) from None
     except MemoryError:
         raise Unreadable(_too_large(path, None)) from None
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
         because = getattr(error, "strerror", None) or str(error)
-        raise Unreadable(Fact(Source.FILE_NOT_OPENED, path=str(path), because=because)) from None
+        raise Unreadable(Source.FILE_NOT_OPENED, path=str(path), because=because) from None
     if not content.rstrip(b"\0"):
-        raise Unreadable(Fact(Source.FILE_EMPTY, path=str(path), zeros=bool(status.st_size)))
+        raise Unreadable(Source.FILE_EMPTY, path=str(path), zeros=bool(status.st_size))
     return content
 
 
@@ -96,9 +96,9 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     try:
         unpacked = decompressor.decompress(content, most)
     except lzma.LZMAError as error:
-        raise Unreadable(Fact(Source.ARCHIVE_DAMAGED, path=str(path), because=str(error))) from None
+        raise Unreadable(Source.ARCHIVE_DAMAGED, path=str(path), because=str(error)) from None
     if limit is None and not decompressor.eof:
         if len(unpacked) < most:
-            raise Unreadable(Fact(Source.ARCHIVE_DAMAGED, path=str(path), because=None))
+            raise Unreadable(Source.ARCHIVE_DAMAGED, path=str(path), because=None)
         raise Unreadable(_too_large(path, most, archive=True))
     return unpacked

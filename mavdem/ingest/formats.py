@@ -7,7 +7,6 @@ from enum import StrEnum, auto
 from pathlib import Path
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.files import AnyPath
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
@@ -103,7 +102,7 @@ def read_stream(path: AnyPath) -> FrameStream:
 
         return mcap_stream(name)
     if kind is not Format.TLOG:
-        raise Unreadable(Fact(Source.FORMAT_WITHOUT_FRAMES, path=name, name=kind))
+        raise Unreadable(Source.FORMAT_WITHOUT_FRAMES, path=name, name=kind)
     return tlog_stream(name)
 
 
@@ -117,7 +116,7 @@ def format_of(path: AnyPath) -> tuple[str, Format]:
     if kind or is_dataflash_text(beginning):
         return name, kind or Format.DATAFLASH
     if beginning.startswith(b"version https://git-lfs.github.com/spec/"):
-        raise Unreadable(Fact(Source.GIT_LFS_POINTER, path=name))
+        raise Unreadable(Source.GIT_LFS_POINTER, path=name)
     other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
     if other is None:
         if _has_marker(beginning):
@@ -128,4 +127,4 @@ def format_of(path: AnyPath) -> tuple[str, Format]:
         )
         if kind_by_name is not None or binary:
             return name, kind_by_name or Format.TLOG
-    raise Unreadable(Fact(Source.FORMAT_UNKNOWN, path=name, name=other or "text"))
+    raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name=other or "text")

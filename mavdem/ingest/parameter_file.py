@@ -13,7 +13,6 @@ from dataclasses import replace
 from math import isfinite
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
@@ -32,7 +31,7 @@ def read_parameters(path: PathName) -> Parameters:
             if isfinite(value) and re.fullmatch(r"[A-Z]\w*", name):
                 found[name] = value
     if not found:
-        raise Unreadable(Fact(Source.NO_PARAMETERS_IN_FILE, path=os.fspath(path)))
+        raise Unreadable(Source.NO_PARAMETERS_IN_FILE, path=os.fspath(path))
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Facts
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
@@ -53,9 +53,9 @@ def tlog_stream(path: PathName) -> FrameStream:
     good = int(np.count_nonzero(frames.verdict == GOOD))
     if len(frames) and not good:
         count = len(frames)
-        raise Unreadable(Fact(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False))
+        raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)
     if good <= 1e-6 * skipped:  # random bytes have some 1.5e-7 good frames each
-        raise Unreadable(Fact(Source.FORMAT_UNKNOWN, path=source, name="mavlink"))
+        raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="mavlink")
     # Behind damage, the bytes before a frame may be anything.
     stamps = np.where(space == STAMP_BYTES, _stamps(data, frames.start), np.uint64(0))
     return FrameStream(source, ".tlog", data, frames, stamps, skipped, repairs)

@@ -54,7 +54,7 @@ def read_ulog(path: PathName) -> Log:
     source = os.fspath(path)
     content = file_bytes(path)
     if not content.startswith(MAGIC):
-        raise Unreadable(Fact(Source.FORMAT_UNKNOWN, path=source, name="ulog"))
+        raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="ulog")
     log = _parsed(content, source)
     sent = _parameters(log)
     parameters = {name: value for _, name, value in sent if isfinite(value)}
@@ -142,7 +142,7 @@ def _parsed(content: bytes, source: str) -> ULog:
             _raise_on_huge(ULog(_Content(content), parse_header_only=True).message_formats)
             return ULog(_Content(content))
     except ULogIncompatibleFlagException:
-        raise Unreadable(Fact(Source.ULOG_OF_LATER_FORMAT, path=source)) from None
+        raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=source) from None
     except Exception:  # the library may raise anything of damaged definitions
         fact = Fact(Source.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True)
         raise Unreadable(fact) from None

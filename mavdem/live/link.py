@@ -279,7 +279,7 @@ def _parsed(name: str) -> tuple[str, str, int]:
     if network is not None and (network[1] or re.search(r"[.\]]|localhost", network[2] or "")):
         kind, host, port = network.groups()
         if int(port) > 65535:
-            raise Unreadable(Fact(LinkFact.LINK_PORT_TOO_HIGH, name=name))
+            raise Unreadable(LinkFact.LINK_PORT_TOO_HIGH, name=name)
         # Without a direction as in pymavlink.
         return (
             ("udpin" if kind in (None, "udp") else kind),
@@ -287,9 +287,9 @@ def _parsed(name: str) -> tuple[str, str, int]:
             int(port),
         )
     if os.path.isfile(name):
-        raise Unreadable(Fact(LinkFact.FILE_IS_NO_LINK, name=name))
+        raise Unreadable(LinkFact.FILE_IS_NO_LINK, name=name)
     if not os.path.isabs(name):
-        raise Unreadable(Fact(LinkFact.NOT_A_LINK, name=name))
+        raise Unreadable(LinkFact.NOT_A_LINK, name=name)
     return "serial", "", 0
 
 
@@ -307,15 +307,13 @@ def _cannot_open(
     link: str, cause: LinkError, host: str = "", port: int = 0, error: str = ""
 ) -> Unreadable:
     return Unreadable(
-        Fact(
-            LinkFact.CANNOT_OPEN_LINK,
-            name=link,
-            cause=cause,
-            host=host,
-            port=port,
-            error=error,
-            duration=float(CONNECT_SECONDS),
-        )
+        LinkFact.CANNOT_OPEN_LINK,
+        name=link,
+        cause=cause,
+        host=host,
+        port=port,
+        error=error,
+        duration=float(CONNECT_SECONDS),
     )
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
 from mavdem.ingest.mcap.records import raw_channel, started, write_message
@@ -26,12 +25,10 @@ class RawRecording:
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:
-            raise Unreadable(Fact(LinkFact.STREAM_FILE_EXISTS, path=str(path))) from None
+            raise Unreadable(LinkFact.STREAM_FILE_EXISTS, path=str(path)) from None
         except OSError as error:
             text = error.strerror or str(error)
-            raise Unreadable(
-                Fact(LinkFact.STREAM_FILE_FAILED, path=str(path), error=text)
-            ) from None
+            raise Unreadable(LinkFact.STREAM_FILE_FAILED, path=str(path), error=text) from None
         self.frames = 0  # in it; bytes that belong to no frame are not
         self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)

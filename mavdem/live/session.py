@@ -258,7 +258,7 @@ class LiveSession:
         Raises NotLearnable: there is none.
         """
         if self.learner is None or self._learned and not self._kept:
-            raise NotLearnable(Fact(Session.NO_LIVE_FLIGHT))
+            raise NotLearnable(Session.NO_LIVE_FLIGHT)
         if not (self._landed and self._models):
             seconds = FIT_SECONDS * (1 if self._models else 2)
             try:

@@ -199,7 +199,7 @@ class LiveWind:
             still = [np.ptp(angles[:, 2]), *np.ptp(speeds[:, :2], axis=0)]
             if 0 in still:
                 name = "velocity" if still[0] else "yaw"
-                raise NotLearnable(Fact(NoWind.NOT_MEASURED, name=name))
+                raise NotLearnable(NoWind.NOT_MEASURED, name=name)
             checked(stamps, angles, speeds)
         except NotLearnable as error:
             self.obstacle = error.fact

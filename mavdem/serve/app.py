@@ -192,7 +192,7 @@ class Server:
         entry = self.library.entry(request.path_params["id"])
         if not self.rights.may_see(request, entry):
             # nor may one know that it is there
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         return entry
 
     def _known(self, request: HttpRequest) -> Values:
@@ -261,21 +261,21 @@ class Server:
         name = request.path_params["name"]
         if name == "log":
             if not entry.log_shared and not self.rights.may(request, Use.READ):
-                raise Refusal(Fact(Request.NO_RIGHT, name=Use.DOWNLOAD))
+                raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
             path = self.library.path_of(entry)
             name = entry.name
         elif entry.digest and name in entry.file_names:
             path = self.library.results_of(entry) / name
         else:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         if not path.is_file():
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
     def _live_page(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.READ)
         if self._live is None:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         return HTMLResponse(self._live.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
 
     def _vehicle_page(self, request: HttpRequest) -> Response:
@@ -283,7 +283,7 @@ class Server:
         name = request.query_params.get("name", "")
         entries, _ = self.library.find("vehicle = ?", [name], MOST_FILES)
         if not entries:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
         flights = vehicles_of(rows).get(name, [])
         healthy = [row for row in self.library.store.healthy if row.vehicle == name]
@@ -313,13 +313,13 @@ class Server:
         return HTMLResponse(without_policy(page, **self._known(request)))
 
     def _enter_page(self, request: HttpRequest) -> Response:
-        raise Refusal(Fact(Request.NO_RIGHT, name=Use.READ))
+        raise Refusal(Request.NO_RIGHT, name=Use.READ)
 
     async def _enter(self, request: HttpRequest) -> Response:
         fields = parse_qs((await _body(request)).decode(errors="replace"))
         if not self.rights.is_token(fields.get("token", [""])[0].strip()):
             await asyncio.sleep(1.0)  # guessing takes longer
-            raise Refusal(Fact(Request.NO_RIGHT, name=Use.READ))
+            raise Refusal(Request.NO_RIGHT, name=Use.READ)
         answer = RedirectResponse("/", 303)
         is_secure = request.url.scheme == "https"
         key = self.rights.key(Use.READ)
@@ -336,7 +336,7 @@ class Server:
 
     def _sample_log(self, request: HttpRequest) -> Response:
         if self._sample is None:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         return FileResponse(self._sample)
 
     # For programs
@@ -357,7 +357,7 @@ class Server:
         limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS), Crowd.LOGS: (waiting, MOST_WAITING)}
         for crowd, (count, most) in limits.items():
             if count >= most:
-                raise Refusal(Fact(Request.UPLOADS_TOO_MANY, count=count, name=crowd))
+                raise Refusal(Request.UPLOADS_TOO_MANY, count=count, name=crowd)
         self._uploads += 1
         try:
             form = await received(request, self.library)
@@ -431,7 +431,7 @@ class Server:
         self.rights.need(request, Use.WRITE)
         entry = self._seen(request)
         if self._show is None or RECORDING not in entry.file_names:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         address = self._show(self.library.results_of(entry) / RECORDING)
         return _answer(Viewer(address=address))
 
@@ -533,7 +533,7 @@ async def _body(request: HttpRequest) -> bytes:
     async for chunk in request.stream():
         body += chunk
         if len(body) > MOST_TEXT:
-            raise Refusal(Fact(Request.UPLOAD_TOO_LARGE, size_limit=MOST_TEXT))
+            raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MOST_TEXT)
     return bytes(body)
 
 
@@ -542,4 +542,4 @@ def _checked(model: type[Model], body: bytes) -> Model:
         return model.model_validate_json(body)
     except ValidationError as error:
         because = error.errors()[0]["msg"]
-        raise Refusal(Fact(Request.BAD_REQUEST, because=because)) from None
+        raise Refusal(Request.BAD_REQUEST, because=because) from None

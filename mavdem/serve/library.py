@@ -215,9 +215,9 @@ class Library:
             with suppress(FileNotFoundError):
                 used += path.stat().st_size
         if self.quota is not None and used + size > self.quota:
-            raise Refusal(Fact(Request.QUOTA_REACHED, size=used + size, size_limit=self.quota))
+            raise Refusal(Request.QUOTA_REACHED, size=used + size, size_limit=self.quota)
         if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
-            raise Refusal(Fact(Request.DISK_FULL))
+            raise Refusal(Request.DISK_FULL)
 
     def new_part(self, recording: str = "") -> Path:
         """Where an upload may be written, or a ``recording`` of that name.
@@ -276,7 +276,7 @@ class Library:
         """Returns the entry of a link; raises ``Refusal`` if there is none."""
         row = self._db.execute("select * from entries where id = ?", [id]).fetchone()
         if row is None:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         return _entry(row)
 
     def find(
@@ -302,7 +302,7 @@ class Library:
             query = f"update entries set {changed} where id = :id returning *"
             row = db.execute(query, {**columns, "id": id}).fetchone()
         if row is None:
-            raise Refusal(Fact(Request.NO_SUCH_FLIGHT))
+            raise Refusal(Request.NO_SUCH_FLIGHT)
         return _entry(row)
 
     def claim(self) -> Entry | None:
@@ -472,7 +472,7 @@ def full_disk_refused() -> Iterator[None]:
         number = getattr(error, "errno", None)
         code = getattr(error, "sqlite_errorcode", None)
         if number in (errno.ENOSPC, errno.EDQUOT) or code == sqlite3.SQLITE_FULL:
-            raise Refusal(Fact(Request.DISK_FULL)) from None
+            raise Refusal(Request.DISK_FULL) from None
         raise
 
 

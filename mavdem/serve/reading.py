@@ -20,7 +20,6 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.documents import whole
 from mavdem.documents.review import review_document
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
 from mavdem.facts.events import Reported
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Stage
@@ -59,7 +58,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     with chdir(path.parent):  # where the server has its logs is nobody's business
         log = read_log(path.name)
     if not log.vehicles:
-        raise Unreadable(Fact(Reading.NO_VEHICLE))
+        raise Unreadable(Reading.NO_VEHICLE)
     judged = list[tuple[Assessment, FlightRows]]()
     for telemetry in log.vehicles:
         tell(Stage.JUDGING)

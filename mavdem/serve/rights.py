@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from starlette.requests import HTTPConnection
 
 from mavdem.errors import Refusal, Unreadable
-from mavdem.facts import Fact
 from mavdem.facts.serve import Request, Sharing, Start, Use
 from mavdem.serve.library import Entry
 
@@ -55,7 +54,7 @@ class Rights:
     def need(self, request: HTTPConnection, use: Use) -> None:
         """Raises ``Refusal`` where the one who asks has no right to this ``use``."""
         if not self.may(request, use):
-            raise Refusal(Fact(Request.NO_RIGHT, name=use))
+            raise Refusal(Request.NO_RIGHT, name=use)
 
     def may_see(self, request: HTTPConnection, entry: Entry) -> bool:
         """Returns whether the one who asks, and has its link, may see a flight."""
@@ -75,21 +74,21 @@ class Rights:
         """Raises ``Refusal`` for what another site's page asks for, or under a name that is not this machine's."""
         host = request.headers.get("host", "")
         if self.is_local and re.sub(r":\d*$", "", host).lower() not in LOOPBACK:
-            raise Refusal(Fact(Request.OTHER_SITE, address=host))
+            raise Refusal(Request.OTHER_SITE, address=host)
         if request.scope["method"] in ("GET", "HEAD"):
             return
         origin = request.headers.get("origin")
         site = request.headers.get("sec-fetch-site", SAME_SITE[0])
         if site not in SAME_SITE or (origin is not None and origin.partition("://")[2] != host):
-            raise Refusal(Fact(Request.OTHER_SITE, address=origin or site))
+            raise Refusal(Request.OTHER_SITE, address=origin or site)
 
 
 def rights_of(host: str, token: str, is_behind_proxy: bool) -> Rights:
     """Returns the rights on a server that listens on ``host``; raises ``Unreadable`` where that is not safe."""
     if token and len(token) < FEWEST_LETTERS:
-        raise Unreadable(Fact(Start.TOKEN_TOO_SHORT, count=len(token), needed=FEWEST_LETTERS))
+        raise Unreadable(Start.TOKEN_TOO_SHORT, count=len(token), needed=FEWEST_LETTERS)
     if not token and not is_behind_proxy and host not in LOOPBACK:
-        raise Unreadable(Fact(Start.TOKEN_NEEDED, address=host))
+        raise Unreadable(Start.TOKEN_NEEDED, address=host)
     return Rights(token, is_local=not token and not is_behind_proxy)
 
 

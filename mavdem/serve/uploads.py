@@ -12,7 +12,6 @@ from starlette.requests import ClientDisconnect
 from starlette.requests import Request as HttpRequest
 
 from mavdem.errors import Refusal
-from mavdem.facts import Fact
 from mavdem.facts.serve import Request
 from mavdem.ingest.contents import MAX_BYTES
 from mavdem.serve.library import Library, full_disk_refused
@@ -78,7 +77,7 @@ class Form(MultiPartParser):
 async def received(request: HttpRequest, library: Library) -> Form:
     """Returns the form of a request, whole and on the disk; raises ``Refusal``, and leaves nothing behind."""
     if not request.headers.get("content-type", "").startswith("multipart/form-data"):
-        raise Refusal(Fact(Request.UPLOAD_WITHOUT_LOG))
+        raise Refusal(Request.UPLOAD_WITHOUT_LOG)
     announced = request.headers.get("content-length", "")
     library.room_for(int(announced) if announced.isdecimal() else 0)
     form = Form(request, library)
@@ -87,13 +86,13 @@ async def received(request: HttpRequest, library: Library) -> Form:
             await form.parse()
             form.close()
         if not form.is_whole:
-            raise Refusal(Fact(Request.UPLOAD_BROKEN))
+            raise Refusal(Request.UPLOAD_BROKEN)
         if not any(file.size for file in form.files.values()):
-            raise Refusal(Fact(Request.UPLOAD_WITHOUT_LOG))
+            raise Refusal(Request.UPLOAD_WITHOUT_LOG)
     except BaseException as error:
         form.drop()
         if isinstance(error, MultiPartException):
-            raise Refusal(Fact(Request.BAD_REQUEST, because=error.message)) from None
+            raise Refusal(Request.BAD_REQUEST, because=error.message) from None
         raise
     return form
 
@@ -109,12 +108,12 @@ async def _pieces(request: HttpRequest, library: Library) -> AsyncGenerator[byte
         except StopAsyncIteration:
             return
         except TimeoutError:
-            raise Refusal(Fact(Request.UPLOAD_TOO_SLOW, time_limit=PATIENCE_SECONDS)) from None
+            raise Refusal(Request.UPLOAD_TOO_SLOW, time_limit=PATIENCE_SECONDS) from None
         except ClientDisconnect:
-            raise Refusal(Fact(Request.UPLOAD_BROKEN)) from None
+            raise Refusal(Request.UPLOAD_BROKEN) from None
         size += len(chunk)
         if size > MAX_BYTES:
-            raise Refusal(Fact(Request.UPLOAD_TOO_LARGE, size_limit=MAX_BYTES))
+            raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MAX_BYTES)
         if size - checked > CHECKED_BYTES:
             checked = size
             library.room_for(0)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mavdem.errors import Refusal
-from mavdem.facts import Fact
 from mavdem.facts.serve import Request
 from mavdem.results import RECORDING
 from mavdem.serve.uploads import PATIENCE_SECONDS
@@ -63,7 +62,7 @@ def _started(recording: Path) -> WebServer:
         because = str(viewer.process.returncode)
     except OSError as error:
         because = str(error)
-    raise Refusal(Fact(Request.NOT_STARTED, name=RECORDING, because=because))
+    raise Refusal(Request.NOT_STARTED, name=RECORDING, because=because)
 
 
 def _free_port() -> int:

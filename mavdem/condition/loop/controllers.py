@@ -106,7 +106,7 @@ class Controller:
             slow = name.endswith("filter") and 0 < value < 0.1
             if slow or not low <= value <= high:
                 what = self.names.get(name, name.replace("_", " "))
-                raise NotLearnable(Fact(Controllers.PARAMETER_IMPOSSIBLE, name=what, value=value))
+                raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=what, value=value)
 
     @property
     def cautions(self) -> Facts:
@@ -160,7 +160,7 @@ def controller_of(
     elif any(name.startswith("MC_") for name in own):
         known = _px4(own, axis, len(given) == 1)
     else:
-        raise NotLearnable(Fact(Controllers.NO_GAINS))
+        raise NotLearnable(Controllers.NO_GAINS)
     return Controller(axis=axis, parameters=own, weights=given, **known)
 
 
@@ -203,7 +203,7 @@ def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
         else:
             begin, end, frame = _required(own, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS")
         if frame != 1 or len(weights) != MOTORS or not any(weights) or not begin < end:
-            raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="ardupilot"))
+            raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot")
         largest = max(map(abs, weights))
         known["mixer"] = tuple(one / largest / 2 for one in weights)
         known["spin"] = (begin, end)
@@ -299,7 +299,7 @@ def _gains(own: Parameters, names: Mapping[str, str], rate: str) -> Values:
 def _required(parameters: Parameters, *names: str) -> list[float]:
     missing = [name for name in names if name not in parameters]
     if missing:
-        raise NotLearnable(Fact(Controllers.PARAMETERS_MISSING, names=missing))
+        raise NotLearnable(Controllers.PARAMETERS_MISSING, names=missing)
     return [parameters[name] for name in names]
 
 
@@ -317,7 +317,7 @@ def _allocation(parameters: Parameters) -> dict[str, Numbers]:
         or parameters.get("CA_AIRFRAME", 0.0)
         or any(tilts)
     )
-    unknown = NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot="px4"))
+    unknown = NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="px4")
     if other or len(sizes) > 1 or np.linalg.cond(effects) > 1e6:
         raise unknown
     inverse = np.linalg.inv(effects)[:, :3]

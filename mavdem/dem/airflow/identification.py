@@ -22,7 +22,6 @@ from mavdem.dem.airflow.model import (
 )
 from mavdem.dem.engine.linalg import Array, Flags
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.online import Airflow, DragSource
 from mavdem.unit_slips import real_numbers
 
@@ -76,7 +75,7 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
             if np.isfinite(angles[:, 2]).sum() < 10 <= np.isfinite(angles[:, 0]).sum()
             else "velocity"
         )
-        raise NotLearnable(Fact(Airflow.MOTION_UNKNOWN, missing=missing))
+        raise NotLearnable(Airflow.MOTION_UNKNOWN, missing=missing)
     stamps = stamps[usable]
     angles = angles[usable]
     speeds = speeds[usable]
@@ -96,7 +95,7 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
             and turned.std() > TILTED
             and turned @ moved < FOLLOWED * (turned @ turned)
         ):
-            raise NotLearnable(Fact(Airflow.VELOCITY_INCONSISTENT))
+            raise NotLearnable(Airflow.VELOCITY_INCONSISTENT)
     return stamps, angles, speeds, usable
 
 
@@ -112,7 +111,7 @@ def gridded(
     widest = max(step, float(np.median(np.diff(time))), float(time[-1] - time[0]) / most)
     found = motion(time, attitude, velocity, widest, wind)
     if found.known.sum() * found.step < LEAST_SECONDS:
-        raise NotLearnable(Fact(Airflow.MOTION_TOO_SHORT, duration=LEAST_SECONDS))
+        raise NotLearnable(Airflow.MOTION_TOO_SHORT, duration=LEAST_SECONDS)
     return found
 
 

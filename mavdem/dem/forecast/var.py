@@ -21,7 +21,6 @@ from mavdem.dem.engine.kalman import KalmanFilter
 from mavdem.dem.engine.linalg import ROUNDING, Array, Indices
 from mavdem.dem.record import Record, Spread
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.model import ModelRefusal
 
 RIDGE = 0.01
@@ -112,7 +111,7 @@ class LagStatistics(NamedTuple):
         statistics = cls.of(units.segments(record), lags)
         if statistics.rows <= 0:
             code = ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS
-            raise NotLearnable(Fact(code, samples=lags, longest=record.longest))
+            raise NotLearnable(code, samples=lags, longest=record.longest)
         return units, statistics
 
     def __add__(self, other: LagStatistics) -> LagStatistics:  # type: ignore[override]

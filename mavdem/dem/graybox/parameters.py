@@ -202,14 +202,14 @@ FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are tak
 def windows_of(record: Record) -> FlightWindows:
     """Cuts a record into windows of one length, with one trim and one unit of inputs; ``NotLearnable`` says why not."""
     if 1 / record.dt < FEWEST_RATE:
-        raise NotLearnable(Fact(NoPhysical.SAMPLED_TOO_SLOWLY, rate=1 / record.dt))
+        raise NotLearnable(NoPhysical.SAMPLED_TOO_SLOWLY, rate=1 / record.dt)
     rate = rate_column(record)
     samples = _window_samples(record)
     inputs = record.inputs[samples]
     inputs = inputs - inputs.mean(axis=(0, 1))
     unit = float(np.sqrt(np.mean(inputs**2)))
     if not unit:
-        raise NotLearnable(Fact(NoPhysical.MOTORS_STILL))
+        raise NotLearnable(NoPhysical.MOTORS_STILL)
     dt = float(samples[0, 1] - samples[0, 0]) * record.dt
     inputs = inputs / unit
     turning = record.outputs[samples, rate]
@@ -238,7 +238,7 @@ def rate_column(record: Record) -> int:
         return 0
     pairs = derivative_pairs(record)
     if not pairs:
-        raise NotLearnable(Fact(NoPhysical.NO_RATE))
+        raise NotLearnable(NoPhysical.NO_RATE)
     return pairs[0][1]
 
 
@@ -248,7 +248,7 @@ def _window_samples(record: Record) -> Indices:
     shortest = step * MIN_SAMPLES
     if record.longest < shortest:
         code = NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS
-        raise NotLearnable(Fact(code, least_samples=shortest, samples=record.longest))
+        raise NotLearnable(code, least_samples=shortest, samples=record.longest)
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
     lengths = [

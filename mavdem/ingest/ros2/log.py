@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
@@ -214,7 +214,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         if (one := vehicle(own, source)) is not None
     ]
     if not made:
-        raise Unreadable(Fact(Source.ROS2_DAMAGED, path=source))
+        raise Unreadable(Source.ROS2_DAMAGED, path=source)
     code = Repair.LOGGED_MESSAGES_LEFT_OUT
     failed = {"count": undecodable.total(), "names": sorted(+undecodable)}
     repairs = (
