@@ -73,14 +73,12 @@ class Learnability:
         return self.reason.remedy
 
 
-def learnability_of(
-    signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
-) -> Learnability:
+def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> Learnability:
     """Returns the longest settled segment that can be learned from, or why the longest cannot.
 
-    The ``components`` of the log may ask for other rates; ``least_rate``, Hz, is what both streams need.
+    The ``components`` of the log may ask for other rates.
     """
-    return next(learnabilities(signals, components, least_rate))
+    return next(learnabilities(signals, components))
 
 
 def learnabilities(
@@ -88,7 +86,8 @@ def learnabilities(
 ) -> Iterator[Learnability]:
     """Yields what :func:`learnability_of` returns and, if that is learnable, each other segment that is long enough.
 
-    All flights have the sampling step of the first; a segment too slow for that (``MAX_STEP_RATIO``) is refused.
+    Both streams need ``least_rate``, Hz. All flights have the sampling step of the first; a segment too slow for that
+    (``MAX_STEP_RATIO``) is refused.
     """
     if (reason := _unusable(signals, components)) is not None:
         yield Learnability(signals.axis, False, reason)

@@ -14,12 +14,11 @@ from mavdem.dem.engine.linalg import ROUNDING, Array, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.var import Forecast, Var
-from mavdem.dem.record import Record, Records, required_number
+from mavdem.dem.record import Record, Records, Segments, required_number
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
 # inputs (T, k) and outputs (T, m) of each segment, in a method's units
-Segments = list[tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

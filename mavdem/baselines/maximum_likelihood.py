@@ -14,7 +14,6 @@ from mavdem.baselines.identified import (
     RANK_TOLERANCE,
     Fitted,
     Identified,
-    Segments,
     identified,
 )
 from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
@@ -26,9 +25,9 @@ from mavdem.dem.engine.gauss_newton import (
     gauss_newton,
 )
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
-from mavdem.dem.engine.linalg import ROUNDING, Array
+from mavdem.dem.engine.linalg import ROUNDING, Array, Pair
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Records, required_number
+from mavdem.dem.record import Records, Segments, required_number
 from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 
@@ -218,7 +217,7 @@ def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segment
     )
 
 
-def _regressed(products: list[Array], targets: int, number: int) -> tuple[Array, Array]:
+def _regressed(products: list[Array], targets: int, number: int) -> Pair:
     """Coefficients of so many ``targets``, the last columns, on those before; and the covariance of what they leave.
 
     ``products`` are the segments' expected sums over a ``number`` of rows, of which the upper right is not used. The

@@ -12,14 +12,13 @@ from mavdem.baselines.identified import (
     RANK_TOLERANCE,
     Fitted,
     Identified,
-    Segments,
     identified,
     regression,
 )
 from mavdem.dem.engine.kalman import steady_gain
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Records, required_number
+from mavdem.dem.record import Records, Segments, required_number
 from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 
@@ -138,7 +137,7 @@ def _state_map(windows: Array, order: int, k: int) -> Array:
     return np.asarray(to_basis @ directions[:, :order] * np.sqrt(number))
 
 
-def _orthonormal(table: Array) -> tuple[Array, Array]:
+def _orthonormal(table: Array) -> Pair:
     """An orthonormal basis of the table's columns, and the map from the table to it."""
     basis, sizes, directions = np.linalg.svd(table, full_matrices=False)
     kept = sizes > RANK_TOLERANCE * sizes.max(initial=0.0)

@@ -24,6 +24,7 @@ from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.confidence import Interval, quantile
+from mavdem.dem.engine.linalg import Pair
 from mavdem.errors import NotLearnable
 from mavdem.ingest.telemetry import Array
 
@@ -241,7 +242,7 @@ def evenly_sampled(
     pieces = list[Array]()
     for part in parts:
         spans = [(part.start, part.end)]
-        streams = list[tuple[Array, Array]]()
+        streams = list[Pair]()
         for one in signals:
             rows = within(one, part)
             time = one.time[rows]

@@ -16,6 +16,7 @@ import numpy as np
 from mavdem.alignment.align import Segment, within
 from mavdem.alignment.drive import AXES, Signal, recorded, series
 from mavdem.alignment.signals import Signals
+from mavdem.dem.engine.linalg import Pair
 from mavdem.ingest.telemetry import Array
 
 SECONDS = 1.0  # of a window
@@ -75,7 +76,7 @@ class Spectrum:
         return np.asarray(self.density.sum(axis=1))
 
     @cached_property
-    def by_throttle(self) -> tuple[Array, Array]:
+    def by_throttle(self) -> Pair:
         """(L,) throttle, and (L, F) mean density of all axes there, in windows of even number; empty without it."""
         known = np.count_nonzero(np.isfinite(self.throttle))
         order = np.argsort(self.throttle)[:known]
@@ -94,7 +95,7 @@ class Spectrum:
         return float(density * self.frequency[1])
 
 
-def thinned(frequency: Array, density: Array, most: int) -> tuple[Array, Array]:
+def thinned(frequency: Array, density: Array, most: int) -> Pair:
     """Returns at ``most`` so many frequencies, Hz, and of densities (…, F) the largest of those between."""
     size = -(-len(frequency) // most)
     count = len(frequency) // size

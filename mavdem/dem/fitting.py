@@ -16,7 +16,7 @@ from mavdem.dem.engine.generative import (
     embed,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import Array, Indices, raise_on_overflow
+from mavdem.dem.engine.linalg import Array, Indices, Pair, raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit
@@ -114,7 +114,7 @@ def _parameter_prior(
     scaling: Scaling,
     record: Record,
     r: int,
-) -> tuple[Array, Array]:
+) -> Pair:
     """Mean and precision of the engine's θ, for r inputs with the constant."""
     n = settings.order
     m = record.outputs.shape[1]

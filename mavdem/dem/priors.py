@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from mavdem.dem.engine.linalg import Array, Indices
+from mavdem.dem.engine.linalg import Array, Indices, Pair
 from mavdem.dem.engine.model import LinearModel, pack, unpack
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, Segments
 from mavdem.dem.settings import CompleteSettings, Gaussian, Settings
 from mavdem.unit_slips import CONSISTENCY_SPAN
 
@@ -56,7 +56,7 @@ class Scaling:
         )
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
 
-    def scale_segments(self, record: Record) -> list[tuple[Array, Array]]:
+    def scale_segments(self, record: Record) -> Segments:
         """Inputs and outputs of each segment of a record, in the engine's units."""
         return [
             (self.scale_inputs(inputs), self.scale_outputs(outputs))
@@ -136,7 +136,7 @@ def explicit_prior(
     weak: float,
     indices: Indices,
     scale: Array,
-) -> tuple[Array, Array]:
+) -> Pair:
     """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
 
     Others have η = 0 and the prior precision ``weak``. ``scale`` is the physical size of a unit of each of the
@@ -159,7 +159,7 @@ def uniform_prior(
     n: int,
     r: int,
     m: int,
-) -> tuple[Array, Array]:
+) -> Pair:
     """η drawn from U[−1, 1] and P = ``parameter_precision``·I for every parameter (the paper, ``alg_settings``)."""
     k = n * n + n * r + m * n
     mean = np.random.default_rng(settings.seed).uniform(-1, 1, k)
@@ -173,7 +173,7 @@ def regulated_prior(
     constant: bool,
     scale: Array,
     pairs: tuple[tuple[int, int], ...],
-) -> tuple[Array, Array]:
+) -> Pair:
     """Mean (k,) and precision (k, k) of θ: what is known of any attitude loop a priori.
 
     Outputs return to their trim; where output j is the derivative of output i, row i of the model is ẋᵢ = xⱼ; each

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices
+from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices, Pair
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 from mavdem.heading import Names, Numbers, Values
@@ -21,6 +21,7 @@ from mavdem.unit_slips import real_numbers
 # no text for a number, no ``True`` for 1, no infinity and no NaN
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
+Segments = list[Pair]  # of inputs and outputs
 SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
 
@@ -221,7 +222,7 @@ class Record:
                 raise NotLearnable(code, subject=subject, others_vary=others_vary)
 
     @property
-    def segments(self) -> list[tuple[Array, Array]]:
+    def segments(self) -> Segments:
         """Inputs and outputs of each segment."""
         cuts = self.starts[1:]
         return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
@@ -243,7 +244,7 @@ class Record:
         """The inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do."""
         return table(inputs, "inputs", self.inputs.shape[1])
 
-    def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> tuple[Array, Array]:
+    def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Pair:
         """The inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
         required_number(steps)
         ahead = self.following_inputs(inputs)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from mavdem.dem.engine.linalg import Array, require_positive_definite
+from mavdem.dem.engine.linalg import Pair, require_positive_definite
 from mavdem.dem.record import LARGEST, checked_values
 from mavdem.heading import Numbers, Values
 from mavdem.unit_slips import real_numbers
@@ -47,7 +47,7 @@ class Gaussian:
         object.__setattr__(self, "precision", tuple(map(tuple, precisions.tolist())))
 
     @property
-    def arrays(self) -> tuple[Array, Array]:
+    def arrays(self) -> Pair:
         """Mean (k,) and precision (k, k)."""
         return np.array(self.mean), np.array(self.precision)
 

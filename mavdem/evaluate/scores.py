@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.dem.online import learner
 from mavdem.flight import Flight
@@ -112,7 +112,7 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
     return (*(one for one in steps if one < samples), samples)
 
 
-def units_of(train: Flight, test: Flight) -> tuple[Array, Array]:
+def units_of(train: Flight, test: Flight) -> Pair:
     """Returns the training variance (m,) of each output, and the squared error (m,) of the training mean in ``test``.
 
     Raises:

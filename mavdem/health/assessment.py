@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.confidence import ENDS
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
 from mavdem.heading import Values
@@ -189,7 +189,7 @@ def lost_thrust(rise: float, exponent: float = 2.0) -> float:
     return float(1 - (1 + rise) ** -exponent)
 
 
-def shift_sizes(scale: float) -> tuple[Array, Array]:
+def shift_sizes(scale: float) -> Pair:
     """Standard deviations whose normal distributions, weighed with the second array, make Student's of this scale."""
     sizes = scale * np.geomspace(0.4, 40.0, 24)
     decay = np.exp(-SHIFT_FREEDOM / 2 * (scale / sizes) ** 2)

@@ -23,7 +23,7 @@ from mavdem.alignment.phases import both, total
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.steadiness import steady
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
 from mavdem.heading import Names
@@ -324,7 +324,7 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     return Deviation(level[0] - centre, scale, freedom, lean)
 
 
-def level_balances(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
+def level_balances(flights: Sequence[BalanceFigures]) -> Pair:
     """Returns (f, 3) the balances without what the lean explains, and the variances of their errors."""
     effect, variance = lean_effects(flights)
     lean = np.array([flight.lean for flight in flights])
@@ -341,7 +341,7 @@ def known_balance(flight: HealthFigures) -> BalanceFigures:
     return flight.balance
 
 
-def lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
+def lean_effects(flights: Sequence[BalanceFigures]) -> Pair:
     """Returns (f, 3, 2) the effects of lean in each flight, and their variances: what it shows, drawn to the mean.
 
     How much they differ shows in the flights, and half of that is taken for what manoeuvres make of the estimates.

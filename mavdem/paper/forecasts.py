@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from mavdem.dem import Learned, learn
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.evaluate import mspe, paired, relative_mspe
 from mavdem.evaluate.comparison import Outcome
 from mavdem.evaluate.scores import KNOWN
@@ -135,7 +135,6 @@ MSPE_WITHOUT_COORDINATES = (0.1197, 0.0640, 0.1647, 0.0518, 0.0951)
 # share of the experiments on which p = 2 must have the lower error, as on four of the paper's five
 MIN_SHARE = 0.8
 
-Pair = tuple[Array, Array]
 """MSPE with and without generalized coordinates, summed over outputs, (experiments, priors) each."""
 
 

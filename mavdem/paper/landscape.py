@@ -25,7 +25,7 @@ from mavdem.dem.engine.generative import (
     embed,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.steps import with_optimal_precisions
 from mavdem.paper.runner import Check, Result, Runner
 from mavdem.report.figures.style import Picture, picture
@@ -53,7 +53,7 @@ class ScalarWorld:
     lambda_w: float = 3.0  # log precision of the process noise
     amplitude: float = 3.0  # of the input; 1 moves the state about as far as its own unit
 
-    def signals(self, seed: int) -> tuple[Array, Array]:
+    def signals(self, seed: int) -> Pair:
         """Returns exact y and v at every sample, (T, 1) each."""
         rng = np.random.default_rng(seed)
         number = round(self.duration / self.step)
@@ -239,7 +239,7 @@ def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[lis
     return [plain_rounds(model, samples, ROUNDS) for model in models]
 
 
-def ends(paths: list[list[Belief]]) -> tuple[Array, Array]:
+def ends(paths: list[list[Belief]]) -> Pair:
     """Returns (priors, 2) the A and B at which ascents end, and (2,) the posterior standard deviation of one."""
     return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(
         np.diag(paths[0][-1].theta_covariance)[:2]

@@ -99,10 +99,10 @@ def plus_minus(value: float, half: float) -> str:
     return f"({mean} ± {width})e{power}" if power else f"{mean} ± {width}"
 
 
-def with_unit(value: float, unit: Readable, digits: int = 2) -> str:
-    """Returns a ``value`` in the ``unit`` it is shown in, with so many ``digits``: "3.9°", "3.7 °/s"."""
+def with_unit(value: float, unit: Readable) -> str:
+    """Returns a ``value`` in the ``unit`` it is shown in, with two digits: "3.9°", "3.7 °/s"."""
     space = "" if unit.name in ("", "°") else " "
-    return f"{rounded(unit.scale * value, digits)}{space}{unit.name}"
+    return f"{rounded(unit.scale * value)}{space}{unit.name}"
 
 
 def rounded(value: float, digits: int = 2) -> str:

@@ -20,7 +20,7 @@ from mavdem.dem.airflow.model import (
     filtered,
     motion,
 )
-from mavdem.dem.engine.linalg import Array, Flags
+from mavdem.dem.engine.linalg import Array, Flags, Pair
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import Airflow, DragSource
 from mavdem.unit_slips import real_numbers
@@ -202,7 +202,7 @@ def independent_share(errors: Array) -> float:
     return (1 - correlation) / (1 + correlation)
 
 
-def courses(moved: Motion, mean: Array, covariance: Array) -> tuple[Array, Array]:
+def courses(moved: Motion, mean: Array, covariance: Array) -> Pair:
     """Returns states (T, N, 4) of the airflow and their covariances, by draws of what is :func:`identified`."""
     places = in_air(drawn(mean, covariance, COURSES), moved)
     return filtered(places, moved).smoothed()

@@ -21,7 +21,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array, Flags, require_positive_definite
+from mavdem.dem.engine.linalg import Array, Flags, Pair, require_positive_definite
 from mavdem.facts.online import DragSource
 from mavdem.heading import Values
 
@@ -47,7 +47,7 @@ DEFAULTS = {"EKF2_MCOEF": (0.15,), "EKF2_BCOEF_X": (25.0, 100.0), "EKF2_BCOEF_Y"
 AXES = np.array([-0.5, 0.5])
 
 
-def coefficients(logs: Array) -> tuple[Array, Array]:
+def coefficients(logs: Array) -> Pair:
     """Returns linear (…, 2) 1/s and quadratic (…, 2) 1/m drag along body x and y, of ``logs`` (…, 4 or more)."""
     c, q, c_ratio, q_ratio = (logs[..., [k]] for k in range(4))
     return np.exp(c + c_ratio * AXES), np.exp(q + q_ratio * AXES)
@@ -315,7 +315,7 @@ class Filter:
         velocity: Array,
         force: Array,
         doubt: float = 0.0,
-    ) -> tuple[Array, Array]:
+    ) -> Pair:
         """Takes what a step of ``Motion`` measured; returns errors (G, 2) and covariances of the predictions."""
         x = self.states
         P = self.spreads
@@ -354,7 +354,7 @@ class Filtered(NamedTuple):
     spreads: Array  # (2, T, G, 4, 4) likewise
     decay: Array  # (G, 4) of the states in a step
 
-    def smoothed(self) -> tuple[Array, Array]:
+    def smoothed(self) -> Pair:
         """Returns states (T, G, 4) and covariances given all steps (Rauch, Tung and Striebel, 1965)."""
         x_before, states = self.states
         P_before, spreads = self.spreads

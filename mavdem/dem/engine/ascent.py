@@ -13,7 +13,7 @@ from numpy.linalg import LinAlgError
 from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
-from mavdem.dem.engine.linalg import Array, inverse
+from mavdem.dem.engine.linalg import Array, Pair, inverse
 
 # F̄ has converged when a round gains less: so little does not separate two models
 CONVERGED_NATS = 0.02
@@ -138,7 +138,7 @@ class Iterate:
 def started(
     model: GenerativeModel,
     samples: SufficientStatistics,
-    given: tuple[Array, Array] | None = None,
+    given: Pair | None = None,
     lambda_covariance: Array | None = None,
 ) -> Iterate:
     """At ``given`` θ (k,) and λ (g,), or the priors' means, with the prior's covariance of λ or another (g, g)."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.model import recursion
 
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
@@ -28,7 +28,7 @@ def steady_gain(
     Q: Array,
     R: Array,
     S: Array | None = None,
-) -> tuple[Array, Array]:
+) -> Pair:
     """Returns the gain (…, n, m) K of x̂⁺ = A x̂ + K (y − C x̂), and the covariance (…, n, n) of the predicted state.
 
     That is of x⁺ = A x + w, y = C x + v, once it is steady, of one system or of several side by side. ``Q`` (…, n, n),
@@ -157,7 +157,7 @@ class KalmanFilter(NamedTuple):
         """Returns (T + 1, n, n) those before each sample and after the last."""
         return self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)]
 
-    def states(self, start: Array, pushes: Array, measured: Array) -> tuple[Array, Array]:
+    def states(self, start: Array, pushes: Array, measured: Array) -> Pair:
         """Returns states (…, T + 1, n) before each sample and after the last, and errors (…, T, m) of predicting it.
 
         ``start`` is (…, n), ``pushes`` (…, T, n) act on the next state, ``measured`` is (…, T, m); leading axes are

@@ -43,6 +43,7 @@ LISTED = WithJsonSchema({"type": "array"})
 Array = Annotated[
     NDArray[np.float64], PlainValidator(partial(_read, np.float64, "fiuO")), WRITTEN, LISTED
 ]
+Pair = tuple[Array, Array]
 Indices = Annotated[
     NDArray[np.intp], PlainValidator(partial(_read, np.intp, "iu")), WRITTEN, LISTED
 ]
@@ -80,7 +81,7 @@ def logdet(matrix: Array) -> float:
     return 2.0 * float(np.log(factor.diagonal() / unit).sum())
 
 
-def _scaled(matrix: Array) -> tuple[Array, Array]:
+def _scaled(matrix: Array) -> Pair:
     # A diagonal that is not positive stays so, and the factorization fails: a check here would cost as much.
     unit = 1.0 / np.sqrt(np.abs(matrix.diagonal()) + SMALLEST)
     return unit, matrix * unit * unit[:, None]

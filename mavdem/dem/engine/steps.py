@@ -22,7 +22,7 @@ from mavdem.dem.engine.generative import (
     GenerativeModel,
     SufficientStatistics,
 )
-from mavdem.dem.engine.linalg import Array, inverse, solve
+from mavdem.dem.engine.linalg import Array, Pair, inverse, solve
 
 LONGEST_STEP = 4.0
 """A step of λ changes a noise precision at most by e⁴: far from the maximum the curvature says little."""
@@ -40,7 +40,7 @@ def d_step(model: GenerativeModel, belief: Belief) -> Array:
     return solve(precision, of_data)
 
 
-def state_slope(model: GenerativeModel, belief: Belief) -> tuple[Array, Array]:
+def state_slope(model: GenerativeModel, belief: Belief) -> Pair:
     """G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X, mean-field terms of θ and λ included."""
     E = model.error_operator(belief.theta)
     data = E[:, : model.hidden.start]
@@ -57,9 +57,7 @@ def e_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief
     return belief.theta + solve(precision, gradient)
 
 
-def theta_slope(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
-) -> tuple[Array, Array]:
+def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Pair:
     """∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
     prior = model.prior
     weights = np.exp(belief.lambda_)
@@ -136,7 +134,7 @@ class FreeEnergyOfLambda(NamedTuple):
             - 0.5 * error @ self.precision @ error
         )
 
-    def slope(self, lambda_: Array) -> tuple[Array, Array]:
+    def slope(self, lambda_: Array) -> Pair:
         """∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g), the mean-field terms of X and of θ included."""
         pull = 0.5 * self.cost * np.exp(lambda_)
         return self.gain - pull - self.precision @ (lambda_ - self.mean), np.diag(

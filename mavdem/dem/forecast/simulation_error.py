@@ -27,7 +27,7 @@ from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import turning_combinations
 from mavdem.dem.priors import KINEMATIC, Scaling
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, Segments
 from mavdem.dem.settings import CompleteSettings
 
 WEAK_PRECISION = 1e-5
@@ -99,7 +99,7 @@ class SimulationSegments(NamedTuple):
     number: float
 
     @classmethod
-    def of(cls, segments: list[tuple[Array, Array]], horizon: int) -> SimulationSegments | None:
+    def of(cls, segments: Segments, horizon: int) -> SimulationSegments | None:
         """Pieces of ``horizon`` samples before and ahead, all over segments; ``None`` where none is long enough."""
         whole = 2 * horizon
         starts = [

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import ROUNDING, Array, Indices
+from mavdem.dem.engine.linalg import ROUNDING, Array, Indices, Pair
 from mavdem.dem.record import Record, Spread
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
@@ -287,7 +287,7 @@ class Var(NamedTuple):
             each = np.einsum("hij,jl,hil->hi", responses, self.covariance, responses)
             return self._physical(mean, each.cumsum(axis=0))
 
-    def ahead(self, steps: int) -> tuple[Array, Array]:
+    def ahead(self, steps: int) -> Pair:
         """Returns maps (steps, k, lags k) of the lags, the latest first, and constants (steps, k), to the next samples.
 
         They are of samples in the model's units.
@@ -306,7 +306,7 @@ class Var(NamedTuple):
         maps = np.array(rows)
         return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
 
-    def latest(self, m: int) -> tuple[Array, Array]:
+    def latest(self, m: int) -> Pair:
         """Returns a map (m, (lags + 1) k) of a sample and its lags, and a constant (m,), to its m outputs.
 
         They tell them from the sample's inputs, whose innovations they share, and from all before it; in ``units``.

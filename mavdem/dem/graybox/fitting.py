@@ -15,7 +15,7 @@ from mavdem.dem.engine.gauss_newton import (
     Quadratic,
     gauss_newton,
 )
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
 
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
@@ -93,7 +93,7 @@ class LogJoint(NamedTuple):
             step * min(1.0, LONGEST_STEP / np.abs(step[self.parameters.logarithms]).max())
         )
 
-    def innovations(self, points: Array) -> Iterator[tuple[Array, Array]]:
+    def innovations(self, points: Array) -> Iterator[Pair]:
         """Those of some windows at a time, as of ``Parameters``."""
         for start in range(0, len(self.windows.rate), MAX_CHUNK):
             with np.errstate(all="ignore"):

@@ -21,7 +21,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gain
-from mavdem.dem.engine.linalg import Array, Indices
+from mavdem.dem.engine.linalg import Array, Indices, Pair
 from mavdem.dem.engine.model import Transition, discretize
 from mavdem.dem.graybox.identifiability import RESOLVED_LAG
 from mavdem.facts.model import Refinement
@@ -136,7 +136,7 @@ class Parameters(NamedTuple):
         return len(self.directions)
 
     @property
-    def prior(self) -> tuple[Array, Array]:
+    def prior(self) -> Pair:
         """Mean and standard deviation (k,)."""
         wind = [each for time in TIMES[: len(self.wind)] for each in (SIZE, time)]
         deviations = [(0.0, self.deviation)] * self.motors
@@ -207,7 +207,7 @@ class Parameters(NamedTuple):
                 torque[end] = (part + held).T
         return driven
 
-    def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
+    def innovations(self, thetas: Array, windows: FlightWindows) -> Pair:
         """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
 
         They are without what a constant acceleration in each window explains.
@@ -268,7 +268,7 @@ def jumping(inputs: Array, sooner: float) -> Array:
     )
 
 
-def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
+def delayed(inputs: Array, steps: float) -> Pair:
     """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated."""
     whole = int(min(max(0.0, steps), len(inputs)))
     share = min(max(0.0, steps) - whole, 1.0)

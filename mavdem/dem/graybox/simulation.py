@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.model import recursion
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox.likelihood import Plant, plant
@@ -83,7 +83,7 @@ def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     return variance
 
 
-def _with_angle(axis: Plant, dt: float) -> tuple[Array, Array]:
+def _with_angle(axis: Plant, dt: float) -> Pair:
     """The plant's step with the angle before its states, and what a push on these, (n,), does to all of them."""
     n = len(axis.wind)
     half = np.eye(1, n) * dt / 2  # of the rate before and after each step

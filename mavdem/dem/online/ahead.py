@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array, Pair, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice, choose
 from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
 from mavdem.dem.online.memory import Memory, MemoryBlock
@@ -91,7 +91,7 @@ class OnlineJoint:
         """A gap follows: no sample after it is compared with predictions before it."""
         self._ring[:] = np.nan
 
-    def predict(self, memory: Memory) -> tuple[Array, Array]:
+    def predict(self, memory: Memory) -> Pair:
         """Returns (m,) the latest sample, from those before it and its own inputs, or NaN; and (H, m) the next ones."""
         inputs, outputs = memory.latest(LAGS[-1] + 1)
         latest = outputs[-1]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.record import Record
 
 
@@ -62,7 +62,7 @@ class Memory:
         self.dt = dt
         self.block = block
         # since the last gap, the latest first
-        self._recent: deque[tuple[Array, Array]] = deque(maxlen=most * block)
+        self._recent: deque[Pair] = deque(maxlen=most * block)
         self._open = 0  # of these, which no block holds yet
         self._begins = True
         self._time = np.nan
@@ -90,7 +90,7 @@ class Memory:
         """Returns the samples of all blocks, of which there is one at least."""
         return record_of(self.blocks, self.dt, self.effect_directions)
 
-    def latest(self, number: int) -> tuple[Array, Array]:
+    def latest(self, number: int) -> Pair:
         """Returns inputs and outputs of so many of the latest samples since the last gap, or of fewer."""
         samples = [*islice(self._recent, number)][::-1]
         inputs, outputs = zip(*samples, strict=True) if samples else ((), ())

@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.confidence import ENDS, ENOUGH_SAMPLES, LEVEL
 from mavdem.dem.engine.free_energy import SampleEnergy
 from mavdem.dem.engine.generative import taylor_weights
-from mavdem.dem.engine.linalg import ROUNDING, Array
+from mavdem.dem.engine.linalg import ROUNDING, Array, Pair
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.fitting import Fit
 from mavdem.dem.graybox.parameters import Physical
@@ -111,7 +111,7 @@ class Tracker(NamedTuple):
     until: float  # time of the last sample it was learned from, s
     energy: SampleEnergy
     past: Array  # F(t) less its priors, of the latest training data
-    weights: tuple[Array, Array]  # that make derivatives of the outputs and inputs of a window
+    weights: Pair  # that make derivatives of the outputs and inputs of a window
 
     @classmethod
     def of(cls, learned: Learned, fit: Fit, until: float) -> Tracker:

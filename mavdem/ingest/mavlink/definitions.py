@@ -157,15 +157,11 @@ def frame_of(
     definition: MessageDefinition,
     sender: FrameSender,
     number: int,
-    version: int = 2,
 ) -> bytes:
-    """Returns the frame of a payload with a sequence ``number``; that of ``version`` 2 without trailing zeros."""
-    if version == 1:
-        header = bytes((MARKER_1, len(payload), number, *sender, definition.message_id))
-    else:
-        payload = payload.rstrip(b"\0") or b"\0"
-        header = bytes((MARKER_2, len(payload), 0, 0, number, *sender))
-        header += definition.message_id.to_bytes(3, "little")
+    """Returns the frame, of MAVLink 2, of a payload with a sequence ``number``; without trailing zeros."""
+    payload = payload.rstrip(b"\0") or b"\0"
+    header = bytes((MARKER_2, len(payload), 0, 0, number, *sender))
+    header += definition.message_id.to_bytes(3, "little")
     checksum = framing.frame_checksum(header[1:] + payload, definition.seed)
     return header + payload + checksum.to_bytes(framing.CHECKSUM, "little")
 
@@ -175,23 +171,13 @@ def composed_frames(
     definition: MessageDefinition,
     sender: FrameSender,
     sequence: Bytes,
-    version: int = 2,
 ) -> tuple[Bytes, Frames]:
     """Returns frames of one message: their bytes, one after the other, and the table of them.
 
-    ``payloads`` (N,) are of ``definition.wire``. ``version`` 1 of MAVLink has ids below 256, no extension fields and no
-    trailing zeros dropped.
+    ``payloads`` (N,) are of ``definition.wire``.
     """
-    size = payloads.dtype.itemsize
-    if version == 1:
-        # as slow to import as the other: only where it is needed
-        from pymavlink.dialects.v10 import all as dialect_1
-
-        size = dialect_1.mavlink_map[definition.message_id].unpacker.size  # without extensions
     sent = zip(payloads, sequence.tolist(), strict=True)
-    contents = [
-        frame_of(row.tobytes()[:size], definition, sender, number, version) for row, number in sent
-    ]
+    contents = [frame_of(row.tobytes(), definition, sender, number) for row, number in sent]
     data = np.frombuffer(b"".join(contents), dtype=np.uint8)
     end = np.cumsum([len(frame) for frame in contents], dtype=np.int64)
     start = np.concatenate([[0], end])[:-1].astype(np.int64)

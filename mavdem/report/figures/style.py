@@ -74,11 +74,11 @@ class Picture(NamedTuple):
 
 
 @contextmanager
-def picture(height: float = 3.2, width: float = WIDTH) -> Iterator[BareFigure]:
+def picture(height: float = 3.2) -> Iterator[BareFigure]:
     """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block."""
     with matplotlib.rc_context(STYLE):
         layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
-        yield BareFigure(figsize=(width, height), layout=layout, facecolor="none")
+        yield BareFigure(figsize=(WIDTH, height), layout=layout, facecolor="none")
 
 
 def svg(figure: Figure, name: str) -> Markup:
@@ -91,9 +91,9 @@ def svg(figure: Figure, name: str) -> Markup:
     return Markup(text[text.index("<svg") :])
 
 
-def legend_above(axes: Axes, columns: int = 5) -> None:
+def legend_above(axes: Axes) -> None:
     """Draws a legend above the axes, on the right: never over data."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=5)
 
 
 def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
