@@ -39,6 +39,7 @@ def with_one_set_of_gains(
 ) -> tuple[tuple[Flight, ...], Fact | None]:
     """Returns the parts of ``flights`` with the set of gains that was flown longest, with these; a fact if not all.
 
+    The fact has the durations of the other sets, the longest first, and which gains were others in each.
     Parts in ArduPilot's AutoTune are left out: no parameter has its gains. Raises ``NotLearnable``: no part is left.
     """
     sets = gains_of_log(signals)
@@ -60,10 +61,17 @@ def with_one_set_of_gains(
     kept = tuple(_with_parameters(part, dict(gains)) for part in longest)
     if sum(map(len, kept)) == sum(map(len, flights)):
         return kept, None
+    del parts[gains]
+    others = [
+        (sum(part.duration for part in flown), sorted(set(other) - set(gains)))
+        for other, flown in parts.items()
+    ]
     caution = Fact(
         Loops.GAINS_OF_PART,
         Level.WATCH,
-        names=sorted({name for other in parts for name, _ in set(other) - set(gains)}),
+        names=sorted({name for _, values in others for name, _ in values}),
+        parts=sorted(others, reverse=True),
+        ratings=(),
         duration=sum(part.duration for part in kept),
         settled=sum(flight.duration for flight in flights),
     )

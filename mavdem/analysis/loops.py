@@ -13,7 +13,7 @@ from mavdem.analysis.analysis import flown_after
 from mavdem.analysis.figures import AxisFigures, physical_of
 from mavdem.analysis.gains import autotuned, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import Loop, margin_rating
 from mavdem.dem import Physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -58,5 +58,9 @@ def loops_of_log(
         raise NotLearnable(plant.refusal)
     assert isinstance(plant, Physical)
     loop = loop_of(plant, Record.of(flights))
+    if caution is not None:
+        other_gains = (dict(values) for _, values in caution.figures["parts"])
+        ratings = [margin_rating(loop.changed(gains)) for gains in other_gains]
+        caution = caution.but(ratings=ratings)
     own = filter(None, (caution, autotuned(signals, loop)))
     return replace(loop, cautions=(*own, *loop.cautions))

@@ -39,6 +39,8 @@ def test_the_longest_part_with_one_set_of_gains_has_these():
     assert (part.time[0], part.time[-1]) == approx((32.0, 51.0), abs=1)
     assert part.provenance["parameters"][P] == 0.125
     assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, (P,))
+    durations, values = zip(*caution.figures["parts"], strict=True)
+    assert durations == approx((18.0, 2.0), abs=1) and values == (((P, 0.5),), ((P, 0.25),))
     assert caution.figures["duration"] == approx(part.duration)
     (part,), _ = flown([(P, 1.0, 0.5), (P, 35.0, 0.25)])
     assert part.time[-1] == approx(35.0, abs=0.01)
