@@ -446,7 +446,8 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
 def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     loop = made_up()
     loop = replace(loop, draws=loop.draws * [1, 0, 0] + [0, 0.02, delay])
-    loop = loop.changed({"IMU_GYRO_CUTOFF": 40.0})
+    filters = {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0}
+    loop = loop.changed(filters)
     twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, mass=None)
     assert twin.lag + twin.delay == approx(0.02 + delay - 0.5 / 250)
     if delay:

@@ -90,7 +90,8 @@ def twin_of(
     weight = mass or MASS
     arm, is_measured = _arm(controller.parameters, weight)
     own, cycle = _parameters(controller.parameters, autopilot)
-    lag, late = (roll.draws[0, 1:] - [0.0, cycle / 2]).tolist()  # the hold is flown
+    motors = [loop.draws[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
+    lag, late = (np.mean(motors, axis=0) - [0.0, cycle / 2]).tolist()  # the hold is flown
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     damping |= {axis: loop.plant.damping for axis, loop in loops.items()}
     body = Twin(
