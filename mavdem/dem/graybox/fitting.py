@@ -79,9 +79,11 @@ class LogJoint(NamedTuple):
         curvature = np.diag(sd**-2.0)
         for errors, _ in self.innovations(np.vstack([at, at + np.diag(steps)])):
             value += _log_likelihood(errors[0])
-            scaled = errors / np.sqrt(np.mean(errors[0] ** 2, axis=1))[:, None]
-            slopes = ((scaled[1:] - scaled[0]) / steps[:, None, None]).reshape(len(at), -1)
-            slope -= slopes @ scaled[0].ravel()
+            errors /= np.sqrt(np.mean(errors[0] ** 2, axis=1))[:, None]
+            errors[1:] -= errors[0]
+            slopes = errors[1:].reshape(len(at), -1)
+            slopes /= steps[:, None]
+            slope -= slopes @ errors[0].ravel()
             curvature += slopes @ slopes.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise LinAlgError("there is no steady filter")

@@ -12,7 +12,7 @@ known.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import factorial
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm, solve_continuous_lyapunov
 
+from mavdem.dem.closed_loop.spectra import Complex
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_gain
 from mavdem.dem.engine.linalg import Array, Indices, Pair
 from mavdem.dem.engine.model import Transition, discretize
@@ -184,51 +185,75 @@ class Parameters(NamedTuple):
         gain, covariance = steady_gain(of.step.state, seen, of.process, noise[:, None, None])
         return of, gain, covariance[:, 0, 0] + noise
 
-    def commanded(self, theta: Array, windows: FlightWindows) -> Array:
-        """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
-        inputs = windows.inputs
-        for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
+    def _refined(self, values: Array, inputs: Array) -> Array:
+        """(W, N, r) inputs with refinements of these ``values``."""
+        for name, value in zip(self.refinements, values, strict=True):
             jumps = name is Refinement.JUMPS
             inputs = jumping(inputs, value) if jumps else inputs + value * inputs**2 / 2
-        return inputs @ self.effect(theta)
+        return inputs
 
-    def _driven(self, thetas: Array, windows: FlightWindows) -> Array:
-        """(b, 3, W, N − 1) what drives the filter: torque at both ends of each step, and the rate."""
-        W, N = windows.rate.shape
-        driven = np.empty((len(thetas), 3, W, N - 1))
-        driven[:, 2] = windows.rate[:, :-1]
-        for theta, torque in zip(thetas, driven, strict=True):
+    def commanded(self, theta: Array, windows: FlightWindows) -> Array:
+        """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
+        return self._refined(theta[self.noise_index + 1 :], windows.inputs) @ self.effect(theta)
+
+    def _driven(self, thetas: Array, windows: FlightWindows) -> Iterator[Array]:
+        """(2, W, N − 1) torque that drives the filter, at both ends of each step, for each of parameters (b, k)."""
+        refined = dict[bytes, Array]()
+        for theta in thetas:
+            values = theta[self.noise_index + 1 :]
+            same = values.tobytes()
+            if same not in refined:
+                refined[same] = self._refined(values, windows.inputs)
             steps = float(theta[self.motors + 3]) / windows.dt
+            effect = self.effect(theta)
             # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
-            answer = windows.answers @ self.effect(theta)
+            answer = windows.answers @ effect
             held, _ = delayed(min(1.0, ANSWERED_SECONDS / windows.dt) * answer.T, steps)
-            commanded = self.commanded(theta, windows)
-            for end, part in enumerate(delayed((commanded - answer).T, steps)):
-                torque[end] = (part + held).T
-        return driven
+            ends = delayed((refined[same] @ effect - answer).T, steps)
+            yield np.array([(part + held).T for part in ends])
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> Pair:
         """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
 
-        They are without what a constant acceleration in each window explains.
+        They are without what a constant acceleration in each window explains. What parameters share, their filter or
+        their torque, is made once.
         """
-        of, gain, variance = self.filters(thetas, windows.dt)
-        now = of.step.input_now
-        later = of.step.input_next
+        of_filter = np.isin(np.arange(thetas.shape[1]), self.logarithms[1:])
+        filters, torques = (
+            np.unique(thetas[:, of], axis=0, return_index=True, return_inverse=True)[1:]
+            for of in (of_filter, ~of_filter)
+        )
+        of, gain, variance = self.filters(thetas[filters[0]], windows.dt)
         step = of.step.state.copy()
         step[:, :, :1] -= gain
-        driven = self._driven(thetas, windows)
+        number = windows.rate.shape[1] - 1
         # A state at the beginning acts like an input that nothing follows: the first rate, and a steady torque.
-        gains = np.concatenate([now, later, gain, step[:, :, :2]], axis=2)
-        effects = np.swapaxes(responses(step, driven.shape[-1]) @ gains, 1, 2)
-        predicted = convolved(driven, effects[:, :3]) + windows.rate[:, :1] * effects[:, 3:4]
+        gains = np.concatenate(
+            [of.step.input_now, of.step.input_next, gain, step[:, :, :2]], axis=2
+        )
+        effects = np.swapaxes(gains, 1, 2) @ np.swapaxes(responses(step, number), 1, 2)
         # A constant acceleration of 1 rad/s² acts like a steady torque.
         steady = np.cumsum(effects[:, 0] + effects[:, 1], axis=1) + effects[:, 4]
         settled = round(SETTLING_SECONDS / windows.dt)
-        errors = windows.rate[:, settled + 1 :] - predicted[:, :, settled:]
-        response = steady[:, None, settled:]
-        share = (errors * response).sum(axis=2) / np.square(response).sum(axis=2)
-        return errors - share[:, :, None] * response, variance
+        # What rounding hides is left out, so that transforms are short.
+        sizes = np.abs(effects[:, :4]).max(axis=(0, 1))
+        hidden = sizes <= np.finfo(np.float64).eps * sizes.max()
+        lasting = number - int(hidden[::-1].argmin())
+        length = next_fast_len(number + lasting, real=True)
+        transforms = rfft(effects[:, :4, :lasting], length)
+        rate = rfft(windows.rate[:, :-1], length)
+        errors = np.empty((len(thetas), len(rate), number - settled))
+        # One after the other: all at once are too large for the processor's cache.
+        for torque, driven in enumerate(self._driven(thetas[torques[0]], windows)):
+            inputs = [*rfft(driven, length), rate, windows.rate[:, :1]]
+            for place in np.flatnonzero(torques[1].ravel() == torque):
+                filtered = filters[1].flat[place]
+                predicted = convolved(inputs, transforms[filtered], length)[:, settled:number]
+                left = windows.rate[:, settled + 1 :] - predicted
+                response = steady[filtered, settled:]
+                share = left @ response / (response @ response)
+                np.subtract(left, share[:, None] * response, out=errors[place])
+        return errors, variance[filters[1].ravel()]
 
 
 def responses(step: Array, number: int) -> Array:
@@ -243,16 +268,10 @@ def responses(step: Array, number: int) -> Array:
     return rows[:, :number]
 
 
-def convolved(inputs: Array, effects: Array) -> Array:
-    """(b, W, N) sum of c inputs (b, c, W, N), each convolved with its effects (b, c, N)."""
-    number = inputs.shape[-1]
-    length = next_fast_len(2 * number, real=True)
-    # One model after the other: all at once are too large for the processor's cache.
-    both = (
-        (rfft(each, length) * rfft(effect, length)[:, None]).sum(axis=0)
-        for each, effect in zip(inputs, effects, strict=True)
-    )
-    return np.array([irfft(each, length)[:, :number] for each in both])
+def convolved(inputs: Sequence[Complex], effects: Complex, length: int) -> Array:
+    """(W, length) sum of c inputs (c, W, F), each convolved with its effects (c, F), of their transforms."""
+    both = sum(each * effect for each, effect in zip(inputs, effects, strict=True))
+    return np.asarray(irfft(both, length))
 
 
 def jumping(inputs: Array, sooner: float) -> Array:
