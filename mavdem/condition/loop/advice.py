@@ -182,7 +182,7 @@ def _best(loop: Loop, target: Target) -> Parameters:
         noise = _demand(now.controller, frequency, density) / loudest
         faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
         crossed = [1 - margins(now) / aim, noise - 1, *(1 - np.nan_to_num(faster, nan=1.0))]
-        return float(np.log(now.lean_in_wind) + np.maximum(crossed, 0.0) @ PRICES)
+        return float(np.log(now.lean_in(few.wind)) + np.maximum(crossed, 0.0) @ PRICES)
 
     # there are several minima: less I, or more of it with less P
     begun = map(np.array, product((-1.0, -0.4, 0.6), repeat=len(known)))

@@ -120,12 +120,20 @@ class Loop(Margins, LoopDownstream):
         """Returns the share of the draws in which both loops have the margins of ``target``."""
         return float(np.mean(scores_of(target, self.rate, self.attitude) >= 1))
 
+    @cached_property
+    def wind(self) -> Array:
+        """(F,) the spectral density of the flight's wind torque at the loop's frequencies, (rad/s²)²/Hz."""
+        return wind_density(self.plant, self.rate.frequency)
+
     @property
     def lean_in_wind(self) -> float:
         """Standard deviation of the angle, degrees, in the wind of the flight about its mean, by this loop."""
-        frequency = self.attitude.frequency
-        power = np.abs(self.attitude.disturbance[0]) ** 2 * wind_density(self.plant, frequency)
-        return float(np.degrees(np.sqrt(np.trapezoid(power, frequency))))
+        return self.lean_in(self.wind)
+
+    def lean_in(self, wind: Array) -> float:
+        """Returns the same in another ``wind``, whose torque has this density (F,)."""
+        power = np.abs(self.attitude.disturbance[0]) ** 2 * wind
+        return float(np.degrees(np.sqrt(np.trapezoid(power, self.rate.frequency))))
 
 
 def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:

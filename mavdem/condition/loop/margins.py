@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response, notched
 from mavdem.confidence import ENDS, Interval
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.ingest.telemetry import Flags
 
 Complex = NDArray[np.complex128]
@@ -93,49 +93,69 @@ class OpenLoop(Margins):
 
         1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
         """
-        turned = np.unwrap(np.angle(1 + self.response), axis=1)
+        turned = _wrapped(np.diff(np.angle(1 + self.response), axis=1)).sum(axis=1)
         quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
-        poles = np.round(quarters).clip(0, 2)
-        besides = turned[:, -1] - turned[:, 0] - poles * np.pi / 2
+        besides = turned - np.round(quarters).clip(0, 2) * np.pi / 2
         return np.abs(besides) < np.pi
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:
         """(N,) of each figure by its name: of the estimated plant, and then of draws."""
         at = np.log(self.frequency)
-        gain = np.log(np.abs(self.response))
-        phase = np.unwrap(np.angle(-self.response), axis=1)
-        hertz, margin = _where_zero(gain, at, phase)
-        hertz = np.exp(hertz)
-        margin = (margin + np.pi) % (2 * np.pi) - np.pi
-        real, bears = _where_zero(self.response.imag, self.response.real, -gain)
-        bears = np.where(real < 0, bears, np.nan)
-        half_power = np.abs(self.closed) - 2**-0.5
-        (falls,) = _where_zero(half_power, at)  # half of the power
-        delays = margin / (2 * np.pi * hertz)
-        late = np.fmin.reduce(delays, axis=1)
-        nearest = np.fmin.reduce(np.abs(bears), axis=1)
-        is_below = np.any(bears == -nearest[:, None], axis=1)
-        nearest = np.where(is_below, -nearest, nearest)
-        smallest = np.fmin.reduce(margin, axis=1)
+        response = self.response
+        gain = np.log(np.abs(response))
+        crossing = _Zeros.of(gain)
+        hertz = np.exp(crossing.among(at))
+        before = np.angle(-response[crossing.rows, crossing.columns])
+        after = np.angle(-response[crossing.rows, crossing.columns + 1])
+        margin = _wrapped(before + crossing.share * _wrapped(after - before))
+        real = _Zeros.of(response.imag)
+        bears = np.where(real.among(response.real) < 0, -real.among(gain), np.nan)
+        nearest = real.least(np.abs(bears))
+        nearest[real.rows[bears == -nearest[real.rows]]] *= -1
+        falls = _Zeros.of(np.abs(self.closed) - 2**-0.5)  # half of the power
         return {
-            "crossover": np.fmax.reduce(hertz, axis=1),
-            "phase_margin": np.degrees(_or_infinite(smallest)),
+            "crossover": -crossing.least(-hertz),
+            "phase_margin": np.degrees(_or_infinite(crossing.least(margin))),
             "gain_margin": 20 / np.log(10) * _or_infinite(nearest),
-            "delay_margin": _or_infinite(late),
-            "ms": np.abs(1 / (1 + self.response)).max(axis=1),
-            "bandwidth": np.exp(np.fmin.reduce(falls, axis=1)),
+            "delay_margin": _or_infinite(crossing.least(margin / (2 * np.pi * hertz))),
+            "ms": 1 / np.abs(1 + response).min(axis=1),
+            "bandwidth": np.exp(falls.least(falls.among(at))),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
 
 
-def _where_zero(values: Array, *others: Array) -> list[Array]:
-    """(N, F - 1) of each of ``others`` where ``values`` (N, F) change sign between two frequencies; else NaN."""
-    before, after = values[:, :-1], values[:, 1:]
-    changes = np.signbit(before) != np.signbit(after)
-    change = np.where(changes, before - after, 1.0)
-    share = np.where(changes, before / change, np.nan)
-    return [one[..., :-1] + share * np.diff(one) for one in others]
+class _Zeros(NamedTuple):
+    """Where values (N, F) change sign between two frequencies."""
+
+    loops: int  # N
+    rows: Indices  # (K,)
+    columns: Indices  # (K,) of the frequency before
+    share: Array  # (K,) of the step to the next one
+
+    @classmethod
+    def of(cls, values: Array) -> _Zeros:
+        negative = np.signbit(values)
+        rows, columns = np.nonzero(negative[:, :-1] != negative[:, 1:])
+        before = values[rows, columns]
+        return cls(len(values), rows, columns, before / (before - values[rows, columns + 1]))
+
+    def among(self, others: Array) -> Array:
+        """(K,) of others (N, F) or (F,), there."""
+        others = np.broadcast_to(others, (self.loops, others.shape[-1]))
+        before = others[self.rows, self.columns]
+        return before + self.share * (others[self.rows, self.columns + 1] - before)
+
+    def least(self, found: Array) -> Array:
+        """(N,) the least of what was ``found`` (K,); NaN of nothing."""
+        least = np.full(self.loops, np.nan)
+        np.fmin.at(least, self.rows, found)
+        return least
+
+
+def _wrapped(angles: Array) -> Array:
+    """The same angles within half a turn."""
+    return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
 def _or_infinite(values: Array) -> Array:
