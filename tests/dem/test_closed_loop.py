@@ -108,7 +108,7 @@ def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flo
 def test_the_densities_are_those_of_the_flight():
     """Whitened by the model, the spectra of rate and output are one."""
     found = identified(axis(FLOWN, 4))
-    model = found.axis.densities(found.theta[None])[0]
+    model = found.axis.densities(found.theta)
     for quantity in (0, 1):
         ratio = found.axis.spectra.mean[:, quantity, quantity] / model[:, quantity, quantity]
         assert np.mean(ratio.real) == approx(1.0, abs=0.1)

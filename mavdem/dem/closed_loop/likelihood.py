@@ -128,9 +128,9 @@ class Axis:
         self.between = max(1 / spectra.rate - known.cycle, 0.0)
         self.step = self.inside / (1 - np.exp(-2j * np.pi * self.frequency * known.cycle))
 
-    def densities(self, thetas: Array, is_asked: bool = True) -> Complex:
-        """Returns (N, J, C, C) of parameters (N, k); of a vehicle of which something ``is_asked``, or nothing."""
-        values = dict(zip(NAMES, np.exp(thetas).T[..., None, None], strict=True))
+    def densities(self, theta: Array, is_asked: bool = True) -> Complex:
+        """Returns (J, C, C) of parameters (k,); of a vehicle of which something ``is_asked``, or nothing."""
+        values = dict(zip(NAMES, np.exp(theta), strict=True))
         s = 2j * np.pi * self.frequency
         turned = 1 / (s + values["damping"])
         effect = values["effect"] / (values["lag"] * s + 1)
@@ -154,16 +154,14 @@ class Axis:
         setpoint[4] -= self.known.angle
         output = forward * setpoint - back * gyro
         output[5] += 1.0
-        seen = np.where(self.inside, np.array([gyro, output, setpoint]), 0.0)
+        seen = gyro, output, setpoint
         turn = np.abs(s)
         wind = _drift(turn, values["drift_size"], values["drift_time"])
         wind += _gusts(turn, values["gust_size"], values["gust_time"])
         wind += MODEL_SHARE**2 * np.abs(effect) ** 2 * self.output
         steps, late = (values[name] / (1 + values[name]) for name in ("steps", "step_time"))
         noise = self.asked_noise * values["angle_noise"] ** 2
-        size = (
-            is_asked * _without(self.asked_seen, noise[..., 0] / self.spectra.rate) * steps[..., 0]
-        )
+        size = is_asked * _without(self.asked_seen, noise / self.spectra.rate) * steps
         white = np.full_like(turn, self.known.cycle)
         sources = np.array(
             [
@@ -173,19 +171,24 @@ class Axis:
                 values["actuation"] ** 2 * self.output,
             ]
         )
-        pairs = np.einsum("isnjk,tsnjk->itnjk", seen * sources, seen.conj())
-        whole = np.einsum("itnjk,kit->njit", pairs, self.turned)
+        sources *= self.inside
         step = self.step * np.exp(self.turns * late * self.between)
         step /= step.sum(axis=-1, keepdims=True)
-        of_steps = np.einsum("injk,njk,ki->nji", seen[:, 0], step, self.stamps)
-        whole += size[..., None, None] * of_steps[..., None] * of_steps[..., None, :].conj()
+        of_steps = [(one[0] * step) @ at for one, at in zip(seen, self.stamps.T, strict=True)]
+        whole = np.empty((len(size), len(seen), len(seen)), complex)
+        for i, one in enumerate(seen):
+            weighted = one * sources
+            for t, other in enumerate(seen[: i + 1]):
+                pair = np.einsum("sjk,sjk->jk", weighted, other.conj()) @ self.turned[:, i, t]
+                whole[:, i, t] = pair + size * of_steps[i] * of_steps[t].conj()
+                whole[:, t, i] = whole[:, i, t].conj()
         diagonal = np.arange(len(seen))
         whole[..., diagonal, diagonal] += self.read.T
         return np.asarray(whole)
 
     def value(self, theta: Array) -> float:
         """Returns the log likelihood, up to a constant; minus infinity where there is none."""
-        model = self.densities(theta[None])[0]
+        model = self.densities(theta)
         sign, size = np.linalg.slogdet(model)
         if not (np.isfinite(size).all() and (sign.real > 0).all()):
             return -np.inf
@@ -194,7 +197,7 @@ class Axis:
 
     def scores(self, theta: Array, steps: Array) -> tuple[Array, Array]:
         """Returns the slope (k,) of the log likelihood, and Fisher's information (k, k)."""
-        here, *there = self.densities(np.vstack([theta, theta + np.diag(steps)]))
+        here, *there = map(self.densities, [theta, *(theta + np.diag(steps))])
         inverse = np.linalg.inv(here)
         slopes = inverse @ ((there - here) / steps[:, None, None, None])
         unlike = inverse @ self.seen - np.eye(inverse.shape[-1])
@@ -207,8 +210,7 @@ class Axis:
     def steered_share(self, theta: Array) -> float:
         """Returns the share of the rate's variance that follows what was asked, by parameters θ."""
         whole, unasked = (
-            self.densities(theta[None], is_asked)[0, :, RATE, RATE].real
-            for is_asked in (True, False)
+            self.densities(theta, is_asked)[:, RATE, RATE].real for is_asked in (True, False)
         )
         width = np.gradient(self.spectra.frequency)
         return 1 - float(width @ unasked) / float(width @ whole)
