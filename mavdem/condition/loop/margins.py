@@ -93,9 +93,9 @@ class OpenLoop(Margins):
 
         1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
         """
-        turned = _wrapped(np.diff(np.angle(1 + self.response), axis=1)).sum(axis=1)
+        steps = _wrapped(np.diff(np.angle(1 + self.response), axis=1))
         quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
-        besides = turned - np.round(quarters).clip(0, 2) * np.pi / 2
+        besides: Array = steps.sum(axis=1) - np.round(quarters).clip(0, 2) * np.pi / 2
         return np.abs(besides) < np.pi
 
     @cached_property
