@@ -302,7 +302,8 @@ def _balance(
     shares = motors.scale.fraction(motors.outputs[within(motors, *settled, slack=0)])
     level = shares.mean(axis=1, keepdims=True)
     # A ratio of means: its error is the mean of these.
-    balance = (shares - level * (shares.mean(axis=0) / level.mean())) / level.mean()
+    mean_level = level.mean()
+    balance = (shares - level * (shares.mean(axis=0) / mean_level)) / mean_level
     weights = {axis: effect for axis in AXES if (effect := motors.layout.effect(axis)) is not None}
     return (
         tuple(or_none(half) for half in mean_interval(balance, seconds)),
@@ -321,7 +322,8 @@ def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, 
     }
     # Both come with the same messages, so they differ in length only where a row of one was left out.
     roll, pitch = (angle[: min(map(len, angles))] for angle in angles)
-    return lean, np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
+    level = np.cos(roll) * np.cos(pitch)
+    return lean, np.arccos(np.clip(level, -1, 1))
 
 
 def _steady(values: Array, seconds: float) -> Steady:

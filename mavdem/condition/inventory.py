@@ -325,11 +325,13 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         boot = columns["boot"]
         steps = np.diff(time)[np.diff(boot) == 0]
         # The mean of the middle half: a loop of 4 ms makes steps of 8 and 12 ms of 10.
-        middle = np.sort(steps)[len(steps) // 4 : len(steps) - len(steps) // 4]
+        quarter = len(steps) // 4
+        middle = np.sort(steps)[quarter : len(steps) - quarter]
         usual = float(middle.mean()) if len(time) >= 50 and len(steps) else 0.0
         if usual > 0:
             # A quarter of a step is jitter.
-            missing = float(np.maximum(np.rint(steps / usual - 0.25) - 1, 0).sum())
+            gaps = np.rint(steps / usual - 0.25) - 1
+            missing = float(np.maximum(gaps, 0).sum())
             shares.append(missing / (missing + len(time)))
     if shares:
         return float(np.median(shares))

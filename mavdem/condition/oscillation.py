@@ -118,25 +118,32 @@ def _limit_cycles(
     for piece in pieces:
         powers = np.square(np.abs(spectra_of(piece[:-1], size)))
         power = np.array([powers[0], powers[1:].sum(axis=0)])
-        peak = bins[np.argmax(np.where(bins >= PERIODS * bins[1], power[0], 0.0), axis=1)]
+        seen = np.where(bins >= PERIODS * bins[1], power[0], 0.0)
+        peak = bins[np.argmax(seen, axis=1)]
         width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
         line = np.abs(bins - peak[:, None]) <= width[:, None]
-        shown = (power * line).sum(axis=-1) / np.maximum(power.sum(axis=-1), TINY)
+        whole_power = np.maximum(power.sum(axis=-1), TINY)
+        shown = (power * line).sum(axis=-1) / whole_power
         share = shown.min(axis=0)
         rate = np.degrees(windows_of(piece[0], size).std(axis=1))
         at_limit = windows_of(piece[-1], size).mean(axis=1)
         sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
         lines = (share >= sure) & (rate >= SLIGHT_RATE)
-        same = lines[1:] & lines[:-1] & (np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:])
-        for run in np.split(np.arange(len(lines)), np.flatnonzero(~same) + 1):
+        steady = np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:]
+        same = lines[1:] & lines[:-1] & steady
+        ends = np.flatnonzero(~same) + 1
+        for run in np.split(np.arange(len(lines)), ends):
             lasted = (len(run) + 1) / 2 * seconds
             frequency = float(np.median(peak[run]))
             drift = np.abs(peak[run] - frequency).max()
             is_sure = len(run) > 2 or share[run].min() >= SURE_SHARE
-            if not (lines[run[0]] and lasted >= least and is_sure) or drift > MAX_DRIFT * frequency:
+            drifts = drift > MAX_DRIFT * frequency
+            if not (lines[run[0]] and lasted >= least and is_sure) or drifts:
                 continue
             third = -(-len(run) // 3)
-            growth = rate[run[-third:]].mean() / rate[run[:third]].mean()
+            last = rate[run[-third:]].mean()
+            first = rate[run[:third]].mean()
+            growth = last / first
             growing = bool(len(run) > 2 and growth >= GROWTH)
             strength = float(np.sqrt(np.mean(rate[run] ** 2)))
             limit = float(at_limit[run].mean())

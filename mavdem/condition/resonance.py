@@ -128,20 +128,23 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     coherence = found.coherence
     back_by_angle = gain / (2j * np.pi * hertz)
     own = np.abs(1 + back_by_angle * response) ** 2
-    by_wind = found.power[1, 1].real / found.driver - np.abs(response) ** 2
+    whole = found.power[1, 1].real / found.driver
+    by_wind = whole - np.abs(response) ** 2
     own += np.abs(back_by_angle) ** 2 * by_wind
     known = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
     known &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
     rows = np.flatnonzero(known)
     # the run of frequencies that reaches over most octaves
-    runs = filter(len, np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1))
+    ends = np.flatnonzero(np.diff(rows) > 1) + 1
+    runs = filter(len, np.split(rows, ends))
     rows = max(runs, key=lambda run: hertz[run[-1]] / hertz[run[0]], default=rows)
     size = np.abs(response[rows])
     # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
     if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL:
         return None
     at = rows[np.argmax(size)]
-    error = np.sqrt((1 - coherence[rows]) / (2 * coherence[rows] * found.windows))
+    seen = coherence[rows]
+    error = np.sqrt((1 - seen) / (2 * seen * found.windows))
     complementary = np.abs(without_filters[rows])
     sensitivity = np.abs(1 - without_filters[rows])
     half = quantile() * error * complementary
@@ -172,7 +175,8 @@ def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     if found is None or not found.usual.all():
         return None
     top = min(HIGHEST * found.frequency[-1], FASTEST_LOOP)
-    rows = np.flatnonzero((found.frequency >= SLOWEST_PEAK) & (found.frequency <= top / SIDES))
+    inside = (found.frequency >= SLOWEST_PEAK) & (found.frequency <= top / SIDES)
+    rows = np.flatnonzero(inside)
     if not len(rows):
         return None
     hertz = found.frequency[rows]

@@ -250,7 +250,8 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
     taps = round(seconds * sampled)
     size = 3 * taps
     lags = np.arange(1, taps + 1) / taps
-    weights = np.exp(-5 * lags) / np.exp(-5 * lags).sum()
+    decay = np.exp(-5 * lags)
+    weights = decay / decay.sum()
     asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
     with one_thread():
         for _ in range(PASSES):
@@ -379,7 +380,8 @@ def _matern(after: Array, length: float, decay: float) -> Array:
     """(K, K) Matérn's covariance of 5/2, decaying, at shares of the step's duration (K,)."""
     between = np.abs(np.subtract.outer(after, after))
     apart = between * 5**0.5 / length
-    alike = (1 + apart + apart**2 / 3) * np.exp(-apart)
+    polynomial = 1 + apart + apart**2 / 3
+    alike = polynomial * np.exp(-apart)
     decayed = np.exp(-np.add.outer(after, after) / decay)
     return alike * decayed
 

@@ -216,32 +216,39 @@ def estimate_wind(
     width = max(round(GUST_SECONDS / fine.step), 1)
     mean = air.mean(axis=0)
     minutes = []
-    for rows in np.array_split(np.arange(len(air)), max(round(len(air) * fine.step / 60), 1)):
+    number = max(round(len(air) * fine.step / 60), 1)
+    for rows in np.array_split(np.arange(len(air)), number):
         own = _mean(winds[rows], variances[rows], fine.step)
         minute = {name: getattr(own, name) for name in ("speed", "low", "high", "direction")}
         start, end = fine.time[rows[[0, -1]]].tolist()
         minutes.append({**minute, "start": start, "end": end})
     layers = []
-    place = np.floor(np.interp(fine.time, stamps, high_up[usable]) / LAYER)
+    heights = np.interp(fine.time, stamps, high_up[usable])
+    place = np.floor(heights / LAYER)
     for n in np.unique(place):
         one = air[place == n]
         if len(one) * fine.step >= INDEPENDENT_SECONDS:
             north, east = one.mean(axis=0).tolist()
             layer = {"speed": float(np.hypot(north, east)), "direction": coming_from(north, east)}
             layers.append({"height": float(LAYER * (n + 0.5)), **layer})
-    moved = float(np.nanmean(np.hypot(*(fine.velocity[:, :2] - air).T)))
+    through_air = fine.velocity[:, :2] - air
+    moved = float(np.nanmean(np.hypot(*through_air.T)))
     sd = found.relative_sd(moved)
     known = sd / prior.relative_sd(moved)
     found = replace(found, source=prior.source if known > DRAG_LEFT else DragSource.FLIGHT)
     doubts = list(_doubts(whole, sd, known, steered, prior.source))
+    gusts = np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid")
+    mean_square = max(float(mean @ mean), 1e-9)
+    status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
+    status |= {name: doubted for name, doubted, _ in doubts}
     return WindVelocity(
         speed=whole.speed,
         speed_interval=(least_speed(whole.low, whole.high), whole.high),
         direction=whole.direction,
         direction_interval=whole.turned,
-        gust=float(np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid").max()),
+        gust=float(gusts.max()),
         gust_seconds=width * fine.step,
-        turbulence_intensity=float((air @ mean).std() / max(float(mean @ mean), 1e-9)),
+        turbulence_intensity=float((air @ mean).std() / mean_square),
         time=fine.time,
         velocity=air,
         band=quantile() * np.sqrt(variances.mean(axis=1) + winds.var(axis=1)),
@@ -249,8 +256,7 @@ def estimate_wind(
         minutes=tuple(minutes),
         profile=tuple(layers if len(layers) > 1 else ()),
         drag=found,
-        status=dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
-        | {name: status for name, status, _ in doubts},
+        status=status,
         reasons={name: doubt for name, _, doubt in doubts},
     )
 
@@ -261,10 +267,12 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     It is the share of the variance of means over 3 s, by what is linear in the velocity through that air along body x
     and y, fitted to every second quarter of a minute and tried on the others. None where that hardly changes.
     """
-    number, place = np.unique(np.floor(time / GUST_SECONDS), return_inverse=True)
+    thirds = np.floor(time / GUST_SECONDS)
+    number, place = np.unique(thirds, return_inverse=True)
     known = np.isfinite(wind.along).all(axis=1)
     air = (np.interp(time, wind.time[known], part, np.nan, np.nan) for part in wind.along[known].T)
-    means = np.array([np.bincount(place, one) for one in (torque, *air)]) / np.bincount(place)
+    sums = np.array([np.bincount(place, one) for one in (torque, *air)])
+    means = sums / np.bincount(place)
     kept = np.isfinite(means).all(axis=0)
     slow, *along = means[:, kept]
     if len(slow) < ENOUGH_SAMPLES or np.std(along, axis=1).max() < CHANGED:
@@ -273,8 +281,10 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     is_even = number[kept] // 5 % 2 == 0
     left = slow.copy()
     for tried in (is_even, ~is_even):
-        left[tried] -= table[tried] @ np.linalg.lstsq(table[~tried], slow[~tried])[0]
-    share = max(1 - float(left.var() / slow.var()), 0.0)
+        fitted = np.linalg.lstsq(table[~tried], slow[~tried])[0]
+        left[tried] -= table[tried] @ fitted
+    unexplained = float(left.var() / slow.var())
+    share = max(1 - unexplained, 0.0)
     return Fact(WindShare.SHARE_KNOWN, Level.GOOD, share=share, span=GUST_SECONDS)
 
 
@@ -294,10 +304,13 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
     # By the draws of drag and lean, which are common to all steps; what noise does averages out.
     count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
     noise = np.random.default_rng(2).standard_normal((50, len(means), 2))
-    samples = (means + noise * np.sqrt(variances.mean(axis=0) / count)).reshape(-1, 2)
-    low, high = np.quantile(np.hypot(*samples.T), [0.05, 0.95]).tolist()
+    spread = np.sqrt(variances.mean(axis=0) / count)
+    samples = (means + noise * spread).reshape(-1, 2)
+    speeds = np.hypot(*samples.T)
+    low, high = np.quantile(speeds, [0.05, 0.95]).tolist()
     north, east = means.mean(axis=0)
-    speed = np.median(means @ [north, east]) / max(np.hypot(north, east), 1e-9)
+    along = np.median(means @ [north, east])
+    speed = along / max(np.hypot(north, east), 1e-9)
     speed = max(float(speed), 0.0)
     apart = np.angle((samples @ [1, 1j]) / (north + 1j * east or 1.0))
     turned = np.degrees(np.quantile(np.abs(apart), 0.9))

@@ -181,7 +181,8 @@ def _best(loop: Loop, target: Target) -> Parameters:
         now = few.changed(stepped(steps))
         noise = _demand(now.controller, frequency, density) / loudest
         faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
-        crossed = [1 - margins(now) / aim, noise - 1, *(1 - np.nan_to_num(faster, nan=1.0))]
+        too_slow = 1 - np.nan_to_num(faster, nan=1.0)
+        crossed = [1 - margins(now) / aim, noise - 1, *too_slow]
         return float(np.log(now.lean_in(few.wind)) + np.maximum(crossed, 0.0) @ PRICES)
 
     # there are several minima: less I, or more of it with less P
@@ -252,7 +253,8 @@ def _limited_share(controller: Controller, record: Record) -> float:
     if len(record.input_range) != 2:
         return 0.0
     low, high = record.input_range
-    return float(controller.limited((record.inputs - low) / (high - low)).mean())
+    shares = (record.inputs - low) / (high - low)
+    return float(controller.limited(shares).mean())
 
 
 def _noise(loop: Loop, after: Controller) -> Noise | None:
@@ -276,7 +278,8 @@ def _gyro(loop: Loop) -> tuple[Array, Array | None]:
     lowest = max(times * loop.rate.crossover, least)
     if not 2 * lowest < highest:
         return np.linspace(lowest, 0.45 / loop.controller.cycle), None
-    frequency, density = welch(record.outputs[:, -1], 1 / record.dt, nperseg=min(256, len(record)))
+    rate = record.outputs[:, -1]
+    frequency, density = welch(rate, 1 / record.dt, nperseg=min(256, len(record)))
     kept = (frequency >= lowest) & (frequency <= highest)
     return frequency[kept], density[kept]
 
@@ -288,4 +291,5 @@ def _demand(
     _, response = transfer(controller, frequency)
     if without is not None:
         response = response - transfer(without, frequency)[1]
-    return float(np.sqrt(np.trapezoid(np.abs(response) ** 2 * density, frequency)))
+    power = np.abs(response) ** 2 * density
+    return float(np.sqrt(np.trapezoid(power, frequency)))

@@ -125,9 +125,11 @@ class Controller:
     def per_demand(self, shares: Sequence[float]) -> Numbers:
         """Returns (4,) how far a demand of 1 moves outputs that are at ``shares`` of their range, as such shares."""
         begin, end = self.spin
-        thrust = np.clip((np.asarray(shares) - begin) / (end - begin), 0.0, 1.0)
+        lift = (np.asarray(shares) - begin) / (end - begin)
+        thrust = np.clip(lift, 0.0, 1.0)
         # The curve is nowhere flatter than a tenth of the straight one.
-        slopes = (end - begin) / np.maximum(1 - self.expo + 2 * self.expo * thrust, 0.1)
+        steepness = 1 - self.expo + 2 * self.expo * thrust
+        slopes = (end - begin) / np.maximum(steepness, 0.1)
         return tuple((slopes * self.mixer).tolist())
 
     def limited(self, shares: Array, stop: float = 1.0) -> Flags:
@@ -321,9 +323,12 @@ def _allocation(parameters: Parameters) -> dict[str, Numbers]:
     if other or len(sizes) > 1 or np.linalg.cond(effects) > 1e6:
         raise unknown
     inverse = np.linalg.inv(effects)[:, :3]
-    tilting = np.abs(inverse[:, :2]) > 1e-3 * np.abs(inverse).max()
+    smallest = 1e-3 * np.abs(inverse).max()
+    tilting = np.abs(inverse[:, :2]) > smallest
     if not tilting.any(axis=0).all():
         raise unknown
-    most = np.sqrt((inverse[:, :2] ** 2).sum(axis=0) / (tilting.sum(axis=0) / 2)).max()
+    squares = (inverse[:, :2] ** 2).sum(axis=0)
+    pairs = tilting.sum(axis=0) / 2
+    most = np.sqrt(squares / pairs).max()
     scaled = inverse / [most, most, inverse[:, 2].max()]
     return dict(zip(("roll", "pitch", "yaw"), map(tuple, scaled.T.tolist()), strict=True))
