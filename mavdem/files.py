@@ -40,7 +40,7 @@ def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tup
     Raises:
         OSError: one cannot be written there; then none is replaced.
     """
-    unfinished = dict[Path, Path]()
+    unfinished = {}
     with ExitStack() as stack:
         for path in paths:
             target = replaceable(path)

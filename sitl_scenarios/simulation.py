@@ -97,7 +97,7 @@ class Simulation:
 
     def advance(self, cycles: int) -> Motion:
         """The next ``cycles`` rows, fewer at the end, unless it is ``finished``; raises ValueError: it tumbles."""
-        rows = list[tuple[Any, ...]]()
+        rows = []
         for _ in range(cycles):
             if self.finished:
                 break
@@ -203,7 +203,7 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     """A whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
     simulation = Simulation(scenario)
     whole = seconds(scenario)
-    pieces = list[Motion]()
+    pieces = []
     while not simulation.finished:
         second = round(1 / simulation.cycle)
         pieces.append(simulation.advance(second))

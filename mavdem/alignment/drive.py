@@ -137,7 +137,7 @@ class Motors:
 
 def motors_or_obstacle(telemetry: Telemetry) -> Motors | Fact:
     """Returns the outputs of the most preferred message that has those of all motors; else why there are none."""
-    obstacles: list[Fact] = []
+    obstacles = []
     for message in by_preference(message_counts(telemetry, tuple(MOTOR_MESSAGES))):
         motors = _motors_in(telemetry, message)
         if isinstance(motors, Motors):

@@ -107,7 +107,7 @@ def learnabilities(
         return
     # Of the segments too short the longest only, if there is no other.
     long = [part for part in segments if part.duration >= MINIMUM_DURATION] or segments[:1]
-    judged: list[Learnability] = []
+    judged = []
     for segment in long:
         judged.append(log.judge(segment))
         if judged[-1].learnable:

@@ -281,7 +281,7 @@ def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals
     """
     reported = of_boot(signals.landed_state, boot)
     collective = of_boot(signals.collective, boot)
-    carried: Intervals = []
+    carried = []
     if collective is not None:
         carried = where(
             collective.time, average(collective) > airborne_collective(signals.telemetry.parameters)

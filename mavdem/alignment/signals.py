@@ -124,7 +124,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     "roll rate setpoint" (rad/s) and, not of yaw, "roll setpoint" (rad).
     """
     targets = telemetry.messages.get(TARGET_MESSAGE)
-    found: list[Setpoint] = []
+    found = []
     if targets is not None:
         ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(
             np.int64
@@ -436,7 +436,7 @@ class Signals(VehicleSignals):
         columns = self.telemetry.messages.get("SIDD")
         if columns is None:
             return ()
-        found = list[Injected]()
+        found = []
         for where in Injection:
             own = columns["axis"] == where + AXES.index(self.axis)
             scale = 1.0 if where is Injection.DEMAND else np.radians(1.0)

@@ -200,7 +200,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     if motors is None:
         return ()
     layout = motors.layout
-    alarms = list[MotorAlarm]()
+    alarms = []
     for boot in np.unique(motors.boot):
         watch = MotorWatch(layout, int(boot))
         rows = motors.boot == boot

@@ -120,7 +120,7 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     error = attitude_error(signals, boot)
     if error is None:
         return None
-    at_stop: list[Fact] = []
+    at_stop = []
     fell = None
     if lost.code is MotionEvent.HIT:
         # What the ground turns over, motors fight: only what was so before says something.

@@ -96,7 +96,7 @@ class Evidence:
 
     def settled(self, without: frozenset[str]) -> tuple[Segment, ...]:
         """Returns settled flight in other modes than those."""
-        found = list[Segment]()
+        found = []
         for part in settled_parts(self.signals):
             left_out = phases.in_modes(self.signals, part.boot, without)
             spans = phases.both([(part.start, part.end)], phases.outside(left_out))

@@ -44,7 +44,7 @@ class LoopResponse(NamedTuple):
 def responses_of(evidence: Evidence) -> Mapping[str, Mapping[str, LoopResponse]]:
     """Returns the responses of "rate" and "attitude" of roll, pitch and yaw, but for injected tests."""
     parts = evidence.settled(INJECTED)
-    found = dict[str, Mapping[str, LoopResponse]]()
+    found = {}
     for axis in AXES:
         signals = evidence.signals.about(axis)
         loop = evidence.loops.get(axis)

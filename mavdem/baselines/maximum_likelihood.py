@@ -176,7 +176,7 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
     noise = K @ R @ K.T + START_NOISE * np.eye(order)
     R += ROUNDING * np.eye(len(C))
     model = GaussianModel(found.A, found.B, found.offset, C, found.output_trim, noise, R)
-    likelihoods = list[float]()
+    likelihoods = []
     for _ in range(iterations):
         expected = [
             smoothed(model, start, *segment)

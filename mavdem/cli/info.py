@@ -44,7 +44,7 @@ def info_command(
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
     log = read_source(source)
-    assessments = list[Assessment]()
+    assessments = []
     known = {}
     for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
         options = Options(inputs=inputs, whole=False)

@@ -212,8 +212,8 @@ def of_each(
         raise click.BadParameter(
             "one is named twice: each flight counts once.", param_hint="SOURCE"
         )
-    found = dict[str, Result]()
-    refused = dict[str, NotLearnable | Unreadable]()
+    found = {}
+    refused = {}
     for name, source in names_of(sources).items():
         try:
             flight, _ = learnable_flight(read_source(source), axis, vehicle, inputs)

@@ -22,7 +22,7 @@ from mavdem.dem.order_choice import (
     orders_of,
 )
 from mavdem.dem.parallel import parallel_map
-from mavdem.errors import NotLearnable, Unreadable, fact_of
+from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight
@@ -70,7 +70,7 @@ def order_command(
     has one, 2 if no SOURCE can be read.
     """
     began = perf_counter()
-    channels: list[int] = []
+    channels = []
 
     def with_as_many_inputs(_: str, flight: Flight) -> Flight:
         channels.append(flight.inputs.shape[1])
@@ -80,8 +80,8 @@ def order_command(
         return flight
 
     flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
-    found = dict[str, FlightOrders]()
-    refused = dict[str, NotLearnable | Unreadable]()
+    found = {}
+    refused = {}
     work = partial(_orders, most=max_order, known=not unknown_inputs)
     title = (
         f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {max_order} states"

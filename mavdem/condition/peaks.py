@@ -73,7 +73,7 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
     positive = np.maximum(spectrum.whole, np.finfo(np.float64).tiny)
     logarithms = np.log(positive)
     drive = _drive(spectrum)
-    found = list[Peak]()
+    found = []
     for exponent in TRIED:
         tracked = _tracked(logarithms, frequency, drive, exponent)
         rows = find_peaks(tracked, prominence=np.log(OVER) / 2)[0].tolist()

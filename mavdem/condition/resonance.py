@@ -24,7 +24,6 @@ from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.confidence import Interval, quantile
-from mavdem.dem.engine.linalg import Pair
 from mavdem.errors import NotLearnable
 from mavdem.ingest.telemetry import Array
 
@@ -243,10 +242,10 @@ def evenly_sampled(
     sampled = min(most_rate, *map(usual_rate, signals))
     if sampled < least_rate:
         return None
-    pieces = list[Array]()
+    pieces = []
     for part in parts:
         spans = [(part.start, part.end)]
-        streams = list[Pair]()
+        streams = []
         for one in signals:
             rows = within(one, part)
             time = one.time[rows]

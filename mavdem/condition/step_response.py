@@ -355,8 +355,8 @@ def _prior(precision: Array, moment: Array) -> Array:
     """(K, K) the covariance of the weights before the flight, over sizes and decays by their evidence."""
     taps = len(moment)
     after = np.linspace(0.0, 1.0, taps + 1)
-    shapes = list[Array]()
-    evidence = list[Array]()
+    shapes = []
+    evidence = []
     for decay in DECAYS:
         slow = SLOW_SHARE * _matern(after, *SLOW)
         shape = _matern(after, SMOOTH, decay) + slow

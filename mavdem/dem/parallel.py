@@ -179,7 +179,7 @@ def blocked(*numbers: signal.Signals) -> Iterator[None]:
 
     The mask holds for this thread only, and Python handles here what another thread has received.
     """
-    waiting: list[int] = []
+    waiting = []
     handlers = {}
     if current_thread() is main_thread():
         for number in numbers:

@@ -54,7 +54,7 @@ class Document(BaseModel):
     def __init_subclass__(cls, is_partial: bool = False, **options: Any) -> None:
         """Adds the facts of keys that are ``Told``; those of a partial document may be absent."""
         super().__init_subclass__(**options)
-        kinds = dict[str, Any]()
+        kinds = {}
         for name, kind in cls.__annotations__.items():
             kinds[name] = kind
             if is_partial and name not in vars(cls):

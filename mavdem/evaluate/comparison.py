@@ -208,7 +208,7 @@ def compare(
     """
     if not windows:
         raise ValueError("windows must be one at least")
-    made = list[Outcome]()
+    made = []
     total = len(windows) * len(methods)
     with closing(parallel_map(_evaluate, product(windows, methods))) as coming:
         for outcome in coming:

@@ -161,7 +161,7 @@ def _parameters(
 ) -> tuple[ComparedParameter, ...]:
     effect, *halves = physical.interval(LEVEL)
     status = physical.status
-    parameters = list[ComparedParameter]()
+    parameters = []
     if flight.input_units == ("µs",) * truth.effect.size:
         weak = np.interp(time, truth.time, truth.weak) >= 0.5
         true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect

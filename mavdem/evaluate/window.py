@@ -123,7 +123,7 @@ def windows(
 
 def disjoint(windows: Sequence[Window]) -> Indices:
     """Returns the indices of ``windows`` that share no sample: as many as possible, those that end first."""
-    chosen: list[int] = []
+    chosen = []
     free: dict[str, int] = {}
     for i, window in sorted(enumerate(windows), key=lambda numbered: numbered[1].stop):
         if window.start >= free.get(window.flight, window.start):

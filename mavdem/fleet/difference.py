@@ -167,7 +167,7 @@ def vehicle_difference(
     kinds = [*BETWEEN] if unlike is None else [SHARE]
     if unlike is not None and unlike.code is not Incomparable.OTHER_INPUTS:
         kinds = []
-    judged = list[QuantityChange]()
+    judged = []
     for quantity in {quantity for flight in estimates[0] for quantity in flight}:
         pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
         if quantity.kind in kinds and all(pair):
@@ -207,7 +207,7 @@ def since_baseline(
     """
     keys = {row.key for row in baseline if row.key}
     before = vehicles_of(baseline)
-    found = dict[str, tuple[FlightRow, VehicleDifference | None]]()
+    found = {}
     for name, flights in vehicles_of(row for row in rows if row.key not in keys).items():
         latest = flights[-1]
         healthy = [row for flight in before.get(name, ()) for row in flight]
@@ -300,7 +300,7 @@ def _compared(
 
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     """Each with its outcome, in order, by Holm's procedure over all."""
-    tested: list[QuantityChange] = []
+    tested = []
     outcome = Outcome.CHANGED
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
         if outcome is not Outcome.CHANGED or change.p > SIGNIFICANCE / (len(judged) - rank):

@@ -467,7 +467,7 @@ def summary(rows: Iterable[FlightRow]) -> Values:
     """
     rows = list(rows)
     named = 0
-    flown = list[Flight]()
+    flown = []
     for name, flights in vehicles_of(rows).items():
         is_named = name != UNKNOWN and not is_shared(flights)
         named += is_named

@@ -58,7 +58,7 @@ def find_logs(
     fact for each name that names none.
     """
     logs: dict[str, Source] = {}
-    problems = list[Fact]()
+    problems = []
     left_out = os.path.realpath(apart_from) if apart_from else ""
     for name in names:
         if name.lower().startswith("file://"):

@@ -130,7 +130,7 @@ def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
     """
     if row.mean_inputs is None or row.mean_outputs is None:
         return None
-    residuals = list[float]()
+    residuals = []
     for model in healthy:
         if _is_model(model) and model.key != row.key and _kind(model) == _kind(row):
             more = np.subtract(row.mean_inputs, _array(model.mean_inputs, len(row.mean_inputs)))
@@ -196,7 +196,7 @@ def _read(
         (log for log in logs if not store.knows(log, reader.limits)), key=lambda log: -log.size
     )
     sources = {log.path: log for log in new}
-    unread = list[Fact]()
+    unread = []
     jobs = (Job(log.path, store.keys_to_try(log, reader.limits), page) for log in new)
     progress(0, len(new))
     with closing(reader.outcomes(jobs)) as outcomes:

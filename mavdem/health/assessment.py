@@ -65,7 +65,7 @@ def assess(
     chosen = baseline is not None
     named = flights if baseline is None else baseline
     healthy = healthy_flights(flights, baseline)
-    assessments: dict[int, HealthAssessment] = {}
+    assessments = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
     by_time = sorted(enumerate(flights), key=lambda numbered: numbered[1].when)
     for number, flight in by_time:

@@ -465,7 +465,7 @@ class MotorWatch:
         is_after = np.arange(len(blocks)) >= len(blocks) - n
         by_side = []
         for side in (~is_after, is_after):
-            by_sector = dict[int, float]()
+            by_sector = {}
             for sector in range(SECTORS):
                 rows = (sectors == sector) & side
                 if np.count_nonzero(rows) >= SETTLING_BLOCKS:

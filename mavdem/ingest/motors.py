@@ -177,8 +177,8 @@ def motor_geometry(
     """
     drivers: dict[int, Driver] = {}
     known: dict[int, int] = {}
-    places: dict[int, Position] = {}
-    turns: dict[int, int] = {}
+    places = {}
+    turns = {}
     others: set[int] = set()
     if autopilot == "PX4":
         known, drivers = _px4_channels(parameters, moving, bank)

@@ -21,7 +21,7 @@ from mavdem.ingest.telemetry import Log, Parameters, repair
 
 def read_parameters(path: PathName) -> Parameters:
     """Returns the parameters of a file by name; raises ``Unreadable``: it cannot be opened, or has none."""
-    found = dict[str, float]()
+    found = {}
     for line in file_bytes(path).decode("utf-8", "replace").splitlines():
         words = re.split(r"[,\s]+", line.strip())
         if words[0].isdigit():

@@ -216,7 +216,7 @@ def _servo_output_raw(topics: Topics) -> Fields:
 
     An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports.
     """
-    ports: list[Columns] = []
+    ports = []
     for instance, topic in topics.get("actuator_outputs", {}).items():
         used = topic.get("noutputs", np.zeros(len(topic["time"])))
         kinds = np.unique(used)
@@ -281,7 +281,7 @@ def _actuator_control_target(topics: Topics) -> Fields:
 
 def _attitude_target(topics: Topics) -> Fields:
     """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
-    parts: list[Columns] = []
+    parts = []
     attitude = _first(topics, "vehicle_attitude_setpoint")
     rates = _first(topics, "vehicle_rates_setpoint")
     if "q_d[3]" in attitude:

@@ -73,7 +73,7 @@ class FrameReader:
         data = self._rest + piece
         begin = 0
         place = self._searched
-        read = list[Frame]()
+        read = []
         while (length := _announced(data, place)) <= len(data) - place:
             frame = _frame_of(data[place : place + length]) if length else None
             if frame is None or frame.verdict != framing.GOOD:
@@ -97,7 +97,7 @@ def _announced(data: bytes, start: int) -> int:
 
 def _filling(data: bytes) -> list[Frame]:
     """The frames of other dialects, or damaged ones, that fill the bytes between two good ones exactly."""
-    frames = list[Frame]()
+    frames = []
     while data:
         length = _announced(data, 0)
         if not 0 < length <= len(data):

@@ -91,7 +91,7 @@ class Watchdog:
         yield from self._reported(recent, now)
         yield None
         since = self._phases[-1][0]
-        found = dict[Watched, Fact]()
+        found = {}
         if is_flying:
             whole = self._signals(vehicle, now, -inf)
             condition = Condition(duration=now - since)
@@ -184,7 +184,7 @@ class Watchdog:
     ) -> None:
         """Keeps since when each is watched, and why it is not."""
         sent = set(self._recent.columns(OF_ITSELF, now - MEMORY_SECONDS))
-        missing = dict[Watched, Fact]()
+        missing = {}
         if motion is None:
             missing = dict.fromkeys(
                 (Watched.OSCILLATION, Watched.MOTOR_LIMITS), Fact(Rows.NO_LIVE_MOTORS)

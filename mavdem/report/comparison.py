@@ -67,7 +67,7 @@ def _errors(comparison: Comparison, question: Question) -> Blocks:
     reference = comparison.methods_of(question)[0]
     tests = comparison.verdicts(question)
     blocks: Blocks = [Sentence("error ratio by steps ahead.", WORDS[question])]
-    table = list[list[str]]()
+    table = []
     for row in comparison.over_flights(question):
         share = row["inside"][-1]
         inside = "" if share is None else f"{100 * share:.0f} %"

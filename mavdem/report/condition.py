@@ -54,7 +54,7 @@ def vehicle_contents(vehicle: Values) -> Blocks:
 def stream_contents(held: Values) -> list[Sentence]:
     """Returns what was received from each sender, by the inventory ``held``, and what could not be decoded."""
     vehicles = [sender(one) for one in held["vehicles"]]
-    blocks = list[Sentence]()
+    blocks = []
     for speaker in held["speakers"]:
         is_vehicle = sender(speaker) in vehicles
         lost, missing = speaker["lost_share"], speaker["missing_share"]

@@ -109,7 +109,7 @@ def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
     by_kind = dict[str, list[QuantityChange]]()
     for change in changes:
         by_kind.setdefault(change.quantity.kind, []).append(change)
-    words = list[str]()
+    words = []
     for kind, ours in by_kind.items():
         noun, scale, unit = QUANTITIES[kind]
         names = (

@@ -102,9 +102,9 @@ def _loops(both: Mapping[str, Review], axis: str) -> dict[str, Review]:
 
 def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
     """Steps of rate and angle, with their bands."""
-    charts = list[Chart]()
+    charts = []
     for loop in ("rate", "attitude"):
-        lines = list[Line]()
+        lines = []
         for name, one in both.items():
             if found := _known(one, "axes", axis, loop, "measured"):
                 time, step, half = (np.array(found[key]) for key in ("time", "step", "step_half"))
@@ -138,7 +138,7 @@ def _group(chart: Chart) -> list[Group]:
 
 def _spectra(both: Mapping[str, Review]) -> Chart:
     """The gyro's, before its filters where that was logged."""
-    lines = list[Line]()
+    lines = []
     for name, one in both.items():
         spectra = one.get("spectra") or {}
         if found := spectra.get("gyro_before") or spectra.get("gyro"):
@@ -151,7 +151,7 @@ def _spectra(both: Mapping[str, Review]) -> Chart:
 
 def _motors(both: Mapping[str, Review]) -> Chart:
     """Trim deviations with their intervals."""
-    lines = list[Line]()
+    lines = []
     names = [str(number) for number in range(1, 13)]
     for name, one in both.items():
         if shares := _known(one, "condition", "hover", "trim_share"):

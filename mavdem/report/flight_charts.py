@@ -73,7 +73,7 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, 
     )
     title = f"{next(iter(loops.values())).axis.capitalize()} {which}"
     lines: tuple[list[Line], ...] = ([], [], [])
-    marks = list[Mark]()
+    marks = []
     for (name, loop), colour in zip(loops.items(), COLOURS, strict=False):
         one: OpenLoop = getattr(loop, which)
         shown = one.frequency >= LOWEST
@@ -95,7 +95,7 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> 
 
     With those of the gyro is what the filters of a ``loop`` pass.
     """
-    lines = list[Line]()
+    lines = []
     peaks = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     marks = [
         Mark(line.frequency, "?" if line.kind is PeakKind.UNNAMED else str(line.kind))

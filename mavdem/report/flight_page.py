@@ -32,7 +32,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 from mavdem.report import model_charts
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
-from mavdem.report.charts import FEW_POINTS, POINTS, Chart, Group
+from mavdem.report.charts import FEW_POINTS, POINTS, Group
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.flight_charts import (
     loop_charts,
@@ -162,7 +162,7 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
 def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
     """What is said of the worst axis, and the errors of all of which there are any."""
     yield Sentence(str(light), "Tracking:")
-    rows = list[list[str]]()
+    rows = []
     for axis, fact in axes.items():
         values = {key: fact.figures.get(key) for key in ERRORS}
         shown = [
@@ -177,7 +177,7 @@ def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
 
 def responses_chapter(responses: Responses) -> Chapter:
     """Returns step responses as measured and predicted, their figures, and which of them is doubted."""
-    rows = list[list[str]]()
+    rows = []
     blocks = Blocks()
     refusals = dict[Fact, list[str]]()
     for axis, loops in responses.items():
@@ -222,7 +222,7 @@ def _advice(evidence: Evidence) -> dict[str, Advice]:
 
 def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
-    said = list[tuple[str, Fact]]()
+    said = []
     for one in evidence.margins:
         facts = [fact.but(names=(one.axis,)) for fact in one.facts]
         if not facts and isinstance(one.loop, Fact):
@@ -235,7 +235,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     known = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
     if not known:
         return Chapter("Control loops", blocks)
-    columns = list[tuple[Chart, ...]]()
+    columns = []
     for axis, loop in known.items():
         shown = {"now": loop}
         if axis in advice and advice[axis].parameters:
@@ -310,7 +310,7 @@ def _parameters(telemetry: Telemetry) -> Chapter:
         for name, before in sorted(telemetry.earlier.items())
         if not OWN_PARAMETERS.search(name)
     ]
-    blocks: Blocks = []
+    blocks = []
     if changed:
         blocks.append(Table(["changed in flight", "from", "to"], changed))
     by_axis = dict[str, dict[str, str]]()
@@ -339,7 +339,7 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
         blocks += [*graded(analysis.findings), *map(warning, analysis.findings.warnings)]
         blocks += section("tier", **analysis.tier.as_dict())
         blocks += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
-        groups = list[Group]()
+        groups = []
         if (learned := analysis.learned) is not None:
             labels = Labels.of(learned)
             blocks += prediction_blocks(labels, analysis.held_out)

@@ -117,7 +117,7 @@ def _prose(text: str) -> Markup:
 def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
     said = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
-    chapters = list[Chapter]()
+    chapters = []
     for axis, one in found.items():
         if isinstance(one, Advice):
             loops = {"now": one.before} | ({"advised": one.after} if one.parameters else {})
@@ -139,7 +139,7 @@ def flight_html(flight: Flight) -> str:
         *zip(flight.input_names, flight.input_units, flight.inputs.T, strict=True),
         *zip(flight.output_names, flight.output_units, flight.outputs.T, strict=True),
     )
-    rows = list[list[str]]()
+    rows = []
     for name, unit, column in channels:
         shown = readable(unit)
         figures = column.mean(), column.std(), column.min(), column.max()

@@ -159,7 +159,7 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
             columns = effects | columns
         else:
             blocks.append(_by_motor(labels.input_names, effects))
-    lean = dict[str, float]()
+    lean = {}
     if hover is not None:
         blocks.append(_by_motor(hover.motors, columns))
         angles = {"roll": hover.roll, "pitch": hover.pitch}
@@ -200,7 +200,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     units = [readable(unit) for unit in labels.output_units]
     pairs = zip(labels.output_names, units, strict=True)
     names = [named(name, unit.name) for name, unit in pairs]
-    rows = list[list[str]]()
+    rows = []
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
         rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))

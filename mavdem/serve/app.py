@@ -375,8 +375,8 @@ class Server:
         if is_flight_review:
             is_public = fields.get("public", "").lower() in ("true", "1", "on")
             columns["sharing"] = Sharing.PUBLIC if is_public else Sharing.LINK
-        flights = list[Entry]()
-        refused = list[tuple[str, Fact]]()
+        flights = []
+        refused = []
         try:
             for path, file in form.files.items():
                 if not file.size:
@@ -461,7 +461,7 @@ class Server:
     async def _told(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
         """Events while flights are being read, those that were done meanwhile too."""
         watched = list[str]()
-        before = list[Progress]()
+        before = []
         where = f"{condition.where} or id in (select value from json_each(?))"
         self._watchers += 1
         try:

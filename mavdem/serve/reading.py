@@ -59,7 +59,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         log = read_log(path.name)
     if not log.vehicles:
         raise Unreadable(Reading.NO_VEHICLE)
-    judged = list[tuple[Assessment, FlightRows]]()
+    judged = []
     for telemetry in log.vehicles:
         tell(Stage.JUDGING)
         assessment = assess_signals(log, Signals(telemetry))

@@ -89,7 +89,7 @@ def drawn(
     """
     ends = ((line.y, line.low, line.high) for line in chart.lines)
     low, high = range_of(*(one for parts in ends for one in parts if one is not None))
-    shown: list[tuple[str, str, float, Array, Array]] = []
+    shown = []
     for line in chart.lines:
         if line.low is not None and line.high is not None:
             # As far as it is in sight; opaque, since strokes that overlap add up.

@@ -236,7 +236,7 @@ class Transmitter:
         return _nothing()
 
     def _streams(self, motion: Motion, clock: Array) -> list[Placed]:
-        placed: list[Placed] = []
+        placed = []
         for name in self._rates:
             rows = self.schedule.due(name, clock)
             if len(rows):

@@ -152,7 +152,7 @@ def load_command(log: Path) -> None:
         server.upload(log.name, content)
         server.wait_for(1)
         paths = "/", f"/f/{server.flights()['flights'][0]['id']}"
-        pages = list[tuple[int, float]]()
+        pages = []
         is_over = False
         chance = random.Random(1)
 
@@ -195,7 +195,7 @@ def kill_command(log: Path, times: int) -> None:
     """Kills the server again and again, and counts what it had acknowledged."""
     content = log.read_bytes()
     chance = random.Random(1)
-    acknowledged = set[str]()
+    acknowledged = set()
 
     def upload(server: Served, number: int) -> None:
         body = other(content, number)

@@ -84,7 +84,7 @@ def telemetry_of(scenario: Scenario, motion: Motion) -> Telemetry:
 
 def rows_of(judge: Callable[[Any], list[Values]], flights: Iterable[Any], jobs: int) -> Any:
     """What is found of each of the flights, rows of one frame; how many are done goes to standard error."""
-    rows = list[Values]()
+    rows = []
     with ProcessPoolExecutor(jobs) as pool:
         for number, found in enumerate(pool.map(judge, flights), start=1):
             click.echo(f"{number} flights", err=True)

@@ -217,7 +217,7 @@ def row_of(flight: Flight) -> Values:
     found = physical(flight)
     if isinstance(found, NotIdentifiable):
         return {"effect": found.reason.advised}
-    row = dict[str, str]()
+    row = {}
     for name in PARAMETERS:
         value, half = estimate_of(found, name)
         row[name] = f"{value:.3g} ± {half:.2g}{STATUSES[found.status[name]]}"

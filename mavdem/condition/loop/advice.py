@@ -132,7 +132,7 @@ def advise(
     target = TARGETS[tune]
     rating = margin_rating(loop, target)
     refusals = tuple(doubts) or _refusals(loop)
-    chosen = dict[str, float]()
+    chosen = {}
     if not refusals:
         chosen = dict(_gains_of(loop))
         if more or rating.level is not Level.GOOD:
@@ -217,7 +217,7 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
     They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. No
     values where the parameters have no controller.
     """
-    changes = list[tuple[str, float, float]]()
+    changes = []
     with suppress(NotLearnable):
         controller = controller_of(parameters, oscillation.axis, (1.0,))
         turning = 2 * np.pi * (oscillation.frequency or np.inf)

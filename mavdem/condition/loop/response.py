@@ -60,8 +60,8 @@ def measured_response(
     given = np.isfinite(table).all(axis=0)
     changes = np.flatnonzero(np.diff(given)) + 1
     cuts = np.union1d(record.starts[1:], changes)
-    plain = list[Array]()
-    corrected = list[Array]()
+    plain = []
+    corrected = []
     for piece in np.split(np.array(table), cuts, axis=1):
         if np.isfinite(piece).all() and np.ptp(piece[0]):  # not as of a heading that is held
             asked, rate, moved, *angles = piece

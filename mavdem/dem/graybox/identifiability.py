@@ -105,7 +105,7 @@ def identifiability(
 ) -> tuple[dict[str, Status], dict[str, Fact | None]]:
     """Returns status and reason by name of parameter; ``None`` where nothing is to be said."""
     statuses = dict[str, Status]()
-    reasons = dict[str, Fact | None]()
+    reasons = {}
     for name in PARAMETERS:
         obstacles = [one for one in _obstacles(name, figures) if one[0] != Status.REPORTED]
         effect = statuses.get("effect", Status.REPORTED)

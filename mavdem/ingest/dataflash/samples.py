@@ -31,7 +31,7 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
 
     They have ``x``, ``y``, ``z``, rad/s or m/s², behind the filters or before.
     """
-    found = dict[str, tuple[str, Columns]]()
+    found = {}
     for sensor, fields in FIELDS.items():
         sensors = sum(parameters.get(name, 0.0) != 0 for name in IDS[sensor])
         for source, (option, behind, both) in OPTIONS.items():
@@ -79,7 +79,7 @@ def _batches(tables: Tables, sensor: str, number: int) -> Columns | None:
         return None
     if any(data[axis].ndim != 2 for axis in "xyz"):
         return None
-    batches: list[Columns] = []
+    batches = []
     rows_of = rows_by(data["N"].astype(np.int64))
     start = _on_clock(header, header["SampleUS"])
     own = (header["type"] == BATCH_TYPES.index(sensor)) & (header["instance"] == number)

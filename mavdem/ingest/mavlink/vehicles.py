@@ -88,7 +88,7 @@ def assemble(stream: FrameStream) -> Log:
         count = sum(kind.frames for kind in unread if kind.cause is cause)
         repairs += repair(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
     repairs += repair(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
-    heard: list[tuple[Component, dict[str, Columns], Facts]] = []
+    heard = []
     for ids, starts in sent.items():
         messages, of_clock = _messages(data, starts)
         kind, autopilot = (

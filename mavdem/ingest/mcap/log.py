@@ -149,7 +149,7 @@ class JsonTopic(NamedTuple):
 
 def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
     """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
-    found: dict[int, JsonTopic] = {}
+    found = {}
     names = {channel.topic for channel in recording.channels.values()}
     for number, channel in recording.channels.items():
         topic = re.fullmatch(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)", channel.topic)
@@ -163,7 +163,7 @@ def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
 
 def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[RecordingPart, int, Facts]:
     """The JSON messages of these topics as frames, how many are none, and why."""
-    written: list[_Piece] = []
+    written = []
     last: dict[FrameSender, int] = {}
     unknown: Counter[str] = Counter()
     wrong: Counter[str] = Counter()

@@ -200,7 +200,7 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     """
     writer = started(file)
     raw = raw_channel(writer)
-    channels: dict[str, int] = {}
+    channels = {}
     parser = dialect.MAVLink(None)
     last = count = 0
     for stamp, frame in stream.stamped_frames():

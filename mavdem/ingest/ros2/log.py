@@ -76,7 +76,7 @@ def flight_topics(recording: McapRecording) -> dict[int, RosTopic]:
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
-    found: dict[int, RosTopic] = {}
+    found = {}
     nodes = set()
     for number, channel in recording.channels.items():
         if channel.message_encoding == CDR and channel.schema_id in recording.schemas:
@@ -281,7 +281,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
     made, names = px4_topics.messages(instances, {}, name_of_kind, kind)
     if not made:
         return None
-    messages: dict[str, Columns] = {}
+    messages = {}
     for name, fields in made.items():
         boot = (fields["time"] // BOOT_APART).astype(np.int64)
         messages[name] = {**fields, "time": fields["time"] - BOOT_APART * boot, "boot": boot}
