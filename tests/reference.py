@@ -143,11 +143,11 @@ def file_page():
     """Returns the page of all documents: their keys with unit and meaning, each described once."""
     headings = {name: f"## {one.title}" for name, one in published().items()}
     schemas = {name: one.schema for name, one in published().items()}
-    records = dict[str, Any]()
+    records = {}
     for name, schema in schemas.items():
         if name != "model":
             records |= schema.get("$defs", {})
-    described = dict[tuple[str, str], str]()
+    described = {}
     header = [f"`{key}`: {text}" for key, text in zip(heading("", 0, {}), HEADER, strict=True)]
     parts = ["# Files and JSON", INTRODUCTION, "## Every document", BREAK.join(header)]
     for name, one in published().items():

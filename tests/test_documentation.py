@@ -253,7 +253,7 @@ def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
             "learned": request.getfixturevalue("learned"),
             "test": simulated(wind=1.0)[700:],
         }
-    said: list[str] = []
+    said = []
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
     assert runner.run(test, out=said.append).failed == 0, "".join(said)
 

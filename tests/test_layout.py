@@ -239,7 +239,7 @@ def size_of(path: Path) -> Size:
     text = (ROOT / path).read_text()
     tree = ast.parse(text)
     described = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    documented = set[int]()
+    documented = set()
     for node in ast.walk(tree):
         if isinstance(node, described) and ast.get_docstring(node, clean=False) is not None:
             docstring = node.body[0]
@@ -253,7 +253,7 @@ def size_of(path: Path) -> Size:
 @cache
 def sizes() -> dict[str, Size]:
     """Sizes of the rooms, of the scenarios and of the tools."""
-    rooms = dict[str, Size]()
+    rooms = {}
     for path in [*FILES, *TOOLS]:
         is_room = path.parts[0] == "mavdem" and len(path.parts) > 2
         room = "tools" if path in TOOLS else path.parts[int(is_room)] if is_room else path.parts[0]

@@ -49,7 +49,7 @@ WORDS = re.compile(r"[A-Za-z’]{2,}[,:;]? [A-Za-z’]{2,}")
 def prose_of(path: Path) -> Iterator[tuple[int, str]]:
     """Lines and literals with words in a row; not docstrings, messages of errors that are bugs, and patterns."""
     tree = ast.parse(path.read_text())
-    allowed = set[ast.AST]()
+    allowed = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             allowed.add(node.value)

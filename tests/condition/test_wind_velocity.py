@@ -22,7 +22,7 @@ from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.ingest import read_log
 from mavdem.live.stream import LiveStream
-from mavdem.live.wind import LiveWind, WindRow
+from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -201,7 +201,7 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
     prior = Drag.of_parameters()
     log.write_bytes(shared("sitl_events/ap_short_with_climb.tlog").read_bytes()[:450_000])
     stream = LiveStream()
-    rows = dict[float, WindRow]()
+    rows = {}
     stream.air.drag = drag = Drag(prior.mean, 1e-4 * prior.covariance, "calibration")
     for at in range(0, len(data := log.read_bytes()), 512):
         stream.feed(0.0, data[at : at + 512])
@@ -225,7 +225,7 @@ def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
     live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
-    inside = list[bool]()
+    inside = []
     for at, angles, (north, east, down) in zip(time, attitude, scale * velocity, strict=True):
         live.attitude(at, angles)
         live.velocity("LOCAL_POSITION_NED", at, (down, north, east))

@@ -42,8 +42,8 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
 
 
 def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
-    trained: list[set[float]] = []
-    forecasts: list[set[float]] = []
+    trained = []
+    forecasts = []
     learn = module.learn_forecasts
     forecast = module._forecast
 

@@ -92,7 +92,7 @@ LAYOUTS = Path(__file__).parents[2] / "docs" / "layouts"
 
 def read(path):
     """Times, s, and columns by topic."""
-    rows: dict[str, list[tuple[int, dict]]] = {}
+    rows = {}
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             body = json.loads(message.data)

@@ -66,7 +66,7 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
     ]
     write_rows(tmp_path / "fleet", [*flown, *read_rows(tmp_path / "fleet")])
     monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {}
+    names = {}
     examples = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     for code in examples:
         exec(code, names)
@@ -257,7 +257,7 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
 
 def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
     make_logs(tmp_path / "logs", 7)
-    seen: list[str] = []
+    seen = []
 
     def judge(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
         seen.append(rows[0].vehicle)

@@ -414,7 +414,7 @@ def chunk(
 
 def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
     bomb = chunk(zstandard.ZstdCompressor().compress(record(0x80, bytes(1 << 23))))
-    given: list[int] = []
+    given = []
     unpack = mcap_records._unpacked
 
     def watched(compression: str, packed: bytes, most: int) -> bytes:

@@ -129,7 +129,7 @@ class Replay:
         return [fact.code for fact in self.facts]
 
     def segments(self) -> dict[int, list[AlignedRow]]:
-        found: dict[int, list[AlignedRow]] = {}
+        found = {}
         for row in self.rows:
             found.setdefault(row.segment, []).append(row)
         return found

@@ -132,7 +132,7 @@ OCTOROTOR = 14
 
 def octo() -> Timed:
     """Eight motors, four on each of two ports, the second sent a millisecond after the first."""
-    frames: Timed = []
+    frames = []
     for time, data in Flight().frames(end=15.0):
         if data[7] == 0:
             base_mode = 128 * (time > 5.0)

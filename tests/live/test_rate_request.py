@@ -230,7 +230,7 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
     names = motor_parameters("PX4")
     request = RateRequest(VEHICLE, 100.0, (30,), (), names)
     request._intervals.clear()
-    known: dict[bytes, Message] = {}
+    known = {}
     tries = Counter[bytes]()
     for number in range(150):
         frames = request.due(0.2 * number, None, known)

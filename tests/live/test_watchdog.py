@@ -15,7 +15,7 @@ from recorded_flights import shared
 from rich.console import Console
 
 from mavdem.cli.live import Place, _say_status, _status_line
-from mavdem.facts import Fact, Level
+from mavdem.facts import Level
 from mavdem.facts.events import Reported
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import InFlight, MotorsLight
@@ -201,7 +201,7 @@ def test_a_recorded_limit_cycle_is_said_at_once(damaged):
         for row in np.flatnonzero(draw.random(len(frames) - 1) < 0.05):
             frames[row : row + 2] = frames[row : row + 2][::-1]
     stream = LiveStream()
-    found: list[Fact] = []
+    found = []
     for frame in frames:
         stream.feed(1.7e9, frame)
         found += [event.fact for event in stream.events()]

@@ -49,7 +49,7 @@ def random_flight(order, channels, seed):
 def random_system(order, channels, rng):
     """A, B and C of a stable system with real and oscillating modes, all of which are visible in the outputs."""
     while True:
-        blocks: list[Array] = []
+        blocks = []
         left = order
         while left:
             speed = np.exp(rng.uniform(np.log(SLOWEST), np.log(FASTEST)))

@@ -37,7 +37,7 @@ class Vehicle:
         )
         self._row = rows.stop
         batch = self.transmitter.send(rows_of_motion(self._motion, rows))
-        said: dict[str, list] = {}
+        said = {}
         for message in dialect.MAVLink(None).parse_buffer(batch.data.tobytes()) or []:
             said.setdefault(message.get_type(), []).append(message)
         return said

@@ -88,8 +88,8 @@ ROW = ShownRow(50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
 def drawn(path, ignored=""):
     """Times, s, and values of every entity of lines, by path without its slash, in the order of their times."""
-    times: dict[str, list[float]] = {}
-    values: dict[str, list[list[float]]] = {}
+    times = {}
+    values = {}
     for name, _, batch in chunks(path):
         if "Scalars:scalars" in batch.schema.names and name not in ignored:
             times.setdefault(name, []).extend(
@@ -101,7 +101,7 @@ def drawn(path, ignored=""):
 
 def texts(path, column="TextLog:text"):
     """The texts of the log or of the status, in the order of their times."""
-    dated: list[tuple[int, str]] = []
+    dated = []
     for name, _, batch in chunks(path):
         if column in batch.schema.names and not name.startswith("figures"):
             times = batch.column("boot clock").cast("int64").to_pylist()

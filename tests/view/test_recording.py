@@ -135,7 +135,7 @@ def columns(tmp_path_factory):
     path: Path = tmp_path_factory.mktemp("flown") / "flight.rrd"
     write_pose(path, "made up", pose())
     assert len(RrdReader(path).blueprints()) == 1
-    found: dict[str, dict[str, np.ndarray]] = {}
+    found = {}
     for name, chunk, batch in chunks(path):
         if "boot clock" not in chunk.timeline_names:
             continue
