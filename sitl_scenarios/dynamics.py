@@ -49,8 +49,8 @@ class RotorFrame(NamedTuple):
 
 def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
     """The frame of a vehicle; ``arm``: how far forward and right the rotors of the X are, m; of the + as far out."""
-    forward: Four = (1.0, -1.0, 1.0, -1.0)
-    right: Four = (1.0, -1.0, -1.0, 1.0)
+    forward = (1.0, -1.0, 1.0, -1.0)
+    right = (1.0, -1.0, -1.0, 1.0)
     if kind == "plus":
         forward = (0.0, 0.0, 1.0, -1.0)
         right = (1.0, -1.0, 0.0, 0.0)

@@ -120,7 +120,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
-    arrays: Arrays = {field.name: getattr(motion, field.name) for field in fields(motion)}
+    arrays = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion)

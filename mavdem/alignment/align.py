@@ -230,7 +230,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
 
 def _earlier(telemetry: Telemetry, segment: Segment) -> Parameters:
     """The controller's parameters that changed after the segment began, or sometime, with their values before."""
-    before: Parameters = telemetry.earlier
+    before = telemetry.earlier
     sent = telemetry.messages.get("PARAM_VALUE")
     if sent is not None:
         rows = (sent["boot"] < segment.boot) | (

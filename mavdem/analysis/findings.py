@@ -185,7 +185,7 @@ def _grade(name: str, share: float, status: Status = Status.REPORTED) -> Grade:
 def _because(reason: Fact | None) -> Fact:
     """The ``reason`` of what is not reported: there always is one; the first of several."""
     assert reason is not None
-    first: Fact = reason
+    first = reason
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
         first = reason.figures["because"][0]
     return first

@@ -91,7 +91,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     yield from _of_motors(signals, boot, flights)
     yield from _clipped(signals, boot, flights)
     for flight in flights:
-        lost: Fact | None = None
+        lost = None
         for span in _losses(error, flight, of_boot(signals.climb_rate, boot)):
             loss = _loss(signals, boot, error, flight, span)
             yield loss

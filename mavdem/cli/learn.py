@@ -35,7 +35,6 @@ from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
 from mavdem.extras import lacking
-from mavdem.heading import Values
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
 from mavdem.results import PAGE, RECORDING
@@ -126,7 +125,7 @@ def learn_command(
         raise assessment.refusal
     files = {} if no_files else files_of(folder, assessment)
     took = perf_counter() - began
-    report: Values = report_of(assessment) | {"seconds": round(took, 3), "files": files}
+    report = report_of(assessment) | {"seconds": round(took, 3), "files": files}
     if learned is None:
         settled = analysis.condition.settled
         text = f"{analysis.verdict.axis}, {settled:.0f} s of settled flight, no model."

@@ -29,7 +29,7 @@ from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import track
-from mavdem.fleet.workers import Limits, Reader, WorkerPool
+from mavdem.fleet.workers import Limits, WorkerPool
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
@@ -120,7 +120,7 @@ def track_command(
     if scheduler is not None and jobs:
         what = "it is of this machine; with --scheduler the cluster has its own."
         raise click.BadParameter(what, param_hint="--jobs")
-    reader: Reader = (
+    reader = (
         Cluster(scheduler, limits)
         if scheduler is not None
         else WorkerPool(jobs or spare_cores(), limits)

@@ -34,7 +34,7 @@ from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath
-from mavdem.heading import Names, Numbers, Values
+from mavdem.heading import Names, Numbers
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 from mavdem.ingest.telemetry import Array
@@ -140,7 +140,7 @@ def hover_figures(
         "at_upper_limit": upper.mean(axis=0),
         "at_lower_limit": lower.mean(axis=0),
     }
-    figures: Values = {name: tuple(values.tolist()) for name, values in each.items()}
+    figures = {name: tuple(values.tolist()) for name, values in each.items()}
     return HoverFigures(
         names, scale.unit, float(seconds), **figures, roll=lean.get("roll"), pitch=lean.get("pitch")
     )

@@ -30,7 +30,6 @@ from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, ModelRefusal
-from mavdem.heading import Values
 from mavdem.unit_slips import unit_slip
 
 Job = tuple[Records, Settings | None]
@@ -128,7 +127,7 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
         if record.windows(window) >= len(record) // 2:
-            chosen: Values = {"order": order, "d": d, "window": window}
+            chosen = {"order": order, "d": d, "window": window}
             chosen |= {"parameter_precision": settings.parameter_precision or usual}
             return CompleteSettings(**(vars(settings) | chosen))
     raise NotLearnable(

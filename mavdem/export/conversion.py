@@ -173,7 +173,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     labels = Labels.of(learned)
     inputs = list(map(column_name, labels.input_names, labels.input_units))
     outputs = list(map(column_name, labels.output_names, labels.output_units))
-    names: Values = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
+    names = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
     if model == "physical":
         draws = _identified(learned).draws(DRAWS).tolist()
         plant, *plants = (_plant(draw, names) for draw in draws)

@@ -13,7 +13,7 @@ estimates, as closed loop does, leaves each alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import exp, hypot, isclose, log, sqrt
 from statistics import fmean, median
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.record import FEWEST_MOTORS
 from mavdem.evaluate.paired_test import SIGNIFICANCE
-from mavdem.facts import Code, Fact
+from mavdem.facts import Fact
 from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.facts.identifiability import Status
 from mavdem.fleet.row import (
@@ -347,7 +347,7 @@ def _unlike(sides: Sequence[Flights]) -> Fact | None:
         if not flights:
             return Fact(Incomparable.NO_FLIGHT, subject=side)
     rows = [[row for flight in flights for row in flight] for flights in sides]
-    columns: dict[Code, Callable[[FlightRow], str | None]] = {
+    columns = {
         Incomparable.OTHER_VEHICLES: lambda row: (
             f"{len(row.motors)} motors" if row.motors else None
         ),

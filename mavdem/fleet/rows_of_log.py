@@ -69,7 +69,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     first = assessment.analysis
     assert first is not None and assessment.evidence is not None
     signals = assessment.evidence.signals.about(AXES[0], "motors")
-    columns: Values = {"file": file, "component": signals.telemetry.component}
+    columns = {"file": file, "component": signals.telemetry.component}
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))

@@ -179,7 +179,7 @@ def motor_geometry(
     known: dict[int, int] = {}
     places = {}
     turns = {}
-    others: set[int] = set()
+    others = set()
     if autopilot == "PX4":
         known, drivers = _px4_channels(parameters, moving, bank)
         # n of the control allocation is motor n + 1

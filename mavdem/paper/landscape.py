@@ -61,7 +61,7 @@ class ScalarWorld:
         finer = ceil(2 * self.step / self.smoothness)
         # Harmonics repeat: over twice the duration, so that the end does not correlate with the beginning.
         total = 2 * number * finer
-        omega: Array = 2 * np.pi * np.asarray(np.fft.rfftfreq(total, self.step / finer), float)
+        omega = 2 * np.pi * np.asarray(np.fft.rfftfreq(total, self.step / finer), float)
         w = _harmonics(rng, omega, self.smoothness, np.exp(-self.lambda_w / 2))
         z = _harmonics(rng, omega, self.smoothness, np.exp(-self.lambda_z / 2))
         tones = np.exp(1j * np.outer(self.step * np.arange(number), INPUT_FREQUENCIES))

@@ -167,7 +167,7 @@ class Chart(NamedTuple):
     def as_json(self, points: int) -> Values:
         """Returns what the page's script draws, with values as 16-bit integers, base64."""
         thinned = self.thinned(points)
-        lines: list[Values] = [
+        lines = [
             line._asdict()
             | {
                 key: _packed(getattr(line, key), self.y.log and not line.right)

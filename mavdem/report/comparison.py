@@ -66,7 +66,7 @@ def _errors(comparison: Comparison, question: Question) -> Blocks:
     """A row a method, the lowest error first, and a caution if the first method's band holds too few samples."""
     reference = comparison.methods_of(question)[0]
     tests = comparison.verdicts(question)
-    blocks: Blocks = [Sentence("error ratio by steps ahead.", WORDS[question])]
+    blocks = [Sentence("error ratio by steps ahead.", WORDS[question])]
     table = []
     for row in comparison.over_flights(question):
         share = row["inside"][-1]

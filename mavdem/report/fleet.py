@@ -38,7 +38,7 @@ def fleet_blocks(rows: Sequence[FlightRow]) -> Blocks:
     }
     flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
     unjudged = [flights for flights in named.values() if vehicle_health(flights) == UNKNOWN]
-    blocks: Blocks = [
+    blocks = [
         *section(
             "fleet",
             **_needs_a_look(named),

@@ -88,7 +88,7 @@ class Attached:
         name = f"{datetime.now(UTC):%Y-%m-%d_%H-%M-%S}.tlog"
         part = self._library.new_part(name)
         recording = RawRecording(part)
-        ignored: Callable[[object], None] = lambda _: None  # noqa: E731
+        ignored = lambda _: None  # noqa: E731
 
         def check(fact: Fact) -> None:
             if fact.code is LinkFact.STREAM_RECORDING_ENDED:

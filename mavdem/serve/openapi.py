@@ -86,7 +86,7 @@ def _described(operation: Operation) -> Values:
     places = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
     places |= dict.fromkeys(QUERIES.get(operation.name, ()), "query")
     summary = words()["interface"][operation.name]
-    described: Values = {
+    described = {
         "operationId": operation.name,
         "summary": summary,
         "parameters": [

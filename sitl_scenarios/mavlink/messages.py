@@ -52,7 +52,7 @@ CHANNELS: int = named("HIL_ACTUATOR_CONTROLS").wire["controls"].shape[0]  # of a
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     """Messages, (count,) of their wire type; fields that are not given are zero."""
-    table: Payloads = np.zeros(count, dtype=named(name).wire)
+    table = np.zeros(count, dtype=named(name).wire)
     for field, values in fields.items():
         table[field] = values
     return table
@@ -179,7 +179,7 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> list[P
     """An autopilot's parameters in alphabetical order; ``cycle`` of its loop in s."""
     system = scenario.stream.system
     as_x = (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
-    own: dict[str, float] = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}
+    own = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}
     if autopilot.name == "px4":
         own = {"MAV_SYS_ID": system, "SYS_AUTOSTART": 4001 if as_x else 5001}
     kinds = {name: kind for kind, known in autopilot.parameters.items() for name in known}

@@ -226,9 +226,7 @@ class Transmitter:
             self.schedule = self._scheduled(float(clock[0]))
             self._fresh = False
         self.clock = float(clock[-1])
-        placed: list[Placed] = [
-            (name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked
-        ]
+        placed = [(name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked]
         self._asked = []
         placed += self._streams(motion, clock)
         if placed:
@@ -309,7 +307,7 @@ class LossyLink:
             waits = np.concatenate([[True], waits])
             self._held = None
         order = []
-        behind: int | None = None  # the row that waits for the next
+        behind = None  # the row that waits for the next
         for row, is_late in enumerate(waits.tolist()):
             if is_late and behind is None:
                 behind = row

@@ -48,7 +48,7 @@ def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
         if isinstance(loop, NoLoop):
             continue
         advice = advise(loop, margins, more=True)
-        row: Values = {"advice": advice.sentence.code.name}
+        row = {"advice": advice.sentence.code.name}
         rows.append(row)
         if advice.refusals:
             continue

@@ -97,7 +97,7 @@ def judged(case: tuple[str, int], rate: float) -> list[Values]:
     breaks = np.inf if kind == SOUND else begin + 2.0
     after = (alarm for alarm in alarms if alarm.time >= breaks)
     first = next(after, None)
-    row: Values = {"flights": kind, "half": ("even", "odd")[number % 2], "hours": hours}
+    row = {"flights": kind, "half": ("even", "odd")[number % 2], "hours": hours}
     row["delay"] = np.inf if first is None else first.time - breaks
     broken = propeller.motor or vehicle.weak_motor
     row["right"] = first is not None and first.motor == broken
@@ -109,7 +109,7 @@ def line_of(flights: pd.DataFrame) -> pd.Series:
     """A row: what was found where a motor broke, and the alarms on sound motors."""
     delays = flights["delay"]
     known = delays[np.isfinite(delays)]
-    line: Values = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
+    line = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
     found = (delays <= 5.0).sum()
     line |= {"found in 5 s": found, "longest, s": f"{known.max():.1f}"}
     line["named right, of found"] = f"{flights['right'].sum()} of {len(known)}"

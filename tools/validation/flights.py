@@ -14,7 +14,7 @@ import pandas as pd
 
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.report.blocks import Block, Sentence, Table, markdown
+from mavdem.report.blocks import Sentence, Table, markdown
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import cycle_of
 from sitl_scenarios.mavlink.transmitter import recorded
@@ -103,7 +103,7 @@ def show(title: str, rows: Any, *more: str) -> None:
     """Prints rows, a frame or made into one, as a table in Markdown, and sentences under it."""
     table = pd.DataFrame(rows)
     cells = [[_text(cell) for cell in row] for row in table.itertuples(index=False)]
-    under: list[Block] = [Sentence(text) for text in more]
+    under = [Sentence(text) for text in more]
     click.echo(markdown([Sentence(title), Table(list(table), cells, words=True), *under]) + "\n")
 
 

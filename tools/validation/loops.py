@@ -247,7 +247,7 @@ def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Valu
         else:
             log, known = simulated(source, cache)
     except Refusal as error:
-        row: Values = {"log": name, "rate": np.nan, "axis": "", "figure": ""}
+        row = {"log": name, "rate": np.nan, "axis": "", "figure": ""}
         return [row | {"cause": cause(error.fact)}]
     rows = []
     for rate in rates:
@@ -270,7 +270,7 @@ def line_of(rows: Any) -> pd.Series:
         errors = errors.fillna(0.0).clip(-LARGEST, LARGEST)
     elif "margin" not in rows.name[0]:
         errors = errors / rows["true"]
-    line: Values = {"given": len(rows), "rms": (errors**2).mean() ** 0.5}
+    line = {"given": len(rows), "rms": (errors**2).mean() ** 0.5}
     line |= {"median": errors.median(), "size": errors.abs().median()}
     line["close"] = share(errors.abs() <= CLOSE)
     line["inside"] = share(rows["true"].between(rows["low"], rows["high"]))

@@ -149,7 +149,7 @@ def judged(case: Case) -> list[Values]:
             click.echo(f"{case}: refused: {found.reason}", err=True)
             continue
         known = truth_of(motion, of, part)
-        row: Values = {"steering": case.steering, "rate": case.rate, "seed": case.seed}
+        row = {"steering": case.steering, "rate": case.rate, "seed": case.seed}
         row["of"] = "flights" if window is None else "7 s"
         for name in PARAMETERS:
             value, half = estimate_of(found, name)
@@ -180,7 +180,7 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
 def line_of(some: Any, name: str) -> pd.Series:
     """Of a parameter: share that is reported, and how often intervals hold the truth."""
     status = some[f"{name} status"]
-    line: Values = {"number": len(some)} | {one: share(status == one) for one in STATUSES}
+    line = {"number": len(some)} | {one: share(status == one) for one in STATUSES}
     known = some[status == "reported"]
     line["inside"] = share(known[f"{name} inside"])
     worst = max(known[f"{name} error"], key=abs, default=np.nan)

@@ -39,7 +39,7 @@ def judged(number: int) -> list[Values]:
     found = {"rate": rate_response(signals, parts), "attitude": attitude_response(signals, parts)}
     rows = []
     for loop, measured in found.items():
-        row: Values = {"loop": loop, "flight": number}
+        row = {"loop": loop, "flight": number}
         if isinstance(measured, Fact):
             row["why not"] = measured.code.name
         else:

@@ -102,7 +102,7 @@ def recorded(path: str) -> tuple[float, float]:
 
 def compared(name: str, log: str, known: tuple[float, float]) -> list[Values]:
     """A row: the known oscillation, and that of the twin of a log."""
-    row: Values = {"vehicle": name, "Hz": known[0], "°/s": known[1]}
+    row = {"vehicle": name, "Hz": known[0], "°/s": known[1]}
     with TemporaryDirectory() as folder:
         made = Path(folder) / "twin.toml"
         result = CliRunner().invoke(twin_command, [log, "--out", str(made)])

@@ -84,7 +84,7 @@ def judged(case: tuple[int, str], seed: int) -> list[Values]:
     highest = np.log([0.7, 0.04])
     linear, quadratic = np.exp(rng.uniform(lowest, highest))
     axes = rng.uniform(0.85, 1.15) ** np.array([1, -1])
-    vehicle: Values = {"model": str(rng.choice(["iris", "ardrone2"]))}
+    vehicle = {"model": str(rng.choice(["iris", "ardrone2"]))}
     vehicle["drag_linear"] = (linear * axes).tolist()
     vehicle["drag_quadratic"] = (quadratic * axes).tolist()
     flight = scenario(name, vehicle, rng)

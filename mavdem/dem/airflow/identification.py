@@ -228,7 +228,7 @@ def estimate_drag(
     known = real_numbers(wind, "wind")
     if known.shape not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {known.shape}")
-    air: Array = np.zeros((len(time), 2)) + known
+    air = np.zeros((len(time), 2)) + known
     speeds = real_numbers(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)

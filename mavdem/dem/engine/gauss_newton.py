@@ -75,9 +75,7 @@ def gauss_newton(
         now = trace[-1]
         for _ in range(damping.attempts):
             curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
-            step: Array = damping.limited(
-                np.asarray(np.linalg.solve(curvature, now.slope), np.float64)
-            )
+            step = damping.limited(np.asarray(np.linalg.solve(curvature, now.slope), np.float64))
             value, residuals = objective.value(now.at + step)
             gained = value - now.value
             if gained > 0:

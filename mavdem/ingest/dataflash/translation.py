@@ -310,7 +310,7 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
         _changes(tables, "EV", "Id", ARMED_EVENTS),
         _changes(tables, "ARM", "ArmState", ARM_STATES),
     ]
-    named_columns: dict[str, tuple[str, Columns | None]] = {
+    named_columns = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
         "ACTUATOR_CONTROL_TARGET": ("RATE", demands),

@@ -27,7 +27,6 @@ from mavdem.ingest.telemetry import (
     Component,
     Fields,
     Log,
-    Tables,
     Telemetry,
     Unread,
     repair,
@@ -99,7 +98,7 @@ def assemble(stream: FrameStream) -> Log:
             kind = RADIO
         who = ids >> 8, ids & 0xFF, kind, autopilot
         heard.append((Component(*who, counts, max(lost[ids], 0)), messages, of_clock))
-    stores: dict[int, Tables] = {
+    stores = {
         one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE
     }
     vehicles = []

@@ -103,7 +103,7 @@ def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, 
             pieces.append(_Piece(place, message.log_time, message.data))
     parts = [_part(pieces) for pieces in carried.values() if pieces is not None]
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
-    heard: set[FrameSender] = set()
+    heard = set()
     for part in parts:
         good = part.frames[part.frames.verdict == GOOD]
         heard |= set(map(FrameSender, good.system.tolist(), good.component.tolist()))

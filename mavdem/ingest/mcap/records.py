@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -105,7 +105,7 @@ class McapRecording:
     def _read(self, opcode: int, start: int, stop: int) -> McapRecord | None:
         """The record in these bytes; None where it is damaged."""
         stream = ReadDataStream(BytesIO(self.content[start:stop]))
-        record: McapRecord | None = None
+        record = None
         with suppress(*DAMAGE):
             if opcode == Opcode.CHANNEL:
                 record = Channel.read(stream)
@@ -172,7 +172,7 @@ def _next_record(content: bytes, place: int) -> int:
 def _unpacked(compression: str, packed: bytes, most: int) -> bytes:
     """The records of a chunk as far as they can be unpacked, and ``most`` of their bytes."""
     records = bytearray()
-    opened: dict[str, Callable[[bytes], Any]] = {
+    opened = {
         "": BytesIO,
         "lz4": lambda packed: lz4.frame.open(BytesIO(packed)),
         "zstd": zstandard.ZstdDecompressor().stream_reader,

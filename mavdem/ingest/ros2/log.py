@@ -303,7 +303,7 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
     placed, repairs = _on_one_clock(tables, stamps)
     states = tables["state"].columns["mode"] if "state" in tables else ()
     autopilot = mavros_autopilot(Counter(states))
-    messages: dict[str, Columns] = {
+    messages = {
         MAVROS_TOPICS[name].message: {
             "time": columns["time"],
             "boot": columns["boot"],
