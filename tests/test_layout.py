@@ -196,33 +196,33 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 18700,
-    "analysis": 8200,
-    "assessment": 17900,
-    "baselines": 5300,
-    "cli": 17100,
-    "condition": 39300,
-    "dem": 66900,
-    "documents": 10300,
-    "evaluate": 8350,
-    "export": 2650,
-    "facts": 5400,
-    "fleet": 15650,
-    "health": 10350,
-    "ingest": 41150,
-    "live": 30500,
-    "mavdem": 5450,
-    "paper": 11550,
-    "report": 33000,
-    "serve": 13000,
-    "sitl_scenarios": 31000,
-    "tools": 17200,
-    "view": 11150,
+    "alignment": 18600,
+    "analysis": 8700,
+    "assessment": 17850,
+    "baselines": 5250,
+    "cli": 16950,
+    "condition": 39700,
+    "dem": 66700,
+    "documents": 10200,
+    "evaluate": 8150,
+    "export": 2550,
+    "facts": 5450,
+    "fleet": 15250,
+    "health": 10700,
+    "ingest": 40700,
+    "live": 30850,
+    "mavdem": 5350,
+    "paper": 11450,
+    "report": 32550,
+    "serve": 12800,
+    "sitl_scenarios": 31750,
+    "tools": 17650,
+    "view": 10950,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 420_000
-TEST_NODES = 250_000
-NODES_A_LINE = 11.6  # condition, health and tools
+ALL_NODES = 419_600
+TEST_NODES = 249_900
+NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 698
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""

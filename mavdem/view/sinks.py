@@ -25,7 +25,6 @@ from mavdem.files import PathName, atomic_writes
 
 LOOPBACK = "127.0.0.1"
 CLOSING_SECONDS = 3.0  # how long a file, or any sink, that is closed may still be written
-COMPLETING_SECONDS = 30.0  # how long a file may be completed: an hour of 100 Hz takes 9
 SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
 STREAM_HEADER = 12  # bytes before the first message of an .rrd file
 MESSAGE_HEADER = struct.Struct(
@@ -107,7 +106,8 @@ class RecordingFile(Sink):
     Each batch is passed to the operating system at once: if the process ends, only the last second is missing. If the
     disk is full, the file is cut to whole messages, since the viewer opens no other. If the process is killed while
     it writes, the end of the file is torn; ``rerun rrd optimize`` repairs it. The table of its chunks would grow in
-    memory by a megabyte a minute, so it is made at the end, where that takes no longer than ``COMPLETING_SECONDS``.
+    memory by a megabyte a minute, so it is made at the end, where that takes no longer than ten times
+    ``CLOSING_SECONDS``: an hour of 100 Hz takes 9 s.
     """
 
     period = 1.0  # each chunk has a kilobyte of overhead
@@ -144,7 +144,7 @@ class RecordingFile(Sink):
         with atomic_writes(self.path) as (completed,):
             with _start("rrd", "optimize", str(self.path), "-o", str(completed)) as process:
                 try:
-                    failed = process.wait(COMPLETING_SECONDS)
+                    failed = process.wait(10 * CLOSING_SECONDS)
                 finally:
                     process.kill()
             if failed:

@@ -37,9 +37,12 @@ def scenario(name: str, vehicle: Values, rng: np.random.Generator) -> Scenario:
     factor = rng.uniform(0.4, 1.7)
     turn = rng.uniform(0, 360)
     for one in values["wind"]:
-        one["speed"] *= 1 if one["kind"] == "gust" else factor
-        one["direction"] = (one["direction"] + turn) % 360
-    values["sensors"]["misalignment"] = rng.normal(0, 0.7, 2).tolist()
+        if one["kind"] != "gust":
+            one["speed"] *= factor
+        turned = one["direction"] + turn
+        one["direction"] = turned % 360
+    tilts = rng.normal(0, 0.7, 2)
+    values["sensors"]["misalignment"] = tilts.tolist()
     stream = drawn(TABLES["wind"]["stream"], rng)
     stream["rates"] = {"LOCAL_POSITION_NED": stream.pop("position")}
     values["stream"] |= stream
@@ -69,7 +72,8 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
     row["band"] = np.mean(in_band)
     row["speed reported"] = has_speed
     limit = max(0.7, 0.12 * speed)
-    row["speed right"] = has_speed and abs(found.speed - speed) <= limit
+    error = abs(found.speed - speed)
+    row["speed right"] = has_speed and error <= limit
     row["direction reported"] = has_direction
     row["direction right"] = has_direction and apart <= 10
     return row, found.drag.of_next_flight()
