@@ -216,7 +216,7 @@ NODES = {
     "report": 32550,
     "serve": 12800,
     "sitl_scenarios": 31750,
-    "tools": 17650,
+    "tools": 17700,
     "view": 10950,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
