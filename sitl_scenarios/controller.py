@@ -97,7 +97,9 @@ class Controller:
         return tuple(
             Gains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
             for p, angle in zip(
-                (self._gain * self._rate * one for one in self._per_unit), self.stiff, strict=True
+                (self._gain * self._rate * share for share in self._per_unit),
+                self.stiff,
+                strict=True,
             )
         )
 

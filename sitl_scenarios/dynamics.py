@@ -58,9 +58,9 @@ def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
     ahead, aside = arm
     # Thrust acts upwards: a rotor on the left rolls to the right, one in front raises the nose.
     return RotorFrame(
-        forward=tuple(one * ahead for one in forward),
-        right=tuple(one * aside for one in right),
-        roll=tuple(-one for one in right),
+        forward=tuple(part * ahead for part in forward),
+        right=tuple(part * aside for part in right),
+        roll=tuple(-part for part in right),
         pitch=forward,
         yaw=SPINS,
     )
@@ -84,13 +84,13 @@ def mix(frame: RotorFrame, demands: Four) -> Four:
     highest = max(turning)
     if highest - lowest > 1.0 - IDLE_COMMAND:
         scale = (1.0 - IDLE_COMMAND) / (highest - lowest)
-        turning = [one * scale for one in turning]
+        turning = [part * scale for part in turning]
         lowest = lowest * scale
         highest = highest * scale
     least = IDLE_COMMAND - lowest
     most = 1.0 - highest
     thrust = min(max(thrust, least), most)
-    return tuple(one + thrust for one in turning)
+    return tuple(share + thrust for share in turning)
 
 
 # Of no command and of a full one
@@ -188,7 +188,9 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     mass = body.mass
     height = body.hub_height
     ix, iy, iz = body.inertia
-    dx, dy, dz = (one * about for one, about in zip(body.damping, body.inertia, strict=True))
+    dx, dy, dz = (
+        damping * about for damping, about in zip(body.damping, body.inertia, strict=True)
+    )
     thrust2, thrust1 = body.thrust
     torque2, torque1 = body.torque
     half_rho_area = AIR_DENSITY * body.drag_area / 2
@@ -196,9 +198,9 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     (hull_x, hull_y) = (half_rho_area,) * 2
     if vehicle.drag_linear is not None:
         full_speed = 4 * body.hover_speed
-        along_x, along_y = (one * mass / full_speed for one in vehicle.drag_linear)
+        along_x, along_y = (drag * mass / full_speed for drag in vehicle.drag_linear)
     if vehicle.drag_quadratic is not None:
-        hull_x, hull_y = (one * mass for one in vehicle.drag_quadratic)
+        hull_x, hull_y = (drag * mass for drag in vehicle.drag_quadratic)
     through = body.inflow if vehicle.rotor_drag else 0.0
 
     def change(
@@ -225,9 +227,9 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         mx = roll - dx * p + height * fy - aside * push
         my = pitch - dy * q - height * fx + ahead * push
         mz = yaw - dz * r + aside * fx - ahead * fy
-        for one, (forward, right, _, _) in zip(rotors, each, strict=True):
+        for rotor, (forward, right, _, _) in zip(rotors, each, strict=True):
             flow = tz + tp * right - tq * forward
-            lost = one * flow
+            lost = rotor * flow
             fz += lost
             mx += right * lost
             my -= forward * lost
@@ -236,16 +238,16 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
         lift = turn = 0.0
         rolling = mx
         pitching = my
-        for one, (forward, right, left, spin) in zip(rotors, each, strict=True):
-            thrust = left * (thrust2 * one + thrust1) * one
+        for rotor, (forward, right, left, spin) in zip(rotors, each, strict=True):
+            thrust = left * (thrust2 * rotor + thrust1) * rotor
             lift += thrust
-            turn += spin * (torque2 * one + torque1) * one
+            turn += spin * (torque2 * rotor + torque1) * rotor
             rolling -= right * thrust
             pitching += forward * thrust
 
         force = tuple(dot(row, (fx, fy, fz)) for row in rows)
-        lifted = (one - row[2] * lift for one, row in zip(force, rows, strict=True))
-        north, east, down = (one / mass for one in lifted)
+        lifted = (part - row[2] * lift for part, row in zip(force, rows, strict=True))
+        north, east, down = (part / mass for part in lifted)
         fallen = north, east, down + GRAVITY
         about_x = (rolling + (iy - iz) * q * r) / ix
         about_y = (pitching + (iz - ix) * r * p) / iy

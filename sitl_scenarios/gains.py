@@ -97,8 +97,8 @@ class SetController(Controller):
             for axis, column in zip(AXES, columns, strict=True)
         ]
         super().__init__(vehicle, cycle, scenario.sensors.delay)
-        self._within(tuple(one.angle for one in axes))
-        self._columns = np.array([one.mixer for one in axes])
+        self._within(tuple(axis.angle for axis in axes))
+        self._columns = np.array([axis.mixer for axis in axes])
         self._mix = mixers.px4 if is_px4 else mixers.ardupilot
         self._expo = axes[0].expo
         (self._begin, self._end) = axes[0].spin
@@ -106,7 +106,7 @@ class SetController(Controller):
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
         super().rest()
-        self._loops = [_RateLoop(one) for one in self.axes]
+        self._loops = [_RateLoop(axis) for axis in self.axes]
 
     def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
         """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
@@ -192,19 +192,21 @@ def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     rotors = frame(layout, airframe(vehicle).arm)
     (share, slope) = _slope_in_hover(vehicle, 0.0, 1.0)
     arms = (rotors.right, rotors.forward)
-    norms = [sqrt(fsum(one * one for one in arm)) for arm in arms]
+    norms = [sqrt(fsum(part * part for part in arm)) for arm in arms]
     scale = max(
-        sqrt(2 / sum(one != 0 for one in arm)) / norm for arm, norm in zip(arms, norms, strict=True)
+        sqrt(2 / sum(part != 0 for part in arm)) / norm
+        for arm, norm in zip(arms, norms, strict=True)
     )
     units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)]
     units.append(slope)
     lag = gains[0].derivative_lag
     values = {"THR_MDL_FAC": share, "IMU_GYRO_CUTOFF": 0.0, "IMU_DGYRO_CUTOFF": _time(lag)}
-    for name, one, unit in zip(("ROLL", "PITCH", "YAW"), gains, units, strict=True):
+    for name, triple, unit in zip(("ROLL", "PITCH", "YAW"), gains, units, strict=True):
         values |= {
-            f"MC_{name}RATE_{letter}": gain / unit for letter, gain in zip("PID", one, strict=False)
+            f"MC_{name}RATE_{letter}": gain / unit
+            for letter, gain in zip("PID", triple, strict=False)
         }
-        values |= {f"MC_{name}RATE_K": 1.0, f"MC_{name}RATE_FF": 0.0, f"MC_{name}_P": one.angle}
+        values |= {f"MC_{name}RATE_K": 1.0, f"MC_{name}RATE_FF": 0.0, f"MC_{name}_P": triple.angle}
     for n, spin in enumerate(SPINS):
         values |= {
             f"CA_ROTOR{n}_PX": rotors.forward[n],
@@ -229,12 +231,12 @@ def _ardupilot(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]
         "MOT_SPIN_MIN": IDLE_COMMAND,
         "MOT_SPIN_MAX": 1.0,
     }
-    for name, one in zip(("RLL", "PIT", "YAW"), gains, strict=True):
+    for name, triple in zip(("RLL", "PIT", "YAW"), gains, strict=True):
         values |= {
             f"ATC_RAT_{name}_{letter}": 2 * gain / slope
-            for letter, gain in zip("PID", one, strict=False)
+            for letter, gain in zip("PID", triple, strict=False)
         }
-        cutoff = _time(one.derivative_lag)
+        cutoff = _time(triple.derivative_lag)
         filters = {
             "FLTT": cutoff / LEAD,
             "FLTE": 0.0,
@@ -244,5 +246,5 @@ def _ardupilot(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]
             "SMAX": 0.0,
         }
         values |= {f"ATC_RAT_{name}_{key}": value for key, value in filters.items()}
-        values[f"ATC_ANG_{name}_P"] = one.angle
+        values[f"ATC_ANG_{name}_P"] = triple.angle
     return values | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": 1}

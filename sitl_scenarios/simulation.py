@@ -238,7 +238,7 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     wind_moments = torque * body.inertia
     given = np.column_stack([setpoints[..., 0], setpoints[..., 1], wind_moments])
     samples = np.arange(len(torque))
-    columns = np.column_stack([np.interp(grid, samples, one) for one in given.T])
+    columns = np.column_stack([np.interp(grid, samples, column) for column in given.T])
     state = State(rotors=(body.hover_speed,) * 4)
     known = []
     for wanted_roll, wanted_pitch, _, p, q, r, *moments in columns.tolist():

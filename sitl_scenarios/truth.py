@@ -204,7 +204,10 @@ def _response(
     """(N,) of the rate controller at ``turns``, j times rad a cycle: from the rate that is ``wanted``, or the rate."""
     controller = controller_for(scenario, cycle)
     impulse = np.eye(1, SETTLED_CYCLES)[0].tolist()
-    demands = [controller.demand(number, one * wanted, one * (not wanted), True) for one in impulse]
+    demands = [
+        controller.demand(number, demand * wanted, demand * (not wanted), True)
+        for demand in impulse
+    ]
     # An integrator keeps what it has: the differences end.
     steps = np.diff(demands, prepend=0.0)
     least = 1e-12 * np.abs(steps).max()

@@ -54,7 +54,9 @@ def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
     ]
     if not messages:
         return ()
-    time, boot = (np.concatenate([one[name] for one in messages]) for name in ("time", "boot"))
+    time, boot = (
+        np.concatenate([columns[name] for columns in messages]) for name in ("time", "boot")
+    )
     parts = []
     for number in np.unique(boot[np.isfinite(time)]):
         stamps = time[(boot == number) & np.isfinite(time)]
@@ -210,7 +212,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
-            "setpoints": {one.name: telemetry.called(one.message) for one in asked},
+            "setpoints": {setpoint.name: telemetry.called(setpoint.message) for setpoint in asked},
             "repairs": list(map(str, telemetry.repairs)),
             "parameters": {
                 name: value
@@ -220,11 +222,11 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "earlier": _earlier(telemetry, segment),
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
-        setpoints=np.column_stack([held(one, segment.boot, time) for one in asked])
+        setpoints=np.column_stack([held(setpoint, segment.boot, time) for setpoint in asked])
         if asked
         else None,
-        setpoint_names=tuple(one.name for one in asked) or None,
-        setpoint_units=tuple(one.unit for one in asked) or None,
+        setpoint_names=tuple(setpoint.name for setpoint in asked) or None,
+        setpoint_units=tuple(setpoint.unit for setpoint in asked) or None,
     )
 
 
@@ -238,11 +240,11 @@ def _earlier(telemetry: Telemetry, segment: Segment) -> Parameters:
         )
         before = parameter_values(selected(sent, rows), telemetry.autopilot)
     return {
-        name: one
-        for name, one in before.items()
+        name: value
+        for name, value in before.items()
         if CONTROL_PARAMETERS.match(name)
         and not OWN_PARAMETERS.search(name)
-        and telemetry.parameters[name] != one
+        and telemetry.parameters[name] != value
     }
 
 

@@ -270,7 +270,9 @@ def highest_collective(signals: Signals) -> float:
     collective = signals.collective
     boots = () if collective is None else np.unique(collective.boot)
     known = (of_boot(collective, int(boot)) for boot in boots)
-    return max((float(average(one).max()) for one in known if one is not None), default=0.0)
+    return max(
+        (float(average(signal).max()) for signal in known if signal is not None), default=0.0
+    )
 
 
 def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:

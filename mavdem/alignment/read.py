@@ -104,8 +104,8 @@ def usable_segments(
     """Returns all usable segments, none if the longest is not learnable; both streams need ``least_rate``, Hz."""
     judged = list(learnabilities(signals, components, least_rate))
     first = judged[0]
-    usable = [one for one in judged if one.learnable]
-    taken = [one.segment for one in usable]
+    usable = [part for part in judged if part.learnable]
+    taken = [part.segment for part in usable]
     lost = [segment.duration for segment in first.segments if segment not in taken]
     left_out = []
     if 0 < len(lost) < len(first.segments):
@@ -120,7 +120,7 @@ def usable_segments(
                 least_duration=MINIMUM_DURATION,
             )
         ]
-    flights = [_with_cautions(one, *left_out) for one in usable]
+    flights = [_with_cautions(part, *left_out) for part in usable]
     in_time = sorted(
         flights, key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0]))
     )

@@ -265,8 +265,10 @@ class VehicleSignals:
             return None
         # An unknown vehicle sends heartbeats of type GENERIC.
         kind = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
-        kinds = [enum_name("MAV_TYPE", one) for one in columns["type"].tolist()]
-        autopilots = [enum_name("MAV_AUTOPILOT", one) for one in columns["autopilot"].tolist()]
+        kinds = [enum_name("MAV_TYPE", number) for number in columns["type"].tolist()]
+        autopilots = [
+            enum_name("MAV_AUTOPILOT", number) for number in columns["autopilot"].tolist()
+        ]
         own = (np.array(kinds) == kind) & (np.array(autopilots) == telemetry.autopilot)
         if not own.any():
             return None
@@ -461,7 +463,7 @@ class Signals(VehicleSignals):
                     values = np.radians(values)
                 rate, asked = values.T
                 return replace(own, values=rate), replace(own, values=asked)
-        asked_rates = [one.signal for one in self.setpoints if one.unit == "rad/s"]
+        asked_rates = [setpoint.signal for setpoint in self.setpoints if setpoint.unit == "rad/s"]
         if self.attitude is None or not asked_rates:
             return None
         return self.attitude.rates, asked_rates[0]

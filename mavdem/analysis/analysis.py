@@ -276,10 +276,12 @@ def flown_after(segments: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     Of the longest segment's boot: times of another cannot be compared.
     """
     boot = max(segments, key=len).provenance["segment"]["boot"]
-    flights = [one for one in segments if one.provenance["segment"]["boot"] == boot]
+    flights = [flight for flight in segments if flight.provenance["segment"]["boot"] == boot]
     begin = flights[0].time[0] + start
-    skips = [(one, int(np.searchsorted(one.time, begin - one.dt / 2))) for one in flights]
-    left = tuple(one[skip:] for one, skip in skips if len(one) - skip >= FEWEST_SAMPLES)
+    skips = [
+        (flight, int(np.searchsorted(flight.time, begin - flight.dt / 2))) for flight in flights
+    ]
+    left = tuple(flight[skip:] for flight, skip in skips if len(flight) - skip >= FEWEST_SAMPLES)
     if not left:
         raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start)
     return left

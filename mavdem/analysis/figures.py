@@ -144,11 +144,11 @@ class LogAnalysis:
             **known,
             "axes": {
                 name: {
-                    "physical": physical_values(one.physical),
-                    "wind": one.wind,
-                    "reason": one.reason,
+                    "physical": physical_values(analysis.physical),
+                    "wind": analysis.wind,
+                    "reason": analysis.reason,
                 }
-                for name, one in self.axes.items()
+                for name, analysis in self.axes.items()
             },
             "hover": self.condition.hover,
             **self.tier.as_dict(),

@@ -81,7 +81,7 @@ class Findings(NamedTuple):
 
     def grade(self, purpose: Purpose) -> Grade | None:
         """Returns how well the model serves a ``purpose``; None where that was not judged."""
-        return next((one.grade for one in self.purposes if one.purpose is purpose), None)
+        return next((rated.grade for rated in self.purposes if rated.purpose is purpose), None)
 
     def as_dict(self) -> Values:
         """The keys of documents, which make sentences of facts; ``findings`` are the graded purposes."""

@@ -117,8 +117,8 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
     is how its margins rate with either.
     """
     named = f"AutoTune: {signals.axis.capitalize()} "
-    words = [one for one in texts(signals.telemetry) if one.text.startswith(named)]
-    stamps = [(one.boot, one.time) for one in words]
+    words = [text for text in texts(signals.telemetry) if text.text.startswith(named)]
+    stamps = [(text.boot, text.time) for text in words]
     if signals.telemetry.autopilot == "PX4":
         for _, signal in signals.injected:
             stamps += [
@@ -132,11 +132,11 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
     sets = gains_of_log(signals)
     before = [dict(values) for *since, values in sets if since <= [boot, begin]][-1]
     after = before | {
-        f"ATC_{'ANG' if 'Angle' in one.text else 'RAT'}_{NAMED[signals.axis][0]}_{letter}": float(
+        f"ATC_{'ANG' if 'Angle' in text.text else 'RAT'}_{NAMED[signals.axis][0]}_{letter}": float(
             value
         )
-        for one in words
-        for letter, value in FOUND.findall(one.text)
+        for text in words
+        for letter, value in FOUND.findall(text.text)
     }
     after |= {name: value for name, value in sets[-1][2] if before[name] != value}
     changes = [

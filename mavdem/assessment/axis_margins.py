@@ -58,13 +58,13 @@ def margins_of(
     """Returns what is known of the margins of roll, pitch and yaw, by ``parts`` of settled flight and the ``loops``."""
     return tuple(
         AxisMargins(
-            one.axis,
-            loops.get(one.axis),
-            response_of(one, parts),
-            peak_of(one, parts),
-            injected_loop(one, recorded_parts(one)),
+            about.axis,
+            loops.get(about.axis),
+            response_of(about, parts),
+            peak_of(about, parts),
+            injected_loop(about, recorded_parts(about)),
         )
-        for one in map(signals.about, AXES)
+        for about in map(signals.about, AXES)
     )
 
 

@@ -68,7 +68,7 @@ def ending_of(signals: Signals, events: Sequence[Fact]) -> Fact | None:
 
     ``events`` are those of ``motion_events`` and ``reported_events``.
     """
-    bad = in_order(one for one in events if one.level is Level.BAD)
+    bad = in_order(event for event in events if event.level is Level.BAD)
     shown = [event for event in bad if event.code in ENDINGS]
     reported = [event for event in bad if event.code in REPORTS]
     if not shown and not reported:

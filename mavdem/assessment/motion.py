@@ -101,7 +101,11 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
         fall = [*_fall(signals, boot, flight, lost)]
         yield from fall
     last = float(error.time[-1])
-    if flights and flights[-1][1] == inf and all(one.code is not MotionEvent.HIT for one in fall):
+    if (
+        flights
+        and flights[-1][1] == inf
+        and all(event.code is not MotionEvent.HIT for event in fall)
+    ):
         height = height_above(signals, boot, flights[-1], last)
         if height is not None and height > GROUND_HEIGHT:
             code = MotionEvent.LOG_ENDED_IN_AIR
@@ -162,14 +166,14 @@ def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Int
     lost = _lasting(error.time, error.size > LOST_ANGLE, ASKED_SECONDS)
     fallen = _lasting(error.time, error.lies, ASKED_SECONDS)
     fallen = [
-        one
-        for one in fallen
-        if one[1] >= flight[1]
-        and (_fastest(climb, one[0], one[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
+        event
+        for event in fallen
+        if event[1] >= flight[1]
+        and (_fastest(climb, event[0], event[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
     ]
     lost = either(lost, fallen)
     latest = flight[1] + ASKED_SECONDS
-    return [one for one in merged(lost, CAUGHT_SECONDS) if flight[0] < one[0] <= latest]
+    return [span for span in merged(lost, CAUGHT_SECONDS) if flight[0] < span[0] <= latest]
 
 
 def _lasting(time: Array, true: Flags, gap: float) -> Intervals:

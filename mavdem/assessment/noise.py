@@ -80,7 +80,7 @@ def noise_of(evidence: Evidence, responses: Responses) -> Noise:
     boots = np.unique(signals.attitude.boot).tolist()
     spans = [Segment(boot, *span) for boot in boots for span in evidence.flights(boot)]
     spectra = spectra_of_flight(signals, spans)
-    noise = Noise(spectra, {name: peaks_of(one) for name, one in spectra.items()})
+    noise = Noise(spectra, {name: peaks_of(spectrum) for name, spectrum in spectra.items()})
     controller = known_controller_of(signals.about("roll"))
     if controller is None:
         return noise

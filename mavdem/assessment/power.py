@@ -93,7 +93,9 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
     """Of the board's voltage; one that never changes is not measured."""
     messages = ("POWER_STATUS", "HWSTATUS")
     found = (recorded(evidence.signals.telemetry, name, "Vcc") for name in messages)
-    measured = next((one for one in found if one is not None and np.ptp(one.values) > 0), None)
+    measured = next(
+        (signal for signal in found if signal is not None and np.ptp(signal.values) > 0), None
+    )
     volts = evidence.averaged(measured) / 1000
     if not len(volts):
         return
@@ -131,7 +133,9 @@ def _resistance(load: list[Signal]) -> tuple[float | None, float | None]:
     for part in load:
         rows = part.values[:, 1] > 0
         known = part.values[rows] * (1e-3, 1e-2)
-        means = [phases.average(Signal(part.time[rows], part.boot[rows], one)) for one in known.T]
+        means = [
+            phases.average(Signal(part.time[rows], part.boot[rows], column)) for column in known.T
+        ]
         apart.append(known.T - means)
         most = max(most, means[1].max(initial=0.0))
     if not most:

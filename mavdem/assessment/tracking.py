@@ -89,7 +89,7 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact:
 
 def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
     """RMS of the body rate less its setpoint, rad/s; None where that was not recorded."""
-    setpoints = [one.signal for one in signals.setpoints if one.unit == "rad/s"]
+    setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
     if signals.attitude is None or not setpoints:
         return None
     _, errors = _errors(setpoints[0], signals.attitude.rates, parts, DELAYS[:1])

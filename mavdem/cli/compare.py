@@ -72,7 +72,7 @@ def compare_command(
         raise too_short(flight, 0.0, *lengths, FEWEST_SAMPLES)
 
     cut = of_each(sources, axis, vehicle, inputs, windows_of)
-    windowed = [window for one in cut.values() for window in one]
+    windowed = [window for windows in cut.values() for window in windows]
     with progress(f"Comparing {len(METHODS)} methods on {len(windowed)} windows") as done:
         compared = compare(windowed, METHODS, done)
     report = {

@@ -101,9 +101,9 @@ def _parameters(source: str, row: FlightRow) -> Parameters:
     if not path.is_file():
         return {}
     return next(
-        one.parameters
-        for one in read_log(path).vehicles
-        if (one.system, one.component) == (row.system, row.component)
+        vehicle.parameters
+        for vehicle in read_log(path).vehicles
+        if (vehicle.system, vehicle.component) == (row.system, row.component)
     )
 
 

@@ -131,7 +131,11 @@ def fly_command(
         if as_json:
             return print_json({"scenarios": scenarios})
         width = max(map(len, names()))
-        return say("\n".join(f"{one['name']:{width}}  {one['description']}" for one in scenarios))
+        return say(
+            "\n".join(
+                f"{scenario['name']:{width}}  {scenario['description']}" for scenario in scenarios
+            )
+        )
     if scenario is None:
         raise click.UsageError(
             "Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file."

@@ -55,14 +55,14 @@ def info_command(
         place = telemetry.system, telemetry.component
         known[place] = (analysis.verdict, analysis.condition, analysis.identity)
     held = inventory(log, axis, vehicle, inputs, known)
-    for shown, one in zip(held["vehicles"], assessments, strict=True):
-        shown |= document_of(one)
+    for shown, assessment in zip(held["vehicles"], assessments, strict=True):
+        shown |= document_of(assessment)
         if not as_json:
-            above, *lights, following = conclusion(one.judgement)
+            above, *lights, following = conclusion(assessment.judgement)
             more = [*lights, *stream_contents(held)]
             said = [above, following]
-            print_screen(title_of(one), vehicle_contents(shown), more, said, verbose)
-    held["learnable"] = any(one["model"] for one in held["vehicles"])
+            print_screen(title_of(assessment), vehicle_contents(shown), more, said, verbose)
+    held["learnable"] = any(vehicle["model"] for vehicle in held["vehicles"])
     if as_json:
         print_json(held)
     elif not held["vehicles"]:

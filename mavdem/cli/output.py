@@ -72,7 +72,8 @@ def printable(text: object) -> str:
     Names and files may hold line breaks and what a terminal obeys: escapes, and marks that turn text around.
     """
     return "".join(
-        one if one.isprintable() else one.encode("unicode_escape").decode() for one in str(text)
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in str(text)
     )
 
 
@@ -279,8 +280,8 @@ def asked_to_end() -> Iterator[Callable[[], bool]]:
 
 
 def _unwind(number: int, frame: FrameType | None) -> None:
-    for one in (signal.SIGINT, signal.SIGTERM, number):
-        signal.signal(one, signal.SIG_IGN)
+    for ending in (signal.SIGINT, signal.SIGTERM, number):
+        signal.signal(ending, signal.SIG_IGN)
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     sys.exit(OF_SIGNAL + number)

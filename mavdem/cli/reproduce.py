@@ -58,7 +58,9 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         if as_json:
             return print_json({"claims": listed})
         return say(
-            "\n".join(f"{one['name']:14}  {one['title']} ({one['section']})" for one in listed)
+            "\n".join(
+                f"{claim['name']:14}  {claim['title']} ({claim['section']})" for claim in listed
+            )
         )
     require("plot", "`mavdem reproduce`")
     from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
@@ -78,7 +80,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
             with writing(out):
                 write(out, reports, seconds)
                 (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
-    found = [[one.claim.name, one.status.value, one.sentence] for one in reports]
+    found = [[report.claim.name, report.status.value, report.sentence] for report in reports]
     print_result(
         document(reports, seconds),
         [Table(["item", "verdict", "findings"], found, words=True)],

@@ -91,30 +91,32 @@ def tune_command(
         grounds = (*grounds, lowered(oscillation, telemetry.parameters))
     notch = assessment.noise.notch if filters and not grounds else None
     settings = dict(notch.figures.get("settings", ())) if notch else {}
-    measured = {one.axis: one.facts[0] for one in evidence.margins if one.injected}
+    measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
     found = dict[str, Advice | Fact]()
-    for one in AXES if axis == ALL else (axis,):
-        loop = evidence.loops[one]
-        if isinstance(loop, Fact) and one in measured:
-            loop = Fact(Loops.NO_LOOP, reasons=(measured[one], loop))
+    for rated in AXES if axis == ALL else (axis,):
+        loop = evidence.loops[rated]
+        if isinstance(loop, Fact) and rated in measured:
+            loop = Fact(Loops.NO_LOOP, reasons=(measured[rated], loop))
         if isinstance(loop, Loop):
             advice = advise(loop, margins, grounds, more=more)
             if settings and not advice.refusals:
                 advice = advise(loop.changed(settings), margins, more=more)
-            found[one] = advice
+            found[rated] = advice
         elif grounds or axis == ALL:
-            found[one] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
+            found[rated] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
         else:
             raise NotLearnable(loop)
-    known = [one for one in found.values() if isinstance(one, Advice)]
+    known = [advised for advised in found.values() if isinstance(advised, Advice)]
     if not known:
         raise NotLearnable(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values())))
-    gains = {name: value for one in known for name, value in one.parameters.items()} | settings
-    refusal = None if any(one.gains for one in known) else known[0].sentence
+    gains = {
+        name: value for advised in known for name, value in advised.parameters.items()
+    } | settings
+    refusal = None if any(advised.gains for advised in known) else known[0].sentence
     document = {
         "source": source,
         "margins": margins,
-        "axes": {name: axis_document(one) for name, one in found.items()},
+        "axes": {name: axis_document(advised) for name, advised in found.items()},
         "parameters": gains,
         "notch": notch,
     }

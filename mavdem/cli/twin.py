@@ -83,16 +83,16 @@ def twin_command(
     assessment, evidence = assessed(source, vehicle, params)
     signals = evidence.signals
     found = {
-        axis: one.grounded if isinstance(one, Fact) and evidence.grounds else one
-        for axis, one in evidence.loops.items()
+        axis: loop.grounded if isinstance(loop, Fact) and evidence.grounds else loop
+        for axis, loop in evidence.loops.items()
     }
     if isinstance(found["roll"], Fact):
         raise NotLearnable(found["roll"])
-    loops = {axis: one for axis, one in found.items() if isinstance(one, Loop)}
+    loops = {axis: loop for axis, loop in found.items() if isinstance(loop, Loop)}
     missing = [
-        f"{axis.capitalize()} is not learned: {one.advised}"
-        for axis, one in found.items()
-        if isinstance(one, Fact)
+        f"{axis.capitalize()} is not learned: {loop.advised}"
+        for axis, loop in found.items()
+        if isinstance(loop, Fact)
     ]
     hover = hover_of(signals.about("roll", "motors"), assessment.log.components)
     px4 = signals.telemetry.autopilot == "PX4"
@@ -102,12 +102,12 @@ def twin_command(
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
     known = {
-        name: ", ".join(f"{one:.3g}" for one in np.ravel(getattr(twin, name)))
+        name: ", ".join(f"{value:.3g}" for value in np.ravel(getattr(twin, name)))
         for name in SHOWN
         if getattr(twin, name) is not None
     }
     rows = [[SHOWN[name], value, str(twin.notes.get(name, ""))] for name, value in known.items()]
-    blocks: list[Sentence | Table] = [Sentence(one) for one in missing]
+    blocks: list[Sentence | Table] = [Sentence(sentence) for sentence in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     compared = _flown_again(twin, loops)
     drag = twin.drag and twin.drag.as_dict()
@@ -120,7 +120,7 @@ def twin_command(
         ]
         shown = {key: name for key, name in FIGURES.items() if key in figures}
         cells += [
-            [f"{axis}{name}", *(f"{one:.2f}" for one in figures[key])]
+            [f"{axis}{name}", *(f"{value:.2f}" for value in figures[key])]
             for key, name in shown.items()
         ]
         blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
@@ -142,8 +142,8 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
         return {}
     samples = len(again["roll"].outputs)
     setpoints = np.zeros((samples, len(AXES), 2))
-    for axis, one in again.items():
-        setpoints[:, AXES.index(axis)] = one.setpoints
+    for axis, loop in again.items():
+        setpoints[:, AXES.index(axis)] = loop.setpoints
     flown = []
     try:
         scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
@@ -157,6 +157,6 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
     except ValueError as error:
         raise NotLearnable(Twins.CANNOT_FLY, because=str(error)) from None
     return {
-        axis: alike(loops[axis], one.outputs, [motion[:, AXES.index(axis)] for motion in flown])
-        for axis, one in again.items()
+        axis: alike(loops[axis], loop.outputs, [motion[:, AXES.index(axis)] for motion in flown])
+        for axis, loop in again.items()
     }

@@ -64,7 +64,7 @@ def wind_command(
         ("Height (m)", "height", wind.profile),
     ):
         cells = [
-            [f"{one[name]:.0f}", f"{one['speed']:.1f}", f"{one['direction']:.0f}"] for one in rows
+            [f"{row[name]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"] for row in rows
         ]
         if wind.sized and len(rows) > 1:
             tables.append(Table([header, "Wind (m/s)", "From (°)"], cells))

@@ -270,8 +270,8 @@ def settled_parts(signals: Signals) -> tuple[Segment, ...]:
 def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tuple[Segment, ...]:
     """The ``wanted`` intervals of each boot, as far as anything was recorded."""
     recorded = (
-        (one.boot, both([(one.start, one.end)], wanted(signals, one.boot)))
-        for one in recorded_parts(signals)
+        (part.boot, both([(part.start, part.end)], wanted(signals, part.boot)))
+        for part in recorded_parts(signals)
     )
     return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
 

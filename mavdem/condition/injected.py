@@ -29,7 +29,9 @@ def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None
     controller = known_controller_of(signals)
     if demand is None or signals.rates is None or not signals.injected or controller is None:
         return None
-    injected = max((one.signal for one in signals.injected), key=lambda one: len(one.time))
+    injected = max(
+        (signal.signal for signal in signals.injected), key=lambda signal: len(signal.time)
+    )
     acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])
     found = spectra((injected, signals.rates[0], acted), parts)
     if found is None:

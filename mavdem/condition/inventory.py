@@ -103,7 +103,7 @@ def _sent_number(telemetry: Telemetry) -> str:
 
 
 def _texts(telemetry: Telemetry) -> list[str]:
-    return [one.text for one in texts(telemetry)]
+    return [text.text for text in texts(telemetry)]
 
 
 def autopilot_alarms(telemetry: Telemetry) -> list[Values]:
@@ -235,9 +235,12 @@ def inventory(
     Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
-    missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
+    missing = {
+        (vehicle.system, vehicle.component): _missing_share(vehicle) for vehicle in log.vehicles
+    }
     described = [
-        _vehicle(one, axis, inputs, log, known.get((one.system, one.component))) for one in vehicles
+        _vehicle(vehicle, axis, inputs, log, known.get((vehicle.system, vehicle.component)))
+        for vehicle in vehicles
     ]
     return {
         "source": log.source,
@@ -248,16 +251,16 @@ def inventory(
             {**asdict(unread), "cause": unread.cause.replace("_", " ")} for unread in log.unread
         ],
         "speakers": [
-            {name: getattr(one, name) for name in ("system", "component", "kind")}
-            | {"messages": (sent := sum(one.messages.values())), "lost": one.lost}
+            {name: getattr(component, name) for name in ("system", "component", "kind")}
+            | {"messages": (sent := sum(component.messages.values())), "lost": component.lost}
             | {
-                "lost_share": one.lost / max(one.lost + sent, 1),
-                "missing_share": missing.get((one.system, one.component)),
+                "lost_share": component.lost / max(component.lost + sent, 1),
+                "missing_share": missing.get((component.system, component.component)),
             }
-            for one in log.components
+            for component in log.components
         ],
         "vehicles": described,
-        "learnable": any(one["verdict"].learnable for one in described),
+        "learnable": any(vehicle["verdict"].learnable for vehicle in described),
     }
 
 

@@ -50,9 +50,9 @@ def notch_advice(
     named = [line for line in lines if line.kind in (PeakKind.MOTOR, PeakKind.FRAME)]
     if shown is None or not named:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE, Level.GOOD)
-    line = max(named, key=lambda one: one.density)
+    line = max(named, key=lambda peak: peak.density)
     frequency = line.frequency
-    if any(abs(one.frequency - frequency) < one.bandwidth / 2 for one in controller.notches):
+    if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, Level.GOOD, frequency=frequency)
     left = shown.whole.mean(axis=0)
     if before is not None:
@@ -82,7 +82,7 @@ def notch_advice(
             break
     cost = None
     if crossover is not None:
-        lags = [gyro_filters(one, crossover).phase_lag for one in (changed, controller)]
+        lags = [gyro_filters(chain, crossover).phase_lag for chain in (changed, controller)]
         cost = lags[0] - lags[1]
     return Fact(
         NotchAdvice.SET_NOTCH,

@@ -68,12 +68,12 @@ def oscillation_of(
         return None
     whole = sum(part.duration for part in parts)
     found = [
-        one
+        cycle
         for axis, tilt in tilts.items()
         for seconds in WINDOWS
-        for one in _limit_cycles(axis, tilt, motors, parts, seconds, whole)
+        for cycle in _limit_cycles(axis, tilt, motors, parts, seconds, whole)
     ]
-    return max(found, key=lambda one: one.rate, default=None)
+    return max(found, key=lambda cycle: cycle.rate, default=None)
 
 
 def begun_oscillation(
@@ -88,8 +88,10 @@ def begun_oscillation(
         part = Segment(boot, max(since, now - 2.2 * seconds), now)
         for axis, tilt in tilts.items():
             found += _limit_cycles(axis, tilt, motors, [part], seconds, np.inf, 1.9 * seconds)
-    strong = [one for one in found if one.at_limit >= LIMITED_SHARE and one.rate >= LEAST_RATE]
-    return max(strong, key=lambda one: one.rate, default=None)
+    strong = [
+        cycle for cycle in found if cycle.at_limit >= LIMITED_SHARE and cycle.rate >= LEAST_RATE
+    ]
+    return max(strong, key=lambda cycle: cycle.rate, default=None)
 
 
 def _limit_cycles(

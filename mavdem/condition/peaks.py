@@ -82,7 +82,7 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
                 found.append(_peak(spectrum, logarithms, drive, row))
     kept = list[Peak]()
     for peak in sorted(found, key=lambda peak: -peak.ratio):
-        apart = all(abs(peak.frequency / one.frequency - 1) > NEAR for one in kept)
+        apart = all(abs(peak.frequency / higher.frequency - 1) > NEAR for higher in kept)
         if apart and peak.ratio > OVER:
             kept.append(peak)
     named = [peak for peak in kept if peak.kind is not PeakKind.UNNAMED]
@@ -113,8 +113,8 @@ def _along(logarithms: Array, frequency: Array, places: Array) -> Array:
 def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float) -> Array:
     """(F,) mean of the windows' spectra, each with its frequencies divided by that of the line at its throttle."""
     moved = [
-        np.interp(frequency * speed**exponent, frequency, one)
-        for speed, one in zip(drive, logarithms, strict=True)
+        np.interp(frequency * speed**exponent, frequency, logarithm)
+        for speed, logarithm in zip(drive, logarithms, strict=True)
     ]
     return np.asarray(np.mean(moved, axis=0))
 
@@ -169,7 +169,7 @@ def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak
 
 def _kind(scores: Array, best: float, at: float) -> PeakKind:
     """What moves with the ``best`` of ``EXPONENTS``, by scores (E, W); unnamed where other kinds fit nearly as well."""
-    kinds = np.array([_kind_of(one, at) for one in EXPONENTS.tolist()])
+    kinds = np.array([_kind_of(exponent, at) for exponent in EXPONENTS.tolist()])
     own = _kind_of(best, at)
     row = np.flatnonzero(best == EXPONENTS)[0]
     chosen = scores[row]
@@ -198,16 +198,17 @@ def _kind_of(exponent: float, at: float) -> PeakKind:
 def _with_harmonics(peaks: Sequence[Peak]) -> tuple[Peak, ...]:
     """Motors' fundamentals with their multiples, which are left out; and all else."""
     kept = list[Peak]()
-    for peak in sorted(peaks, key=lambda one: one.frequency):
+    for peak in sorted(peaks, key=lambda ranked: ranked.frequency):
         parent = next(
-            (one for one in kept if one.kind is PeakKind.MOTOR and _multiple(one, peak)), None
+            (motor for motor in kept if motor.kind is PeakKind.MOTOR and _multiple(motor, peak)),
+            None,
         )
         if parent is None or peak.kind is PeakKind.FRAME:
             kept.append(peak)
         else:
             multiples = (*parent.harmonics, _multiple(parent, peak))
             kept[kept.index(parent)] = parent._replace(harmonics=multiples)
-    return tuple(sorted(kept, key=lambda one: -one.ratio))
+    return tuple(sorted(kept, key=lambda ranked: -ranked.ratio))
 
 
 def _multiple(fundamental: Peak, peak: Peak) -> int:

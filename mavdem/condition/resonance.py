@@ -217,7 +217,7 @@ def spectra_of_pieces(
     """Returns those of ``pieces`` (k, N) of series at so many Hz, as :func:`spectra` does."""
     size = round(seconds * sampled)
     windows = [spectra_of(piece, size) for piece in pieces if piece.shape[1] >= size]
-    if sum(one.shape[1] for one in windows) < FEWEST_WINDOWS:
+    if sum(window.shape[1] for window in windows) < FEWEST_WINDOWS:
         return None
     found = np.concatenate(windows, axis=1)
     return Spectra(
@@ -246,15 +246,15 @@ def evenly_sampled(
     for part in parts:
         spans = [(part.start, part.end)]
         streams = []
-        for one in signals:
-            rows = within(one, part)
-            time = one.time[rows]
-            streams.append((time, one.values[rows]))
+        for signal in signals:
+            rows = within(signal, part)
+            time = signal.time[rows]
+            streams.append((time, signal.values[rows]))
             spans = both(spans, unbroken(time, np.diff(time) > 4 / least_rate))
         for start, end in spans:
             grid = np.arange(start, end, 1 / sampled)
             if len(grid) > sampled * seconds:
-                pieces.append(np.array([np.interp(grid, *one) for one in streams]))
+                pieces.append(np.array([np.interp(grid, *stream) for stream in streams]))
     return (sampled, pieces) if pieces else None
 
 

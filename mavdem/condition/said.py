@@ -59,7 +59,7 @@ def texts(telemetry: Telemetry) -> list[Text]:
         else:
             begun[number] = len(found)
             found.append(Text(time, boot, severity, text))
-    return [one._replace(text=one.text.strip()) for one in found]
+    return [text._replace(text=text.text.strip()) for text in found]
 
 
 def said(telemetry: Telemetry) -> list[Fact]:
@@ -73,22 +73,22 @@ def said(telemetry: Telemetry) -> list[Fact]:
 
 def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
     known = texts(telemetry)
-    is_old = any(one.text in _SAID["old_scale"] for one in known)
-    for one in known:
-        warns = one.severity < len(SEVERITIES) and not is_old
-        fact = _meant(one, warns)
+    is_old = any(text.text in _SAID["old_scale"] for text in known)
+    for text in known:
+        warns = text.severity < len(SEVERITIES) and not is_old
+        fact = _meant(text, warns)
         if fact is not None:
             yield fact.but(
-                boot=one.boot,
+                boot=text.boot,
                 basis=(telemetry.called("STATUSTEXT"),),
-                severity=SEVERITIES[one.severity] if warns else None,
+                severity=SEVERITIES[text.severity] if warns else None,
             )
 
 
-def _meant(one: Text, warns: bool) -> Fact | None:
+def _meant(message: Text, warns: bool) -> Fact | None:
     """What a text means; None where something is over, or where no pattern knows it and it ``warns`` of nothing."""
     for pattern, code, level in PATTERNS:
-        found = pattern.search(one.text)
+        found = pattern.search(message.text)
         if found:
             if not code:
                 return None
@@ -96,11 +96,11 @@ def _meant(one: Text, warns: bool) -> Fact | None:
             subject = groups.get("subject") or next(
                 (f"{name} {groups[name]}" for name in ("motor", "lane") if groups.get(name)), ""
             )
-            text = groups.get("text", one.text)
+            text = groups.get("text", message.text)
             return Fact(
-                Reported(code), Level(level), time=one.time, subject=subject.lower(), text=text
+                Reported(code), Level(level), time=message.time, subject=subject.lower(), text=text
             )
-    said = Fact(Reported.AUTOPILOT_SAID, Level.WATCH, time=one.time, text=one.text)
+    said = Fact(Reported.AUTOPILOT_SAID, Level.WATCH, time=message.time, text=message.text)
     return said if warns else None
 
 

@@ -109,9 +109,9 @@ def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, S
     found = dict[str, Spectrum]()
     for name, message, sampled in _sampled(signals):
         source = signals.telemetry.called(message)
-        one = _spectrum(name, source, sampled, signals, parts)
-        if one is not None and (name not in found or one.highest > found[name].highest):
-            found[name] = one
+        spectrum = _spectrum(name, source, sampled, signals, parts)
+        if spectrum is not None and (name not in found or spectrum.highest > found[name].highest):
+            found[name] = spectrum
     return found
 
 
@@ -123,11 +123,11 @@ def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:
             yield name, message, values
     about = [signals.about(axis) for axis in AXES]
     for rates in (
-        [one.rates[0] for one in about if one.rates is not None],
-        [one.attitude.rates for one in about if one.attitude is not None],
+        [axis.rates[0] for axis in about if axis.rates is not None],
+        [axis.attitude.rates for axis in about if axis.attitude is not None],
     ):
-        if len(rates) == len(AXES) and len({len(one.time) for one in rates}) == 1:
-            table = np.column_stack([one.values for one in rates])
+        if len(rates) == len(AXES) and len({len(rate.time) for rate in rates}) == 1:
+            table = np.column_stack([rate.values for rate in rates])
             yield "gyro", RATE_MESSAGE, Signal(rates[0].time, rates[0].boot, table)
     demand = signals.telemetry.messages.get(DEMAND_MESSAGE)
     if demand is not None:

@@ -186,7 +186,7 @@ def rate_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | 
     used = [asked, rate]
     attitude = signals.attitude
     if attitude is not None and rate.time is attitude.time:
-        used += [one for one in (attitude.angles, signals.asked) if one is not None]
+        used += [signal for signal in (attitude.angles, signals.asked) if signal is not None]
     return _response(signals, "rate", used, parts, MINIMUM_RATE)
 
 
@@ -264,7 +264,7 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
             whitening = _autoregression(left)
             spread = _filtered(left, whitening).std(axis=1)
             scale = np.maximum(spread, TINY)[:, None]
-            r, p, z = (_filtered(one, whitening) / scale for one in (asked, seen, driver))
+            r, p, z = (_filtered(series, whitening) / scale for series in (asked, seen, driver))
             fit = _step(r, p, z, taps)
             weights = fit.weights
     return fit
@@ -289,9 +289,9 @@ def _without_feedback(piece: Array, angle_gain: float, weights: Array, sampled: 
 def _windows(series: Sequence[Array], taps: int, size: int) -> Array:
     """(W, size) windows of all pieces but their first ``2 taps``, each with ``taps`` of the one before."""
     views = [
-        np.lib.stride_tricks.sliding_window_view(one[2 * taps :], size)[:: size - taps]
-        for one in series
-        if len(one) >= 2 * taps + size
+        np.lib.stride_tricks.sliding_window_view(part[2 * taps :], size)[:: size - taps]
+        for part in series
+        if len(part) >= 2 * taps + size
     ]
     windows = np.concatenate([*views, np.zeros((0, size))])
     every = -(-len(windows) // MOST_WINDOWS) or 1
@@ -322,10 +322,11 @@ def _autoregression(left: Array) -> Array:
 
 def _step(asked: Array, seen: Array, driver: Array, taps: int) -> _Fit:
     """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``; errors are white."""
-    measured, instruments = (_regressors(one, taps) for one in (asked, driver))
+    measured, instruments = (_regressors(values, taps) for values in (asked, driver))
     target = seen[:, taps:]
     normal, own = (
-        np.tensordot(instruments, one, axes=((0, 1), (0, 1))) for one in (instruments, measured)
+        np.tensordot(instruments, values, axes=((0, 1), (0, 1)))
+        for values in (instruments, measured)
     )
     moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
     steady = np.full(taps, 1 / STEADY)

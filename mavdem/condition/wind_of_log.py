@@ -111,13 +111,13 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
     rows = moving.boot == boot
     time = moving.time[rows]
     moved = moving.values[rows].T
-    own = [one.boot == boot for one in angles]
+    own = [angle.boot == boot for angle in angles]
     at = angles[-1].time[own[-1]]
     if len(time) < 2 or not all(map(np.any, own)):
         return np.zeros((0, 8))
     turned = [
-        np.interp(at, one.time[here], one.angle[here])
-        for one, here in zip(angles, own, strict=True)
+        np.interp(at, angle.time[here], angle.angle[here])
+        for angle, here in zip(angles, own, strict=True)
     ]
     flights = _flights(signals, boot, time, moved[3])
     kept = phases.during(at, flights)
@@ -185,7 +185,7 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.
     armed = phases.armed(signals, boot)
     above = phases.where(time, height > lowest)
     up = phases.both(armed, above)
-    return [flight for one in up if (flight := phases.between_transients(one, None)) is not None]
+    return [flight for span in up if (flight := phases.between_transients(span, None)) is not None]
 
 
 def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:

@@ -226,9 +226,9 @@ def estimate_wind(
     heights = np.interp(fine.time, stamps, high_up[usable])
     place = np.floor(heights / LAYER)
     for n in np.unique(place):
-        one = air[place == n]
-        if len(one) * fine.step >= INDEPENDENT_SECONDS:
-            north, east = one.mean(axis=0).tolist()
+        sensed = air[place == n]
+        if len(sensed) * fine.step >= INDEPENDENT_SECONDS:
+            north, east = sensed.mean(axis=0).tolist()
             layer = {"speed": float(np.hypot(north, east)), "direction": coming_from(north, east)}
             layers.append({"height": float(LAYER * (n + 0.5)), **layer})
     through_air = fine.velocity[:, :2] - air
@@ -271,7 +271,7 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     number, place = np.unique(thirds, return_inverse=True)
     known = np.isfinite(wind.along).all(axis=1)
     air = (np.interp(time, wind.time[known], part, np.nan, np.nan) for part in wind.along[known].T)
-    sums = np.array([np.bincount(place, one) for one in (torque, *air)])
+    sums = np.array([np.bincount(place, values) for values in (torque, *air)])
     means = sums / np.bincount(place)
     kept = np.isfinite(means).all(axis=0)
     slow, *along = means[:, kept]

@@ -213,8 +213,8 @@ def review_document(assessment: Assessment) -> Values:
         "wind": wind,
         "model": None if assessment.model is None else report_of(assessment),
         "spectra": {
-            name: _spectrum(one, assessment.noise.peaks[name])
-            for name, one in assessment.spectra.items()
+            name: _spectrum(spectrum, assessment.noise.peaks[name])
+            for name, spectrum in assessment.spectra.items()
         },
         "noise": {"facts": assessment.noise.facts},
         "files": {},
@@ -226,13 +226,13 @@ def axes_of(assessment: Assessment) -> Values:
     evidence = assessment.evidence
     margins = () if evidence is None else evidence.margins
     tracking = {} if evidence is None else tracking_of(evidence)
-    resonances = {one.axis: one.response or one.peak for one in margins}
+    resonances = {margin.axis: margin.response or margin.peak for margin in margins}
     axes = {}
     nothing = LoopResponse(assessment.headline)
     for axis, loop in assessment.loops.items():
         refusal = loop.refusal if isinstance(loop, NoLoop) else None
         responses = assessment.responses.get(axis, {"rate": nothing, "attitude": nothing})
-        drawn = {name: _response(one) for name, one in responses.items()}
+        drawn = {name: _response(response) for name, response in responses.items()}
         axes[axis] = {
             "loop": None if refusal else loop,
             "refusal": refusal,

@@ -215,7 +215,7 @@ def compare(
             made.append(outcome)
             progress(len(made) / total)
     rows = (tuple(made[at : at + len(methods)]) for at in range(0, total, len(methods)))
-    return Comparison(tuple(windows), tuple(one.name for one in methods), tuple(rows))
+    return Comparison(tuple(windows), tuple(method.name for method in methods), tuple(rows))
 
 
 def _evaluate(job: tuple[Window, Method]) -> Outcome:
@@ -241,7 +241,7 @@ class Comparison:
 
     def methods_of(self, question: Question) -> Names:
         """Returns the names of the methods that answer a ``question``."""
-        return tuple(one.method for one in self.outcomes[0] if question in one.scores)
+        return tuple(outcome.method for outcome in self.outcomes[0] if question in outcome.scores)
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of one ``flight``, by its name."""
@@ -276,21 +276,24 @@ class Comparison:
     def _summary(self, method: str, question: Question, reference: str) -> Values:
         columns = dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
         mine = columns[method]
-        scores = [one.scores[question] for one in mine]
+        scores = [outcome.scores[question] for outcome in mine]
         ratios = np.array([each.ratio for each in scores])
-        reference_ratios = np.array([one.scores[question].ratio for one in columns[reference]])
+        reference_ratios = np.array(
+            [outcome.scores[question].ratio for outcome in columns[reference]]
+        )
         squares = np.array([each.squared_error for each in scores])
         inside = np.array([each.inside for each in scores])
         errors = squares[:, -1].mean(axis=0)
         return {
             "method": method,
             "windows": len(mine),
-            "failed": sum(one.failure is not None for one in mine),
-            "failure": next((one.failure for one in mine if one.failure), None),
+            "failed": sum(outcome.failure is not None for outcome in mine),
+            "failure": next((outcome.failure for outcome in mine if outcome.failure), None),
             "diverged": sum(
-                one.failure is None and not np.isfinite(one.mspe(question)).all() for one in mine
+                outcome.failure is None and not np.isfinite(outcome.mspe(question)).all()
+                for outcome in mine
             ),
-            "unstable": sum(one.stable is False for one in mine),
+            "unstable": sum(outcome.stable is False for outcome in mine),
             "mspe": errors.tolist(),
             "mspe_total": float(errors.sum()),
             "relative": float(np.median(ratios[:, -1])),
@@ -305,7 +308,7 @@ class Comparison:
                 }
                 for place, steps in enumerate(scores[0].steps)
             ],
-            "seconds": float(np.median([one.seconds for one in mine])),
+            "seconds": float(np.median([outcome.seconds for outcome in mine])),
         }
 
     def verdicts(self, question: Question = KNOWN) -> dict[str, Paired]:
@@ -388,7 +391,9 @@ class Comparison:
                     "start": window.start,
                     "time": float(window.train.time[0]),
                     "methods": {
-                        one.method: one.to_dict(question) for one in row if one.method in kept
+                        outcome.method: outcome.to_dict(question)
+                        for outcome in row
+                        if outcome.method in kept
                     },
                 }
                 for window, row in zip(part.windows, part.outcomes, strict=True)

@@ -109,7 +109,7 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
         if dt >= 1 / USUAL_RATE
         else tuple(round(usual / USUAL_RATE / dt) for usual in HORIZONS)
     )
-    return (*(one for one in steps if one < samples), samples)
+    return (*(step for step in steps if step < samples), samples)
 
 
 def units_of(train: Flight, test: Flight) -> Pair:

@@ -344,8 +344,8 @@ def write_channels(
     if flights[0].time[0] < 0:
         raise ValueError("time must not be negative: MCAP counts from 0")
     series = {
-        name: (one.time, dict(zip(_keys(one.names), one.values.T, strict=True)))
-        for name, one in series_of(flights, learned, held_out, wind).items()
+        name: (series.time, dict(zip(_keys(series.names), series.values.T, strict=True)))
+        for name, series in series_of(flights, learned, held_out, wind).items()
     }
     with atomic_write(path) as file:
         write_series(file, series)

@@ -308,7 +308,7 @@ def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
             outcome = Outcome.SAME if within else Outcome.UNCERTAIN
         tested.append(change._replace(outcome=outcome))
     order = [*BETWEEN]
-    return sorted(tested, key=lambda one: (order.index(one.quantity.kind), one.quantity))
+    return sorted(tested, key=lambda change: (order.index(change.quantity.kind), change.quantity))
 
 
 def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
@@ -383,9 +383,9 @@ def _incomparable(
             _reason(quantity, side, flights)
             for side, flights, known in zip(SIDES, sides, estimates, strict=True)
             if not any(
-                one.kind == quantity.kind and quantity.axis in ("", one.axis)
+                row.kind == quantity.kind and quantity.axis in ("", row.axis)
                 for flight in known
-                for one in flight
+                for row in flight
             )
         ]
         if reasons:

@@ -135,7 +135,7 @@ def _means(analysis: LogAnalysis) -> Values:
     if analysis.learned is None:
         return {}
     return {
-        f"mean_{name}": np.concatenate([getattr(one, name) for one in analysis.flights]).mean(
+        f"mean_{name}": np.concatenate([getattr(flight, name) for flight in analysis.flights]).mean(
             axis=0
         )
         for name in ("inputs", "outputs")

@@ -80,7 +80,7 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
         paths = [
             path
             for place, _, names in os.walk(os.path.abspath(name))
-            for path in (os.path.join(place, one) for one in names)
+            for path in (os.path.join(place, name) for name in names)
             if looks_like_log(path)
         ]
     elif os.path.lexists(name):

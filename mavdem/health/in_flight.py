@@ -270,7 +270,10 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> Values:
     }
     at_most = FALSE_ALARMS.figures["alarms_per_hour"]
     return {
-        **{name: [one for one in changes if one.fact.code is code] for name, code in kinds.items()},
+        **{
+            name: [change for change in changes if change.fact.code is code]
+            for name, code in kinds.items()
+        },
         "false_alarms_per_hour": {"at_most": at_most, "basis": FALSE_ALARMS},
     }
 
@@ -393,11 +396,12 @@ class MotorWatch:
         if best.max() + log(alternatives) < self._enough:
             return
         sound = np.eye(len(self._signatures))
-        weak = [one.size * sound[place] for place, one in self.weak.items()]
+        weak = [loss.size * sound[place] for place, loss in self.weak.items()]
         ends = [*weak, sum(weak)] if len(weak) > 1 else weak
         # (h, s, k) of the motors' commands, by cause and size: one motor weakens; a weak one recovers, and all do.
         rises = np.array(
-            [np.outer(SIZES, one) for one in sound] + [np.outer(-RETURNS, one) for one in ends]
+            [np.outer(SIZES, motor) for motor in sound]
+            + [np.outer(-RETURNS, motor) for motor in ends]
         )
         balances = rises @ self._signatures
         sized = balances.swapaxes(0, 1)[:, :, np.newaxis]

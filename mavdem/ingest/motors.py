@@ -363,7 +363,7 @@ def output_scale(
         )
         for low, high in (
             own,
-            *((parameters.get(one, 0.0), parameters.get(other, 0.0)) for one, other in named),
+            *((parameters.get(first, 0.0), parameters.get(other, 0.0)) for first, other in named),
         ):
             # Pulse widths outside are of disarmed and arming motors, or damaged; 300 µs is a speed controller's range.
             if (

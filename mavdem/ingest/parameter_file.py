@@ -39,9 +39,9 @@ def with_parameters(log: Log, path: PathName) -> Log:
     """Returns a ``log`` whose vehicles have the parameters of the file where they have none of that name."""
     given = read_parameters(path)
     vehicles = []
-    for one in log.vehicles:
-        count = len(given.keys() - one.parameters.keys())
+    for vehicle in log.vehicles:
+        count = len(given.keys() - vehicle.parameters.keys())
         added = repair(Repair.PARAMETERS_ADDED, count=count, path=os.fspath(path))
-        known = {**given, **one.parameters}
-        vehicles.append(replace(one, parameters=known, repairs=(*one.repairs, *added)))
+        known = {**given, **vehicle.parameters}
+        vehicles.append(replace(vehicle, parameters=known, repairs=(*vehicle.repairs, *added)))
     return replace(log, vehicles=tuple(vehicles))

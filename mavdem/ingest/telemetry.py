@@ -200,10 +200,12 @@ def log_of_vehicles(
 ) -> Log:
     """Returns the log of a file of vehicles only, one at least; ``counts`` are the messages by their own names."""
     components = []
-    for one in vehicles:
-        sent = counts or {name: len(columns["time"]) for name, columns in one.messages.items()}
+    for vehicle in vehicles:
+        sent = counts or {name: len(columns["time"]) for name, columns in vehicle.messages.items()}
         components.append(
-            Component(one.system, one.component, one.vehicle, one.autopilot, sent, lost=0)
+            Component(
+                vehicle.system, vehicle.component, vehicle.vehicle, vehicle.autopilot, sent, lost=0
+            )
         )
     return Log(
         vehicles[0].source, vehicles, tuple(components), (), frames, bytes_skipped, receive_time

@@ -66,11 +66,11 @@ def read_ulog(path: PathName) -> Log:
         raise Unreadable(_without_flight(source, log))
     if texts := log.logged_messages:
         severity, stamps = (
-            np.array([getattr(one, name) for one in texts]) for name in ("log_level", "timestamp")
+            np.array([getattr(text, name) for text in texts]) for name in ("log_level", "timestamp")
         )
         made["STATUSTEXT"] = {
             "severity": (severity - ord("0")).astype(np.uint8),
-            "text": np.array([one.message for one in texts], dtype=object),
+            "text": np.array([text.message for text in texts], dtype=object),
             "time": stamps / 1e6,
             "boot": np.zeros(len(texts), dtype=np.int64),
         }
@@ -154,7 +154,7 @@ def _raise_on_huge(formats: Mapping[str, ULog.MessageFormat]) -> None:
     @cache
     def count(kind: str) -> int:
         fields = formats[kind].fields if kind in formats else ()
-        return sum(max(length, 1) * count(one) for one, length, _ in fields) or 1
+        return sum(max(length, 1) * count(kind) for kind, length, _ in fields) or 1
 
     if max(map(count, formats), default=0) > MAX_FIELDS:
         raise ValueError
@@ -196,7 +196,7 @@ def _topics(log: ULog) -> tuple[dict[str, dict[int, Columns]], Facts]:
         time = fields["timestamp"] / 1e6
         time[0] = np.clip(log.start_timestamp / 1e6, time[0], time[1:2].min(initial=np.inf))
         topics.setdefault(name, {})[instance] = fields | {"time": time}
-    lasted = np.array([one.duration for one in log.dropouts]) / 1e3  # not what is missing
+    lasted = np.array([dropout.duration for dropout in log.dropouts]) / 1e3  # not what is missing
     dropouts = {"duration": lasted.sum(), "longest_gap": lasted.max(initial=0)}
     return topics, (
         *(repair(Repair.ULOG_DAMAGED) if log.file_corruption else ()),

@@ -84,7 +84,7 @@ class ItemReport:
             ]
             blocks += [Table(["check", "finding", "holds if"], checks, words=True), *result.tables]
             blocks += map(Sentence, (*claim.remarks, *result.remarks))
-        return Chapter(claim.title, blocks, [one.group for one in result.pictures])
+        return Chapter(claim.title, blocks, [picture.group for picture in result.pictures])
 
 
 def document(reports: Sequence[ItemReport], seconds: float) -> Values:

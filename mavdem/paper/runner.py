@@ -296,13 +296,14 @@ class Runner:
         """All methods on windows of all flights: by flight and method, a trial a window."""
         flights = {cut[0].flight: cut for cut in (*self.windows.values(), self.recorded) if cut}
         jobs = {
-            (name, one.name): [(one, window) for window in cut]
+            (name, method.name): [(method, window) for window in cut]
             for name, cut in flights.items()
-            for one in METHODS
+            for method in METHODS
         }
         tried = self.try_all(jobs)
         return {
-            flight: {one.name: tried[flight, one.name] for one in METHODS} for flight in flights
+            flight: {method.name: tried[flight, method.name] for method in METHODS}
+            for flight in flights
         }
 
     @cached_property

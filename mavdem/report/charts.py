@@ -101,11 +101,13 @@ class Line(NamedTuple):
         several = np.flatnonzero(np.diff(pairs)[: len(grid) // 2] > 3)
         if len(several):
             starts = np.minimum(pairs[:-1], len(x) - 1)
-            least, most = (one.reduceat(self.y, starts)[several] for one in (np.fmin, np.fmax))
+            least, most = (
+                extreme.reduceat(self.y, starts)[several] for extreme in (np.fmin, np.fmax)
+            )
             falls = self.y[starts[several]] > self.y[pairs[several + 1] - 1]
             found[2 * several] = np.where(falls, most, least)
             found[2 * several + 1] = np.where(falls, least, most)
-        low, high = (None if one is None else between(one) for one in (self.low, self.high))
+        low, high = (None if bound is None else between(bound) for bound in (self.low, self.high))
         return self._replace(x=grid, y=found, low=low, high=high)
 
 
@@ -213,7 +215,7 @@ class Group(NamedTuple):
     @classmethod
     def of(cls, panels: Iterable[Panel | None], caption: str = "") -> Group:
         """Returns a group with a column for each of the ``panels`` that there are."""
-        return cls(tuple((one,) for one in panels if one is not None), caption)
+        return cls(tuple((panel,) for panel in panels if panel is not None), caption)
 
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:

@@ -24,7 +24,9 @@ def comparison_report(comparison: Comparison) -> Blocks:
     """Returns the verdict on the first method of a ``comparison``, then errors, and what the columns mean."""
     questions = [KNOWN, *([UNKNOWN] if comparison.methods_of(UNKNOWN) else [])]
     blocks: Blocks = [Sentence("", lead=_verdict(comparison, KNOWN))]
-    blocks += [Sentence(_verdict(comparison, one), WORDS[one]) for one in questions[1:]]
+    blocks += [
+        Sentence(_verdict(comparison, question), WORDS[question]) for question in questions[1:]
+    ]
     for question in questions:
         blocks += _errors(comparison, question)
     for flight in comparison.flights:

@@ -24,7 +24,7 @@ MIN_LOST_SHARE = 0.01
 def log_blocks(held: Values) -> Blocks:
     """Returns all that a log ``held``, by ``mavdem.condition.inventory``: each vehicle, then what came from whom."""
     return [
-        *(block for one in held["vehicles"] for block in vehicle_contents(one)),
+        *(block for vehicle in held["vehicles"] for block in vehicle_contents(vehicle)),
         *stream_contents(held),
     ]
 
@@ -35,8 +35,10 @@ def vehicle_contents(vehicle: Values) -> Blocks:
     names = vehicle["names"]
     # names of the periodic messages by their rounded rate, the fastest first
     streams = dict[str, list[str]]()
-    for name, one in sorted(vehicle["messages"].items(), key=lambda one: -(one[1]["rate"] or 0.0)):
-        if (rate := one["rate"]) and name != "PARAM_VALUE":
+    for name, message in sorted(
+        vehicle["messages"].items(), key=lambda message: -(message[1]["rate"] or 0.0)
+    ):
+        if (rate := message["rate"]) and name != "PARAM_VALUE":
             key = f"{rate:.1f} Hz" if rate >= SLOW_HZ else "below 1 Hz"
             shown = f"{name} ({names[name]})" if name in names else name
             streams.setdefault(key, []).append(shown)
@@ -53,7 +55,7 @@ def vehicle_contents(vehicle: Values) -> Blocks:
 
 def stream_contents(held: Values) -> list[Sentence]:
     """Returns what was received from each sender, by the inventory ``held``, and what could not be decoded."""
-    vehicles = [sender(one) for one in held["vehicles"]]
+    vehicles = [sender(vehicle) for vehicle in held["vehicles"]]
     blocks = []
     for speaker in held["speakers"]:
         is_vehicle = sender(speaker) in vehicles

@@ -74,7 +74,7 @@ def _changes(found: VehicleDifference) -> Blocks:
     if not found.changes:
         return [Sentence("", "Nothing can be compared.")]
     changed, unknown = (
-        [_change(one, found) for one in found.of(kind)]
+        [_change(change, found) for change in found.of(kind)]
         for kind in (Outcome.CHANGED, Outcome.UNCERTAIN)
     )
     same = _grouped(found.of(Outcome.SAME))
@@ -113,9 +113,10 @@ def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
     for kind, ours in by_kind.items():
         noun, scale, unit = QUANTITIES[kind]
         names = (
-            f"motor {motor}" if motor else axis for _, motor, axis in (one.quantity for one in ours)
+            f"motor {motor}" if motor else axis
+            for _, motor, axis in (change.quantity for change in ours)
         )
-        widest = scale * max(one.half_width for one in ours)
+        widest = scale * max(change.half_width for change in ours)
         words.append(f"{noun} of {listed(names)} (± {rounded(widest)} {unit})")
     return words
 

@@ -40,7 +40,10 @@ def comparison_page(
     """
     both = dict(zip(COLOURS, reviews, strict=True))
     steps = tuple(filter(None, (_steps(both, axis) for axis in AXES)))
-    changed = [[one.name, f"{one.before:.4g}", f"{one.after:.4g}"] for one in parameters]
+    changed = [
+        [parameter.name, f"{parameter.before:.4g}", f"{parameter.after:.4g}"]
+        for parameter in parameters
+    ]
     chapters = [
         Chapter("What differs", difference_blocks(found, parameters)),
         Chapter("Step response", (), [Group(steps)] if steps else []),
@@ -51,7 +54,7 @@ def comparison_page(
         _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
     ]
     first = _headline(both, found, parameters)
-    headlines = {name: _known(one, "headline", "sentence") for name, one in both.items()}
+    headlines = {name: _known(review, "headline", "sentence") for name, review in both.items()}
     first += [Sentence(said, f"{name}:") for name, said in headlines.items() if said]
     return document(" and ".join(names), "A and B over each other.", first, chapters, back)
 
@@ -73,8 +76,12 @@ def _headline(
     both: Mapping[str, Review], found: VehicleDifference, parameters: Sequence[ParameterChange]
 ) -> Blocks:
     """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
-    vehicles = [_known(one, "identity", "name") or UNKNOWN for one in both.values()]
-    gains = [one for one in parameters if CONTROL_PARAMETERS.match(one.name) and one.before]
+    vehicles = [_known(review, "identity", "name") or UNKNOWN for review in both.values()]
+    gains = [
+        parameter
+        for parameter in parameters
+        if CONTROL_PARAMETERS.match(parameter.name) and parameter.before
+    ]
     pairs = ((axis, _loops(both, axis)) for axis in AXES)
     margins = [(axis, rates["A"], rates["B"]) for axis, rates in pairs if all(rates.values())]
     apart = [
@@ -88,16 +95,20 @@ def _headline(
         vehicles=vehicles,
         are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
         changed=surest_change(found),
-        gain=max(gains, key=lambda one: abs(one.after / one.before - 1), default=None),
-        margin=max(apart, key=lambda one: abs(one[1] - one[2]), default=None),
+        gain=max(
+            gains, key=lambda parameter: abs(parameter.after / parameter.before - 1), default=None
+        ),
+        margin=max(apart, key=lambda margins: abs(margins[1] - margins[2]), default=None),
         has_margins=bool(margins),
     )
-    return [Sentence("", one.text) for one in said]
+    return [Sentence("", text.text) for text in said]
 
 
 def _loops(both: Mapping[str, Review], axis: str) -> dict[str, Review]:
     """The figures of the rate loops of an axis; nothing of one that is not known."""
-    return {name: _known(one, "axes", axis, "loop", "rate") or {} for name, one in both.items()}
+    return {
+        name: _known(review, "axes", axis, "loop", "rate") or {} for name, review in both.items()
+    }
 
 
 def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
@@ -105,8 +116,8 @@ def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
     charts = []
     for loop in ("rate", "attitude"):
         lines = []
-        for name, one in both.items():
-            if found := _known(one, "axes", axis, loop, "measured"):
+        for name, review in both.items():
+            if found := _known(review, "axes", axis, loop, "measured"):
                 time, step, half = (np.array(found[key]) for key in ("time", "step", "step_half"))
                 lines.append(Line.around(name, COLOURS[name], time, step, half))
         title = f"{axis.capitalize()} {loop}: step"
@@ -139,8 +150,8 @@ def _group(chart: Chart) -> list[Group]:
 def _spectra(both: Mapping[str, Review]) -> Chart:
     """The gyro's, before its filters where that was logged."""
     lines = []
-    for name, one in both.items():
-        spectra = one.get("spectra") or {}
+    for name, review in both.items():
+        spectra = review.get("spectra") or {}
         if found := spectra.get("gyro_before") or spectra.get("gyro"):
             density = np.sum(list(found["density"].values()), axis=0)[1:]
             hertz = np.array(found["frequency"])[1:]
@@ -153,10 +164,10 @@ def _motors(both: Mapping[str, Review]) -> Chart:
     """Trim deviations with their intervals."""
     lines = []
     names = [str(number) for number in range(1, 13)]
-    for name, one in both.items():
-        if shares := _known(one, "condition", "hover", "trim_share"):
+    for name, review in both.items():
+        if shares := _known(review, "condition", "hover", "trim_share"):
             deviation = 100 * (np.array(shares) - 1)
-            ends = _known(one, "condition", "share_interval") or [0.0] * len(shares)
+            ends = _known(review, "condition", "share_interval") or [0.0] * len(shares)
             half = 100 * np.array(ends, np.float64)
             names = names[: len(shares)]
             at = np.arange(float(len(shares)))
@@ -168,9 +179,11 @@ def _motors(both: Mapping[str, Review]) -> Chart:
 def _wind(both: Mapping[str, Review]) -> list[list[str]]:
     """Its speed and direction, where they are identifiable."""
     speeds, origins = ["wind (m/s)"], ["from (°)"]
-    for one in both.values():
-        wind = one.get("wind") or {}
-        refused = {name for name, one in wind.get("status", {}).items() if one == NOT_IDENTIFIABLE}
+    for review in both.values():
+        wind = review.get("wind") or {}
+        refused = {
+            name for name, status in wind.get("status", {}).items() if status == NOT_IDENTIFIABLE
+        }
         speeds.append(_cell({} if "speed" in refused else wind, "speed"))
         is_directed = wind and "direction" not in refused
         both_ends = "{direction:.0f} ± {direction_interval:.0f}"

@@ -112,7 +112,7 @@ def _notes(flight: Flight) -> str:
     if flight[0].status != OK:
         return cut(flight[0].status, MAX_NOTE)
     reasons = (row.health_reason for row in flight if row.health != OK)
-    warnings = (one for row in flight for one in row.warnings)
+    warnings = (warning for row in flight for warning in row.warnings)
     said = (*(row.headline for row in flight), *reasons, *warnings)
     return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 

@@ -166,8 +166,8 @@ def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
     for axis, fact in axes.items():
         values = {key: fact.figures.get(key) for key in ERRORS}
         shown = [
-            "" if one is None else with_unit(one, readable(fact.units[key]))
-            for key, one in values.items()
+            "" if value is None else with_unit(value, readable(fact.units[key]))
+            for key, value in values.items()
         ]
         if any(shown):
             rows.append([axis, *shown])
@@ -206,7 +206,7 @@ def _estimate(found: StepResponse, key: str) -> str:
     estimate: Estimate = getattr(found, key)
     _, scale = FIGURES[key]
     last = float(found.time[-1]) if key in DURATIONS else inf
-    value, low, high = ("over " * (one >= last) + rounded(scale * one) for one in estimate)
+    value, low, high = ("over " * (figure >= last) + rounded(scale * figure) for figure in estimate)
     return value if estimate.low >= last else f"{value} ({low} to {high})"
 
 
@@ -223,11 +223,11 @@ def _advice(evidence: Evidence) -> dict[str, Advice]:
 def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
     said = []
-    for one in evidence.margins:
-        facts = [fact.but(names=(one.axis,)) for fact in one.facts]
-        if not facts and isinstance(one.loop, Fact):
-            facts = [one.loop]
-        said += [(one.axis, fact) for fact in facts]
+    for margin in evidence.margins:
+        facts = [fact.but(names=(margin.axis,)) for fact in margin.facts]
+        if not facts and isinstance(margin.loop, Fact):
+            facts = [margin.loop]
+        said += [(margin.axis, fact) for fact in facts]
     blocks: Blocks = [*together(said)]
     for axis, gains in advice.items():
         blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))

@@ -39,7 +39,7 @@ def live_report(
     were; ``seconds`` of the last ones are in the model.
     """
     errors = history.errors()
-    best = min(errors, key=lambda one: abs(one.seconds - AHEAD), default=None)
+    best = min(errors, key=lambda error: abs(error.seconds - AHEAD), default=None)
     headline, *state = section("live_state", best=best, axis=axis, status=status)
     made = Blocks()
     if errors:
@@ -64,11 +64,11 @@ def live_report(
 
 def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     header = ["RMSE of predictions"]
-    rows = [[f"{one.seconds:.2g} s ahead"] for one in errors]
+    rows = [[f"{error.seconds:.2g} s ahead"] for error in errors]
     for i, (name, radians) in enumerate(((axis, "rad"), (f"{axis} rate", "rad/s"))):
         unit = readable(radians)
         header += [named(name, unit.name), "baseline", "in its 90 % band"]
-        for row, one in zip(rows, errors, strict=True):
-            row += [f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held)]
-            row.append(f"{100 * one.inside[i]:.0f} %")
+        for row, error in zip(rows, errors, strict=True):
+            row += [f"{unit.scale * sqrt(square[i]):.2g}" for square in (error.mse, error.held)]
+            row.append(f"{100 * error.inside[i]:.0f} %")
     return Table(header, rows)

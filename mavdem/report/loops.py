@@ -63,9 +63,9 @@ def margin_tables(loops: Mapping[str, Loop]) -> Blocks:
     """Returns a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
     tables = Blocks()
     for which in ("rate", "attitude"):
-        values = [getattr(one, which) for one in loops.values()]
+        values = [getattr(loop, which) for loop in loops.values()]
         rows = [
-            [name, *(_interval(one, key, unit) for one in values)]
+            [name, *(_interval(value, key, unit) for value in values)]
             for key, (name, unit) in FIGURES.items()
         ]
         tables.append(Table([f"{which} loop (90 % interval)", *loops], rows))

@@ -70,7 +70,7 @@ def in_one_line(names: Iterable[str], most: int = 5, longest: int = 80) -> str:
     *shown, rest = [*sorted(names), ""][: most + 1]
     cut = [name if len(name) <= longest else f"{name[:longest]}…" for name in shown]
     plain = [
-        "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name)
+        "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name)
         for name in cut
     ]
     return ", ".join([*plain, *["…"] * bool(rest)])

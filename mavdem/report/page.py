@@ -118,9 +118,11 @@ def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
     said = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     chapters = []
-    for axis, one in found.items():
-        if isinstance(one, Advice):
-            loops = {"now": one.before} | ({"advised": one.after} if one.parameters else {})
+    for axis, advice in found.items():
+        if isinstance(advice, Advice):
+            loops = {"now": advice.before} | (
+                {"advised": advice.after} if advice.parameters else {}
+            )
             columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
             chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, said)]))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
@@ -143,7 +145,9 @@ def flight_html(flight: Flight) -> str:
     for name, unit, column in channels:
         shown = readable(unit)
         figures = column.mean(), column.std(), column.min(), column.max()
-        rows.append([named(name, shown.name), *(rounded(shown.scale * one, 3) for one in figures)])
+        rows.append(
+            [named(name, shown.name), *(rounded(shown.scale * figure, 3) for figure in figures)]
+        )
     return notebook_html(
         [title([flight]), Table(["channel", "mean", "sd", "lowest", "highest"], rows)]
     )

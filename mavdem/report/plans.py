@@ -49,7 +49,8 @@ def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | Non
         for number, ((forward, right), half) in enumerate(zip(at.tolist(), halves, strict=True))
     ]
     told = [
-        f"motor {one['name']} {one['deviation']} {one['half']}, {one['headroom']}" for one in drawn
+        f"motor {motor['name']} {motor['deviation']} {motor['half']}, {motor['headroom']}"
+        for motor in drawn
     ]
     drawing = _drawn("frame", motors=drawn, size=150.0 / len(drawn) ** 0.9)
     return Plan("From above", f"Trim deviation and headroom: {listed(told)}.", drawing)
@@ -109,7 +110,7 @@ def flown_path(timeline: Timeline | None) -> Plan | None:
     every = slice(None, None, -(-len(north) // WAY))
     x = scale * (east[every] - (east.min() + east.max()) / 2)
     y = -scale * (north[every] - (north.min() + north.max()) / 2)
-    way = "M" + " ".join(f"{one:.1f} {two:.1f}" for one, two in zip(x, y, strict=True))
+    way = "M" + " ".join(f"{across:.1f} {down:.1f}" for across, down in zip(x, y, strict=True))
     drawing = _drawn(
         "path",
         way=way,

@@ -39,7 +39,7 @@ def title_of(assessment: Assessment) -> Sentence:
         condition=analysis.condition,
         is_simulated=assessment.simulated is not None,
     )
-    return Sentence(" ".join(one.text for one in known), name)
+    return Sentence(" ".join(sentence.text for sentence in known), name)
 
 
 def _light(name: str, fact: Fact) -> str:

@@ -222,17 +222,21 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
 
 def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> Blocks:
     """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
-    unit = next((one.flights[0].input_units[0] for one in axes.values() if one.flights), "")
+    unit = next(
+        (analysis.flights[0].input_units[0] for analysis in axes.values() if analysis.flights), ""
+    )
     header = ["all settled flight", f"mean effectiveness ({per(TORQUE, unit)})"]
     header += ["rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)"]
-    known = {name: row for name, one in axes.items() if {*(row := _axis_row(one))} != {"-"}}
+    known = {
+        name: row for name, analysis in axes.items() if {*(row := _axis_row(analysis))} != {"-"}
+    }
     blocks = Blocks()
     if known:
         blocks.append(Table(header, [[name, *row] for name, row in known.items()]))
-    refused = [(name, one.reason) for name, one in axes.items() if one.reason]
-    for name, one in axes.items():
-        reasons = parameter_reasons(one.physical, doubted)
-        if reasons and not one.reason:
+    refused = [(name, analysis.reason) for name, analysis in axes.items() if analysis.reason]
+    for name, analysis in axes.items():
+        reasons = parameter_reasons(analysis.physical, doubted)
+        if reasons and not analysis.reason:
             blocks.append(Sentence(" ".join(reasons), f"{name.capitalize()}:"))
     return blocks + together(refused, str if doubted else advised)
 

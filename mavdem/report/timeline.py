@@ -100,9 +100,9 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     last = min(float(known[-1]), armed[-1][1] + AROUND)
     part = Segment(boot, first, last)
     torques = (
-        torque_line(one.learned, f"on {axis}", DISTURBANCE if axis == AXES[0] else COMMAND)
-        for axis, one in assessment.analyses.items()
-        if one.learned is not None
+        torque_line(analysis.learned, f"on {axis}", DISTURBANCE if axis == AXES[0] else COMMAND)
+        for axis, analysis in assessment.analyses.items()
+        if analysis.learned is not None
     )
     torque = over_time("Wind torque", TORQUE.name, filter(None, torques))
     changes = signals.modes(boot)
@@ -243,6 +243,6 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         ),
         over_time("Wind now", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
     )
-    known = tuple(row for row in charts if any(np.isfinite(one.y).any() for one in row.lines))
+    known = tuple(row for row in charts if any(np.isfinite(line.y).any() for line in row.lines))
     span = float(time[0]), float(time[-1])
     return Timeline(known, span, trained=tuple(history.learned), events=tuple(history.events))

@@ -25,24 +25,26 @@ def truth_blocks(found: TruthComparison) -> Blocks:
     compared = list(found.parameters)
     if wind is not None and wind.resolved:
         compared.append(wind.mean)
-    held = [one.inside for one in compared if one.inside is not None]
+    held = [parameter.inside for parameter in compared if parameter.inside is not None]
     heading, *torque = section("truth", source=found.source, held=held, wind=wind)
     header = ["", "estimate", "truth", "error", "unit", "inside"]
     return [heading, *([Table(header, list(map(_row, compared)))] if compared else []), *torque]
 
 
-def _row(one: ComparedParameter) -> list[str]:
+def _row(parameter: ComparedParameter) -> list[str]:
     """Degrees for radians, ms for s; the error in percent of the truth, where that is no number near 0."""
-    angle, per, rest = one.unit.partition(" per ")
-    unit, scale = ("ms", 1e3) if one.unit == "s" else readable(angle)
-    estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
+    angle, per, rest = parameter.unit.partition(" per ")
+    unit, scale = ("ms", 1e3) if parameter.unit == "s" else readable(angle)
+    estimate, half, truth = (
+        scale * value for value in (parameter.estimate, parameter.half_width, parameter.truth)
+    )
     near = abs(estimate - truth) < 10.0 * abs(truth)
-    inside: str = Rated(one.status, Level.BAD)  # without an interval
-    if one.inside is not None:
-        biased = ", biased" if Status(one.status) is Status.BIASED else ""
-        inside = f"{'yes' if one.inside else 'no'}{biased}"
+    inside: str = Rated(parameter.status, Level.BAD)  # without an interval
+    if parameter.inside is not None:
+        biased = ", biased" if Status(parameter.status) is Status.BIASED else ""
+        inside = f"{'yes' if parameter.inside else 'no'}{biased}"
     return [
-        NAMES.get(one.name, one.name.replace("effect of", "effectiveness of")),
+        NAMES.get(parameter.name, parameter.name.replace("effect of", "effectiveness of")),
         plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
         rounded(truth, 3),
         f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",

@@ -303,8 +303,8 @@ class Server:
         a, b = (self.library.entry(request.query_params.get(name, "")) for name in "ab")
         parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
         before, after = (
-            [row for row in self.library.rows_of([one]) if row.vehicle == one.vehicle]
-            for one in (a, b)
+            [row for row in self.library.rows_of([entry]) if row.vehicle == entry.vehicle]
+            for entry in (a, b)
         )
         found = vehicle_difference(before, after)
         reviews = self._review(a) or {}, self._review(b) or {}
@@ -470,7 +470,7 @@ class Server:
                 entries, _ = await run_in_threadpool(self.library.find, where, values, MOST_FILES)
                 now = [self._progress_of(entry) for entry in entries]
                 watched = [entry.id for entry in entries if not entry.is_done]
-                changed = [one.as_dict() for one in now if one not in before]
+                changed = [row.as_dict() for row in now if row not in before]
                 before = now
                 if changed:
                     yield f"data: {json.dumps(changed)}\n\n"

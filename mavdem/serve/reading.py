@@ -67,7 +67,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         found = rows_of_assessment(assessment.with_axis("pitch"), log.source)
         judged.append((assessment, found))
     # Of several vehicles the page is of the one that flew, the first of them.
-    assessment, _ = next((one for one in judged if one[1][0].status == OK), judged[0])
+    assessment, _ = next((vehicle for vehicle in judged if vehicle[1][0].status == OK), judged[0])
     rows = [row for _, found in judged for row in found]
     place = f"{RESULTS}/{digest}/{PAGE}"
     tell(Stage.DRAWING, **_told(assessment, rows))

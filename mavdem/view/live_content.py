@@ -295,4 +295,4 @@ def status_document(
     found = []
     if status.findings is not None:
         found = [markdown(verdict_blocks(status.findings, status.judgement))]
-    return "\n\n".join([title.text, *found, *(one.text for one in details), LEGEND])
+    return "\n\n".join([title.text, *found, *(sentence.text for sentence in details), LEGEND])

@@ -88,7 +88,7 @@ def drawn(
         The range of values is in its title, since the viewer numbers hardly an axis of a low plot.
     """
     ends = ((line.y, line.low, line.high) for line in chart.lines)
-    low, high = range_of(*(one for parts in ends for one in parts if one is not None))
+    low, high = range_of(*(bound for parts in ends for bound in parts if bound is not None))
     shown = []
     for line in chart.lines:
         if line.low is not None and line.high is not None:

@@ -78,7 +78,7 @@ class CommandHandler:
                 rate = int(received.req_message_rate) if received.start_stop else 0
                 chosen = list(groups) if group == 0 else [group]
                 self._set_intervals(
-                    (name for one in chosen for name in groups.get(one, ())),
+                    (name for group in chosen for name in groups.get(group, ())),
                     1 / rate if rate else inf,
                 )
 

@@ -116,7 +116,7 @@ def written(
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
             middle = pulse(0.5)
             moved = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
-            fields |= {one: UNUSED for one in named(name).fields if one.endswith("_raw")}
+            fields |= {field: UNUSED for field in named(name).fields if field.endswith("_raw")}
             fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
             fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
         case "LOCAL_POSITION_NED":
@@ -136,7 +136,10 @@ def written(
             fields |= by_column("vx vy vz", np.round(100 * motion.known_velocity))
             fields["hdg"] = (
                 np.round(
-                    1e2 * np.degrees([euler(one)[2] for one in motion.known_attitude.tolist()])
+                    1e2
+                    * np.degrees(
+                        [euler(quaternion)[2] for quaternion in motion.known_attitude.tolist()]
+                    )
                 )
                 % 36000
             )

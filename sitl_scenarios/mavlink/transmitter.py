@@ -226,7 +226,7 @@ class Transmitter:
             self.schedule = self._scheduled(float(clock[0]))
             self._fresh = False
         self.clock = float(clock[-1])
-        placed = [(name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked]
+        placed = [(name, np.zeros(1, dtype=np.intp), command) for name, command in self._asked]
         self._asked = []
         placed += self._streams(motion, clock)
         if placed:

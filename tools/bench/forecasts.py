@@ -57,7 +57,7 @@ def beside(compared: Comparison, question: Question, theirs: Method) -> str:
     by_name = {row["method"]: np.array(row["horizons"]) for row in rows}
     ratios = by_name["ours"] / by_name[theirs.name]
     over = zip(ratios, HORIZONS, strict=False)
-    at = ", ".join(f"{one:.2f} at {step}" for one, step in over)
+    at = ", ".join(f"{ratio:.2f} at {step}" for ratio, step in over)
     return f"Motors {question}, over {theirs.name}: {at} steps."
 
 
@@ -74,7 +74,7 @@ def main(most: int | None, preset: str, settings: str) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
     ours = Method("ours", partial(mavdem.learn, settings=chosen), predicts=True)
-    four, ten = (one for one in METHODS if one.name.startswith("joint VAR"))
+    four, ten = (method for method in METHODS if method.name.startswith("joint VAR"))
     parts = [window for named in recorded_flights() for window in cut(*named, most)]
     if not parts:
         sys.exit(

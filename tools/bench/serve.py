@@ -128,7 +128,9 @@ def list_command() -> None:
                     vehicle=f"quad-{number % 50}",
                     sorted_by=f"2026-{1 + number % 12:02}-{1 + number % 28:02}T10:00:00",
                     wind_speed=chance.uniform(0, 12),
-                    gains=json.dumps({f"ATC_RAT_RLL_{one}": chance.random() for one in "PID"}),
+                    gains=json.dumps(
+                        {f"ATC_RAT_RLL_{letter}": chance.random() for letter in "PID"}
+                    ),
                     motors=chance.choice(("good", "watch", "bad")),
                     headline="little margin",
                 )
@@ -177,7 +179,7 @@ def load_command(log: Path) -> None:
             is_over = True
     wrong = [status for status, _ in pages if status != 200]
     wrong += [status for status in uploads if status != 201]
-    seconds = [one for _, one in pages]
+    seconds = [taken for _, taken in pages]
     report(
         [
             ["a page, 20 readers", f"{percentiles(seconds)} of {len(pages)}"],

@@ -136,7 +136,9 @@ def replayed(recording: Path) -> list[Values]:
     torque, band = history.rows[:, 5:7].T
     known = np.isfinite(torque)
     row: Values = {"recording": recording.stem}
-    row["found"] = ", ".join(f"{one.time:.1f} s {one.name} {one.size:.0%}" for one in alarms)
+    row["found"] = ", ".join(
+        f"{alarm.time:.1f} s {alarm.name} {alarm.size:.0%}" for alarm in alarms
+    )
     row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
     row["torque known"] = share(known)
     holds = np.abs(torque[known]) <= band[known]

@@ -62,8 +62,8 @@ def flight_of(values: Values, *as_fast: str) -> Scenario:
     model = table["vehicle"].get("model", "iris")
     for section, scales in TABLES["scales"].items():
         table[section] = [
-            one | {name: scales[model] * one[name] for name in SCALED if name in one}
-            for one in table.get(section, [])
+            row | {name: scales[model] * row[name] for name in SCALED if name in row}
+            for row in table.get(section, [])
         ]
     if table.get("excitation") == {"kind": "none"}:
         del table["excitation"]

@@ -146,7 +146,7 @@ def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]
     rate = rate_loop(controller, *known)
     attitude = attitude_loop(controller, rate)
     found = figures_of(*known, rate, attitude)
-    return {name: float(one[0]) for name, one in found.items()}
+    return {name: float(figure[0]) for name, figure in found.items()}
 
 
 def flown(seed: int, cache: Path) -> Path:
@@ -191,7 +191,7 @@ def simulated(seed: int, cache: Path) -> tuple[Log, Truth]:
 
 def loops_in(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
     """What ``mavdem tune`` finds by axis, where messages faster than ``rate``, Hz, but one in so many are left out."""
-    vehicles = tuple(thinned(one, rate) for one in log.vehicles)
+    vehicles = tuple(thinned(vehicle, rate) for vehicle in log.vehicles)
     slower = replace(log, vehicles=vehicles)
     return assess(slower, options=Options(whole=False)).loops
 
@@ -203,8 +203,8 @@ def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
         known = (columns[key] for key in KINDS if key in columns)
         kinds = next(known, columns["boot"])
         rows = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
-        rates = (rate_without_gaps(np.diff(columns["time"][one])) for one in rows)
-        parts = [one[:: max(1, round(own / rate))] for one, own in zip(rows, rates, strict=True)]
+        rates = (rate_without_gaps(np.diff(columns["time"][part])) for part in rows)
+        parts = [part[:: max(1, round(own / rate))] for part, own in zip(rows, rates, strict=True)]
         chosen = np.sort(np.concatenate(parts))
         kept[name] = selected(columns, chosen)
     return replace(vehicle, messages=kept)
@@ -214,8 +214,8 @@ def estimates_of(loop: Loop) -> dict[str, Array]:
     """(3,) of each figure by name: the estimate and the ends of its 90 % interval."""
     found = figures_of(loop.gains, loop.draws, loop.rate, loop.attitude)
     return {
-        name: np.append(one[0], np.quantile(one[1:], ENDS, method="nearest"))
-        for name, one in found.items()
+        name: np.append(figure[0], np.quantile(figure[1:], ENDS, method="nearest"))
+        for name, figure in found.items()
     }
 
 
@@ -230,10 +230,10 @@ def cause(fact: Fact) -> str:
 def known_of(log: Log, name: str) -> Truth:
     """What is true of the axes of a recorded log, where that is known."""
     return {
-        axis: truth_of(controller_of(log.vehicles[0].parameters, axis, (1.0,)), one["plant"])
-        for one in GIVEN["recorded"]
-        if name.startswith(tuple(one["files"]))
-        for axis in one["axes"]
+        axis: truth_of(controller_of(log.vehicles[0].parameters, axis, (1.0,)), recording["plant"])
+        for recording in GIVEN["recorded"]
+        if name.startswith(tuple(recording["files"]))
+        for axis in recording["axes"]
     }
 
 

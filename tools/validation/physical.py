@@ -66,7 +66,7 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
     chosen = rng.permutation(len(places))[:kept]
-    drawn = [[(*places[number], one) for number in chosen] for one in FLOWN["steering"]]
+    drawn = [[(*places[number], steering) for number in chosen] for steering in FLOWN["steering"]]
     turns = [case for some in zip(*drawn, strict=True) for case in some]
     combinations = product(RATES, ("px4", "ardupilot"))
     streams = cycle(combinations)
@@ -180,7 +180,7 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
 def line_of(some: Any, name: str) -> pd.Series:
     """Of a parameter: share that is reported, and how often intervals hold the truth."""
     status = some[f"{name} status"]
-    line = {"number": len(some)} | {one: share(status == one) for one in STATUSES}
+    line = {"number": len(some)} | {kind: share(status == kind) for kind in STATUSES}
     known = some[status == "reported"]
     line["inside"] = share(known[f"{name} inside"])
     worst = max(known[f"{name} error"], key=abs, default=np.nan)
@@ -244,7 +244,7 @@ def crazyflie(axis: str) -> list[Values]:
     columns = [rows[f"motor.m{motor}"] / 65535 for motor in range(1, 5)]
     given = [*columns, np.radians(rows[gyro])]
     seconds = rows["time"] / 1e6
-    *motors, turning = (np.interp(time, seconds, one) for one in given)
+    *motors, turning = (np.interp(time, seconds, column) for column in given)
     inputs = np.stack(motors, 1)
     effects = np.array(directions)
     flight = Flight(time, inputs, turning[:, None], dt=1 / RATE, effect_directions=effects)

@@ -36,11 +36,11 @@ def scenario(name: str, vehicle: Values, rng: np.random.Generator) -> Scenario:
     values = load(f"wind_{name}").model_dump(mode="json") | {"vehicle": vehicle}
     factor = rng.uniform(0.4, 1.7)
     turn = rng.uniform(0, 360)
-    for one in values["wind"]:
-        if one["kind"] != "gust":
-            one["speed"] *= factor
-        turned = one["direction"] + turn
-        one["direction"] = turned % 360
+    for part in values["wind"]:
+        if part["kind"] != "gust":
+            part["speed"] *= factor
+        turned = part["direction"] + turn
+        part["direction"] = turned % 360
     tilts = rng.normal(0, 0.7, 2)
     values["sensors"]["misalignment"] = tilts.tolist()
     stream = drawn(TABLES["wind"]["stream"], rng)

@@ -86,7 +86,8 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
         shown = motion(stamps, angles, speeds, max(FAST_SECONDS, 2 * interval))
         tilt = GRAVITY * shown.axes[:, :, 2]
         earth = (
-            np.einsum("ti,tij->tj", one, shown.axes[:, :, :2]) for one in (tilt, shown.force + tilt)
+            np.einsum("ti,tij->tj", vectors, shown.axes[:, :, :2])
+            for vectors in (tilt, shown.force + tilt)
         )
         both = shown.known[1:] & shown.known[:-1]
         turned, moved = (np.diff(values, axis=0)[both].ravel() for values in earth)

@@ -87,10 +87,10 @@ def turning_combinations(record: Record) -> Array:
         costs.append(0.5 * (r - 1) * np.log(statistics.rows))
     energies = [
         of_outputs(
-            var.LagStatistics.of_record(_combined(record, one[:, None]), lags)[1]
+            var.LagStatistics.of_record(_combined(record, choice[:, None]), lags)[1]
         ).free_energy
         - cost
-        for one, cost in zip(found, costs, strict=True)
+        for choice, cost in zip(found, costs, strict=True)
     ]
     return found[int(np.argmax(energies))][:, None]
 
@@ -107,7 +107,7 @@ def choose(
 
     Where all need more lags, that of so many.
     """
-    possible = [one for one in choices if one.lags <= lags]
+    possible = [choice for choice in choices if choice.lags <= lags]
     tried = [
         (
             choice,
@@ -115,7 +115,7 @@ def choose(
         )
         for choice in possible or [Choice(lags, ridge) for ridge in RIDGES]
     ]
-    return max(tried, key=lambda one: one[1].free_energy)
+    return max(tried, key=lambda fitted: fitted[1].free_energy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class JointModel:
         with one_thread():
             combinations = turning_combinations(record)
             lags = max(
-                (one for one in LAGS if one <= record.longest // 4),
+                (lag for lag in LAGS if lag <= record.longest // 4),
                 default=max(1, min(LAGS[0], record.longest - 1)),
             )
             combined = _combined(record, combinations)

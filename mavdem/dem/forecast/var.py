@@ -123,9 +123,9 @@ class LagStatistics(NamedTuple):
 
     def shortened(self, lags: int, fewer: int) -> Array:
         """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``."""
-        one = len(self.gram) * lags // (lags + 1)
-        k = len(self.gram) - one - 1
-        places = np.r_[: fewer * k, one : len(self.gram)]
+        width = len(self.gram) * lags // (lags + 1)
+        k = len(self.gram) - width - 1
+        places = np.r_[: fewer * k, width : len(self.gram)]
         return np.asarray(self.gram[np.ix_(places, places)])
 
 

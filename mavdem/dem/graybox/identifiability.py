@@ -107,7 +107,9 @@ def identifiability(
     statuses = dict[str, Status]()
     reasons = {}
     for name in PARAMETERS:
-        obstacles = [one for one in _obstacles(name, figures) if one[0] != Status.REPORTED]
+        obstacles = [
+            obstacle for obstacle in _obstacles(name, figures) if obstacle[0] != Status.REPORTED
+        ]
         effect = statuses.get("effect", Status.REPORTED)
         if effect not in (Status.REPORTED, *(status for status, _ in obstacles)):
             # A wrong effect is made up for by a wrong lag.

@@ -82,7 +82,7 @@ class Physical(NamedTuple):
     @property
     def wind(self) -> float:
         """Standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant."""
-        return float(np.linalg.norm([one.size for one in self.components]))
+        return float(np.linalg.norm([component.size for component in self.components]))
 
     def mean_effect(self, level: float = LEVEL) -> Interval:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.

@@ -98,7 +98,7 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
     axis = plant(found.damping, found.lag, found.components, dt, jumps)
     inputs, outputs = record.segments[-1]
     trim = record.inputs.mean(axis=0)
-    balance = [balanced(one, trim, record.effect_directions) for one in np.eye(len(trim))]
+    balance = [balanced(unit, trim, record.effect_directions) for unit in np.eye(len(trim))]
     return WindFilter(
         physical=found,
         axis=axis,

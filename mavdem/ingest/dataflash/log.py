@@ -264,7 +264,11 @@ def _on_boot_clock(
             before = np.maximum(row - 1, 0)
             after = np.minimum(row, len(place) - 1)
             own = next(
-                (table.columns[one] / CLOCKS[one] for one in CLOCKS if one in table.columns),
+                (
+                    table.columns[clock] / CLOCKS[clock]
+                    for clock in CLOCKS
+                    if clock in table.columns
+                ),
                 -np.inf,
             )
             placed[name] = {

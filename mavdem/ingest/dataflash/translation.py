@@ -128,13 +128,13 @@ def vibration(tables: Tables) -> Columns | None:
     numbers = range(MAX_IMUS if "IMU" in logged else 1)
     each = [one for number in numbers if (one := instance(logged, "IMU", number)) is not None]
     least = min(map(count, each))
-    imus = [selected(one, np.arange(least)) for one in each]
+    imus = [selected(imu, np.arange(least)) for imu in each]
     clips = [np.zeros(least)] * MAX_IMUS
     if "Clip" in logged:
-        clips[: len(imus)] = [one["Clip"] for one in imus]
+        clips[: len(imus)] = [imu["Clip"] for imu in imus]
     elif "Clip0" in logged:
         clips = [imus[0].get(f"Clip{number}", clips[number]) for number in range(MAX_IMUS)]
-    levels = np.column_stack([values(one, LEVELS) for one in imus])
+    levels = np.column_stack([values(imu, LEVELS) for imu in imus])
     axes = zip(("vibration_x", "vibration_y", "vibration_z"), levels.T, strict=False)
     by_imu = {f"clipping_{number}": column for number, column in enumerate(clips)}
     return stamped(imus[0], {**dict(axes), **by_imu, "levels": levels})
@@ -444,11 +444,11 @@ def _tuning(tables: Tables, attitude: Columns | None) -> Columns | None:
 def _derivative_terms(tables: Tables) -> Columns | None:
     """D_TERM, what the rate controllers of roll, pitch and yaw make of the gyro's slope; None without all three."""
     logged = [having(tables, name, ("D",)) for name in TUNING]
-    found = [one for one in logged if one is not None]
+    found = [terms for terms in logged if terms is not None]
     if len(found) < len(logged):
         return None
     rows = min(map(count, found))
-    terms = {name: one["D"][:rows] for name, one in zip("xyz", found, strict=True)}
+    terms = {name: message["D"][:rows] for name, message in zip("xyz", found, strict=True)}
     return stamped(selected(found[0], slice(rows)), terms)
 
 

@@ -127,7 +127,9 @@ def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Iterator[Frames]:
         if len(linked) or end == size:
             until = size if end == size else int(linked.end[-1])
             taken = _merged([linked, _explained(data, linked, decided, until, gap, seeds)])
-            loose = [one[_fits(one.start, one.end, taken, decided, until)] for one in waiting]
+            loose = [
+                frames[_fits(frames.start, frames.end, taken, decided, until)] for frames in waiting
+            ]
             loose.append(block.loose(_fits(block.start, block.end, taken, decided, until)))
             yield _merged([taken, _apart(_merged(loose), decided)])
             decided = until

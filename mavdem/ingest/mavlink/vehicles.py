@@ -99,24 +99,30 @@ def assemble(stream: FrameStream) -> Log:
         who = ids >> 8, ids & 0xFF, kind, autopilot
         heard.append((Component(*who, counts, max(lost[ids], 0)), messages, of_clock))
     stores = {
-        one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE
+        sender.system: messages
+        for sender, messages, _ in heard
+        if sender.component == PARAMETER_STORE
     }
     vehicles = []
-    for one, messages, of_clock in heard:
+    for sender, messages, of_clock in heard:
         # Without a HEARTBEAT it is one by what it sent.
-        is_vehicle = one.kind not in NOT_VEHICLES and set(one.messages) != {"HEARTBEAT"}
-        if (not VEHICLE_MESSAGES.isdisjoint(one.messages)) if one.kind == UNNAMED else is_vehicle:
+        is_vehicle = sender.kind not in NOT_VEHICLES and set(sender.messages) != {"HEARTBEAT"}
+        if (
+            (not VEHICLE_MESSAGES.isdisjoint(sender.messages))
+            if sender.kind == UNNAMED
+            else is_vehicle
+        ):
             parameters: dict[str, float] = {}
-            for own in (stores.get(one.system, {}), messages):
+            for own in (stores.get(sender.system, {}), messages):
                 if "PARAM_VALUE" in own:
-                    parameters |= parameter_values(own["PARAM_VALUE"], one.autopilot)
-            who = (one.system, one.component, one.kind, one.autopilot)
+                    parameters |= parameter_values(own["PARAM_VALUE"], sender.autopilot)
+            who = (sender.system, sender.component, sender.kind, sender.autopilot)
             found = repairs + of_clock
             vehicles.append(Telemetry(*who, messages, parameters, stream.source, found))
     known = stream.stamps[stream.stamps > 0] / 1e6
     known = known[~far_off(known, STAMP_WINDOW, MAX_STAMP_JUMP)]
     span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
-    components = tuple(one for one, *_ in heard)
+    components = tuple(sender for sender, *_ in heard)
     return Log(
         stream.source,
         tuple(vehicles),

@@ -209,9 +209,9 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         else:
             tables.append((topics[number], table))
     made = [
-        (name, one)
+        (name, telemetry)
         for name, own in _by_vehicle(tables)
-        if (one := vehicle(own, source)) is not None
+        if (telemetry := vehicle(own, source)) is not None
     ]
     if not made:
         raise Unreadable(Source.ROS2_DAMAGED, path=source)
@@ -221,7 +221,9 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         *anew.repairs(),
         *repair(code, flaw=Flaw.UNDECODABLE, **failed),
     )
-    vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
+    vehicles = tuple(
+        replace(vehicle, repairs=repairs + vehicle.repairs) for vehicle in numbered(made)
+    )
     span = min(log_times), max(log_times)
     return log_of_vehicles(vehicles, len(log_times), anew.skipped, span)
 
@@ -259,14 +261,14 @@ def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry |
 
 def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
     """Vehicles with their namespaces, numbered from 1 where some say no system id, or the same; repairs say so."""
-    said = {one.system for _, one in vehicles if one.system}
-    for system, (namespace, one) in enumerate(vehicles, 1):
+    said = {vehicle.system for _, vehicle in vehicles if vehicle.system}
+    for system, (namespace, vehicle) in enumerate(vehicles, 1):
         if len(said) == len(vehicles):
-            yield one
+            yield vehicle
             continue
-        numbering = {"name": namespace or "/", "given": one.system, "system": system}
+        numbering = {"name": namespace or "/", "given": vehicle.system, "system": system}
         further = repair(Repair.SYSTEM_NUMBERED, **numbering) if len(vehicles) > 1 else ()
-        yield replace(one, system=system, repairs=one.repairs + further)
+        yield replace(vehicle, system=system, repairs=vehicle.repairs + further)
 
 
 def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
@@ -373,5 +375,5 @@ def _nanoseconds(values: Array, unit: int) -> Integers:
 
 
 def _most_frequent_id(status: Columns, field: str, default: int) -> int:
-    valid = [int(one) for one in status.get(field, ()) if 1 <= one <= 255]
+    valid = [int(number) for number in status.get(field, ()) if 1 <= number <= 255]
     return max(set(valid), key=valid.count, default=default)
