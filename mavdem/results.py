@@ -27,17 +27,17 @@ def result_files(assessment: Assessment) -> tuple[str, ...]:
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 
-def write_result_files(place: Mapping[str, Path], document: str, assessment: Assessment) -> None:
+def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
     """Writes the :func:`result_files`, each to its ``place``, with this ``document`` as report."""
     analysis = assessment.analysis
-    place[REPORT].write_text(document + "\n")
-    place[PAGE].write_text(review_page(assessment), "utf-8", "replace")
+    paths[REPORT].write_text(document + "\n")
+    paths[PAGE].write_text(review_page(assessment), "utf-8", "replace")
     if analysis is not None and analysis.learned is not None and analysis.held_out is not None:
-        place["model.json"].write_text(analysis.learned.to_json() + "\n")
-        if RECORDING in place:
-            write_dashboard(place[RECORDING], assessment)
+        paths["model.json"].write_text(analysis.learned.to_json() + "\n")
+        if RECORDING in paths:
+            write_dashboard(paths[RECORDING], assessment)
         known = analysis.flights, analysis.learned, analysis.held_out
-        write_channels(place["flight.mcap"], *known, assessment.wind_of_model)
+        write_channels(paths["flight.mcap"], *known, assessment.wind_of_model)
 
 
 def write_dashboard(target: Target, assessment: Assessment) -> None:

@@ -67,7 +67,7 @@ UtcTime = Annotated[datetime, unit("UTC")]
 def units_of_fields(record: type) -> dict[str, str]:
     """Returns the unit of each field of a ``record`` whose annotation has one, by name."""
     hints = get_type_hints(record, include_extras=True)
-    return {name: found for name, hint in hints.items() if (found := _unit_in(hint))}
+    return {name: unit for name, hint in hints.items() if (unit := _unit_in(hint))}
 
 
 def _unit_in(hint: Any) -> str:

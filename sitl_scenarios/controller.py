@@ -161,8 +161,8 @@ class Controller:
         yaw_error = _wrapped(wanted[2] - yaw)
         errors = wanted[0] - roll, wanted[1] - pitch, yaw_error
         rates = tuple(
-            _limited(stiff * error + known, MAX_RATE)
-            for stiff, error, known in zip(self.stiff, errors, ahead, strict=True)
+            _limited(stiff * error + feed, MAX_RATE)
+            for stiff, error, feed in zip(self.stiff, errors, ahead, strict=True)
         )
         # The thrust curve undone, as both autopilots do.
         speed = self._body.speed_for(thrust / 4)

@@ -107,11 +107,11 @@ def with_vehicle(scenario: Scenario, other: Scenario) -> Scenario:
 
 def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
     """Returns the scenario with parameters of the autopilot ``changed`` to "NAME=VALUE"; raises ValueError."""
-    known = parameters_of(scenario, cycle_of(scenario))
+    own = parameters_of(scenario, cycle_of(scenario))
     table = scenario.model_dump(mode="json")
     for name, _, value in (assignment.partition("=") for assignment in changed):
-        if name not in known:
-            near = get_close_matches(name[:100].upper(), known, n=3)
+        if name not in own:
+            near = get_close_matches(name[:100].upper(), own, n=3)
             similar = f"similar: {', '.join(near)}" if near else "no similar parameter exists"
             raise ValueError(f"the autopilot has no {shortened(name)!r} here: {similar}")
         try:

@@ -87,13 +87,13 @@ class SetController(Controller):
     """Flies an autopilot's parameters; position and velocity control are the simulation's own."""
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
-        known = parameters_of(scenario, cycle)
+        parameters = parameters_of(scenario, cycle)
         vehicle = scenario.vehicle
         layout = vehicle.mixer or vehicle.frame
         columns = frame(layout, airframe(vehicle).arm)[2:]
         is_px4 = scenario.stream.autopilot == "px4"
         self.axes = axes = [
-            controller_of(known, axis, () if is_px4 else column)
+            controller_of(parameters, axis, () if is_px4 else column)
             for axis, column in zip(AXES, columns, strict=True)
         ]
         super().__init__(vehicle, cycle, scenario.sensors.delay)

@@ -91,9 +91,9 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll") -> Linear:
     linear = linearised(vehicle)
     # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
     states = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
-    found = linear.of(states)
+    eigenvalues = linear.of(states)
     per_microsecond = airframe(vehicle).full / 1000
-    return replace(found, B=found.B * per_microsecond)
+    return replace(eigenvalues, B=eigenvalues.B * per_microsecond)
 
 
 def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage) -> Array:
@@ -222,9 +222,9 @@ def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
     """Gain crossover (Hz), phase and gain margin (°, dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz."""
     response = loop[np.newaxis]
     closed = response / (1 + response)
-    found = OpenLoop(frequency, response, closed, closed).figures
+    figures = OpenLoop(frequency, response, closed, closed).figures
     names = ("crossover", "phase_margin", "gain_margin", "ms")
-    return np.array([found[name][0] for name in names])
+    return np.array([figures[name][0] for name in names])
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:

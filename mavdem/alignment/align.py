@@ -71,11 +71,11 @@ def settled_segments(signals: Signals) -> tuple[Segment, ...]:
     ground stations change the rates in flight. Only where that leaves no segment at all is any rate allowed, and steps
     of three intervals; the verdict then decides.
     """
-    found: list[Segment] = []
+    segments: list[Segment] = []
     for unbroken_runs in (_fast, _at_any_rate):
         sampled = _sampled(signals, unbroken_runs, lambda boot: phases.settled(signals, boot))
-        found = found or [segment for segment in sampled if segment.duration >= 1.0]
-    return tuple(sorted(found, key=lambda segment: -segment.duration))
+        segments = segments or [segment for segment in sampled if segment.duration >= 1.0]
+    return tuple(sorted(segments, key=lambda segment: -segment.duration))
 
 
 def longest_recorded(signals: Signals) -> Segment | None:

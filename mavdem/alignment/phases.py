@@ -213,11 +213,11 @@ def _stood(signals: Signals, boot: int, flight: Interval) -> bool:
         here = (tilt.boot == boot) & during(tilt.time, [flight])
         for setpoint in setpoints(signals.telemetry, axis):
             squares = held(setpoint, boot, tilt.time[here]) ** 2
-            known = np.isfinite(squares)
-            if setpoint.unit != "rad" or not known.any():
+            finite = np.isfinite(squares)
+            if setpoint.unit != "rad" or not finite.any():
                 continue
-            asked = squares[known].mean()
-            leaned = np.mean(tilt.angle[here][known] ** 2)
+            asked = squares[finite].mean()
+            leaned = np.mean(tilt.angle[here][finite] ** 2)
             if asked > ASKED_LEAN**2 and leaned < FOLLOWED_SHARE**2 * asked:
                 return True
     return False

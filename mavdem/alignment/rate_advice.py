@@ -67,11 +67,11 @@ def _settings(telemetry: Telemetry, rate: int, asked: bool) -> Fact:
             dropouts=telemetry.dropouts,
         )
     code = STREAMS.get(recorder, STREAMS.get(telemetry.autopilot, Remedy.MESSAGE_INTERVALS))
-    named = [found for name in parameters if (found := STREAM_RATE.match(name))]
-    kinds = {found[2] for found in named}
+    named = [match for name in parameters if (match := STREAM_RATE.match(name))]
+    kinds = {match[2] for match in named}
     fast = [
         port
-        for port in sorted({found[1] for found in named})
+        for port in sorted({match[1] for match in named})
         if min(parameters.get(f"{port}_{of}", 0) for of in ("EXTRA1", "RC_CHAN")) >= MINIMUM_RATE
     ]
     prefix = "SR" if "SR" in kinds else "".join(kinds)

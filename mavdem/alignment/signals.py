@@ -303,9 +303,9 @@ class VehicleSignals:
     def position(self) -> Signal | None:
         """The position (N, 3) where it is known, m north, east and down of where the log or the estimator began."""
         if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
-            known = columns["valid"].astype(np.bool_) if "valid" in columns else None
+            valid = columns["valid"].astype(np.bool_) if "valid" in columns else None
             return series(
-                columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), known
+                columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), valid
             )
         if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(
             columns["time"]
@@ -472,8 +472,8 @@ class Signals(VehicleSignals):
 def fixes(columns: Columns) -> tuple[Array, Flags]:
     """Returns latitude and longitude (N, 2), degrees, of messages with a position, and which of them (N,) are fixes."""
     places = 1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")])
-    known = places.any(axis=1) & (np.abs(places) <= [90.0, 180.0]).all(axis=1)
-    return places, np.asarray(known)
+    valid = places.any(axis=1) & (np.abs(places) <= [90.0, 180.0]).all(axis=1)
+    return places, np.asarray(valid)
 
 
 def motors_or_demand(motors: Any, demand: Any, motor_rate: float, demand_rate: float) -> Any:

@@ -59,8 +59,8 @@ def strays(angles: Array, asked: Array) -> Flags:
 def followed(signals: Signals, boot: int) -> Followed | None:
     """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
     attitudes = [attitude(signals.telemetry, axis) for axis in AXES]
-    known = [attitude and of_boot(attitude.angles, boot) for attitude in attitudes]
-    angles = [angle for angle in known if isinstance(angle, Signal)]
+    followed_angles = [attitude and of_boot(attitude.angles, boot) for attitude in attitudes]
+    angles = [angle for angle in followed_angles if isinstance(angle, Signal)]
     if len(angles) < len(AXES):
         return None
     time = angles[-1].time

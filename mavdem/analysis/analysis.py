@@ -105,46 +105,46 @@ def analyse(
     inputs = options.inputs
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = usable_segments(signals, log.components)
-    found = _without_model(log, signals, verdict, other_axis)
-    slow = found.tier.name == "b" and signals.axis in TILT_AXES
+    analysis = _without_model(log, signals, verdict, other_axis)
+    slow = analysis.tier.name == "b" and signals.axis in TILT_AXES
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
-            return _refused(found, of_slow.reason)
+            return _refused(analysis, of_slow.reason)
     if not segments or not (options.whole or slow):
-        return found
+        return analysis
     try:
         flights, learned, held_out = _model(segments, options, progress, slow)
     except NotLearnable as error:
         if isinstance(error, TooFewSamples) and (options.start or options.train or options.test):
             raise
-        return _refused(found, error.fact) if slow else replace(found, reason=error.fact)
+        return _refused(analysis, error.fact) if slow else replace(analysis, reason=error.fact)
     caution = [Fact(Caveat.SLOW_MOTION_ONLY, Level.WATCH)] if slow else []
     cautions = *caution, *flights[0].cautions, *learned.cautions
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
-    known = None if other_axis is None else other_axis.axes.get(axis)
-    if known and known.physical and tuple(map(len, known.flights)) == learned.record.lengths:
-        learned = learned.with_physical(known.physical).with_wind_torque(known.wind)
+    figures = None if other_axis is None else other_axis.axes.get(axis)
+    if figures and figures.physical and tuple(map(len, figures.flights)) == learned.record.lengths:
+        learned = learned.with_physical(figures.physical).with_wind_torque(figures.wind)
     else:
         if not slow:
             learned = learned.with_physical(physical_of(signals, flights))
-        if found.changes and learned.physical is not None and learned.wind_torque is not None:
-            torque = wind(learned.physical, learned.record, found.changes)
+        if analysis.changes and learned.physical is not None and learned.wind_torque is not None:
+            torque = wind(learned.physical, learned.record, analysis.changes)
             learned = learned.with_wind_torque(torque)
-    learned = disown_torque(learned, found.condition.oscillation is not None)
-    found = replace(found, flights=flights, learned=learned, held_out=held_out)
+    learned = disown_torque(learned, analysis.condition.oscillation is not None)
+    analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:
         truth = truth_of(flights, options.truth)
-        found = replace(found, truth=compare_with_truth(learned, flights, truth))
+        analysis = replace(analysis, truth=compare_with_truth(learned, flights, truth))
     if axis == ALL:
-        axes = {**found.axis_figures}
+        axes = {**analysis.axis_figures}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
                 about = signals.about(other, inputs)
-                axes[other] = axis_figures(about, log.components, found.changes)
+                axes[other] = axis_figures(about, log.components, analysis.changes)
                 done(len(axes) / len(AXES))
-        found = replace(found, axes=axes)
-    return found
+        analysis = replace(analysis, axes=axes)
+    return analysis
 
 
 def _without_model(
@@ -182,12 +182,12 @@ def _without_model(
     )
 
 
-def _refused(found: LogAnalysis, refusal: Fact) -> LogAnalysis:
+def _refused(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
     """Why there is no model of the slow motion either, after why there is no full one."""
-    if found.reason is None or str(refusal) == str(found.reason):
-        return found
-    reason = Fact(NoModel.SLOW_MODEL_REFUSED, because=found.reason, refusal=refusal)
-    return replace(found, reason=reason)
+    if analysis.reason is None or str(refusal) == str(analysis.reason):
+        return analysis
+    reason = Fact(NoModel.SLOW_MODEL_REFUSED, because=analysis.reason, refusal=refusal)
+    return replace(analysis, reason=reason)
 
 
 def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:

@@ -137,11 +137,11 @@ class LogAnalysis:
         """
         learned = self.learned
         held_out = self.held_out
-        known = {}
+        figures = {}
         if learned is not None and held_out is not None:
-            known = model_figures(self.flights, learned, held_out)
+            figures = model_figures(self.flights, learned, held_out)
         return {
-            **known,
+            **figures,
             "axes": {
                 name: {
                     "physical": physical_values(analysis.physical),

@@ -161,16 +161,16 @@ def _purposes(learned: Learned, held_out: HeldOut | None) -> Iterator[Finding]:
         yield _wind(learned.wind_torque, physical)
     if held_out is not None:
         yield _prediction(held_out)
-    found = residuals(learned)
-    autocorrelation, across = found.largest
+    shown = residuals(learned)
+    autocorrelation, across = shown.largest
     reason = Fact(
         Because.RESIDUALS_TESTED,
-        outcome=found.outcome,
+        outcome=shown.outcome,
         autocorrelation=autocorrelation,
         correlation=across,
-        bounds=found.bounds,
+        bounds=shown.bounds,
     )
-    is_white = found.outcome is not BoundTest.FAILED
+    is_white = shown.outcome is not BoundTest.FAILED
     yield Finding(Purpose.RESIDUALS, Grade.GOOD if is_white else Grade.LIMITED, reason)
 
 
@@ -217,7 +217,7 @@ def _motion(physical: Physical) -> Finding:
             doubts.setdefault((status, _because(physical.reasons[name])), []).append(name)
     reason = Fact(
         Because.MOTION_KNOWN,
-        shares=[known for known in shares.items() if isfinite(known[1])],
+        shares=[share for share in shares.items() if isfinite(share[1])],
         doubts=[
             Fact(Because.PARAMETERS_DOUBTED, names=names, status=status, because=because)
             for (status, because), names in doubts.items()

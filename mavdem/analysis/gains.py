@@ -53,8 +53,8 @@ def with_one_set_of_gains(
             begin = flight.time[first]
             is_tuned = any(since <= begin < until for since, until in tuning)
             if last - first >= FEWEST_SAMPLES and not is_tuned:
-                known = [values for *since, values in sets if since <= [boot, begin]]
-                parts[known[-1]].append(flight[first:last])
+                before = [values for *since, values in sets if since <= [boot, begin]]
+                parts[before[-1]].append(flight[first:last])
     if not parts:
         raise NotLearnable(Loops.GAINS_OF_AUTOTUNE)
     gains, longest = max(parts.items(), key=lambda item: sum(map(len, item[1])))
@@ -96,12 +96,12 @@ def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, fl
         and not any(part in name for part in others)
         and isfinite(value)
     ]
-    known = {name: value for _, _, name, value in reversed(own)}
-    sets = [(-1, -inf, tuple(known.items()))]
+    current = {name: value for _, _, name, value in reversed(own)}
+    sets = [(-1, -inf, tuple(current.items()))]
     for boot, time, name, value in own:
-        if known[name] != value:
-            known[name] = value
-            sets.append((boot, time, tuple(known.items())))
+        if current[name] != value:
+            current[name] = value
+            sets.append((boot, time, tuple(current.items())))
     return sets
 
 

@@ -25,21 +25,21 @@ def loops_of_axes(
     log: Log,
     signals: Signals,
     start: float = 0.0,
-    known: Mapping[str, AxisFigures] = MappingProxyType({}),
+    figures: Mapping[str, AxisFigures] = MappingProxyType({}),
 ) -> dict[str, Loop | Fact]:
     """Returns the loops of roll, pitch and yaw, or why there are none; ``known`` are figures by axis."""
-    found = dict[str, Loop | Fact]()
+    loops = dict[str, Loop | Fact]()
     for axis in AXES:
         try:
             about = signals.about(axis, signals.inputs)
-            found[axis] = loops_of_log(about, log, start, known.get(axis))
+            loops[axis] = loops_of_log(about, log, start, figures.get(axis))
         except NotLearnable as error:
-            found[axis] = error.fact
-    return found
+            loops[axis] = error.fact
+    return loops
 
 
 def loops_of_log(
-    signals: Signals, log: Log, start: float = 0.0, known: AxisFigures | None = None
+    signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
 ) -> Loop:
     """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none.
 
@@ -52,7 +52,7 @@ def loops_of_log(
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    plant = known and known.physical or physical_of(signals, flights)
+    plant = figures and figures.physical or physical_of(signals, flights)
     is_known = isinstance(plant, Physical) and plant.identifiable
     if not is_known and plant.refusal is not None:
         raise NotLearnable(plant.refusal)

@@ -50,16 +50,16 @@ def overrides_of(
     return tuple(overrides)
 
 
-def _oscillation(found: Oscillation) -> Fact:
+def _oscillation(oscillation: Oscillation) -> Fact:
     return Fact(
         Override.OSCILLATION,
         Level.BAD,
-        subject=found.axis,
-        frequency=found.frequency,
-        turn_rate=radians(found.rate),
-        duration=found.seconds,
-        growing=found.growing,
-        share=found.at_limit,
+        subject=oscillation.axis,
+        frequency=oscillation.frequency,
+        turn_rate=radians(oscillation.rate),
+        duration=oscillation.seconds,
+        growing=oscillation.growing,
+        share=oscillation.at_limit,
     )
 
 

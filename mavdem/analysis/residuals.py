@@ -45,13 +45,13 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     command = learned.record.inputs @ weights(directions(learned))
     errors = record.outputs[:, output] - learned.one_step()[:, output]
     errors[record.starts] = np.nan  # a segment's first is not predicted
-    known = ~np.isnan(errors)
-    centred = np.where(known, errors - errors[known].mean(), 0.0)
+    finite = ~np.isnan(errors)
+    centred = np.where(finite, errors - errors[finite].mean(), 0.0)
     driven = command - command.mean()
     lags = round(LAG_SECONDS / learned.dt)
     auto = correlation(centred, centred, lags)
     driven_auto = correlation(driven, driven, lags)
-    width = float(quantile(BOUND_LEVEL) / np.sqrt(len(known)))
+    width = float(quantile(BOUND_LEVEL) / np.sqrt(len(finite)))
     # The variance of a correlation of two independent series.
     joint = float(np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0)))
     lag = np.arange(lags + 1.0) * learned.dt

@@ -108,9 +108,9 @@ class Assessment(AssessmentDownstream):
     @property
     def loops(self) -> dict[str, Loop | NoLoop]:
         """The control loops of "roll", "pitch" and "yaw", or their ``refusal``."""
-        known = dict.fromkeys(AXES, self.headline) if self.evidence is None else self.evidence.loops
+        loops = dict.fromkeys(AXES, self.headline) if self.evidence is None else self.evidence.loops
         return {
-            axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in known.items()
+            axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in loops.items()
         }
 
     @cached_property

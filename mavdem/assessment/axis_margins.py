@@ -109,27 +109,27 @@ def _has(loop: OpenLoop, target: Target) -> bool:
     )
 
 
-def _of_response(found: Resonance) -> Fact:
+def _of_response(resonance: Resonance) -> Fact:
     """Unknown where the response was not seen far enough, or not surely enough."""
-    assert found.ms_interval is not None
-    low, high = found.ms_interval
+    assert resonance.ms_interval is not None
+    low, high = resonance.ms_interval
     code = MarginsLight.RESONATES
     level = Level.UNKNOWN
     if low > USUAL.ms:
         level = Level.BAD if low > LEAST.ms else Level.WATCH
-    elif high < USUAL.ms and found.whole:
+    elif high < USUAL.ms and resonance.whole:
         code = MarginsLight.NO_RESONANCE
         level = Level.GOOD
-    return _of_resonance(code, level, found)
+    return _of_resonance(code, level, resonance)
 
 
-def _of_resonance(code: MarginsLight, level: Level, found: Resonance) -> Fact:
+def _of_resonance(code: MarginsLight, level: Level, resonance: Resonance) -> Fact:
     return Fact(
         code,
         level,
-        axis=found.axis,
-        ratio=found.peak,
-        frequency=found.frequency,
-        coherence=found.coherence,
-        rate=found.highest,
+        axis=resonance.axis,
+        ratio=resonance.peak,
+        frequency=resonance.frequency,
+        coherence=resonance.coherence,
+        rate=resonance.highest,
     )

@@ -221,7 +221,7 @@ def _weak_motor(motors: Motors, change: Array, fell: complex | None) -> tuple[in
     ``fell`` is forward and, imaginary, to the right, rad; None where the vehicle fell upright. None where no motor is
     meant, or more than one.
     """
-    places = np.array([complex(*place) for place in motors.layout.positions])
+    places = np.array([complex(*arm) for arm in motors.layout.positions])
     if not len(places) or not places.all():
         return None
     near = NEAR_SHARE * pi / len(places)

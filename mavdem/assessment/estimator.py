@@ -54,14 +54,14 @@ OF_ESTIMATOR = {
 def estimator_light(evidence: Evidence) -> Fact:
     """Returns the worst of filter and GPS in flight; unknown where the log has neither."""
     innovations = sorted(_filter(evidence), key=lambda fact: -fact.figures["duration"])
-    found = [
+    doubts = [
         *innovations,
         *_fixes(evidence),
         *_compass(evidence),
         *evidence.reported(OF_ESTIMATOR),
     ]
     airborne = evidence.verdict.figures.airborne
-    return worst(found) if found else Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
+    return worst(doubts) if doubts else Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 
 def _filter(evidence: Evidence) -> Iterator[Fact]:

@@ -77,14 +77,14 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
     checked only.
     """
     oscillates = evidence.condition.oscillation is not None
-    found = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
+    judged = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
     of_log = [lights[light] for light in OF_LOG]
-    for fact in filter(None, [evidence.ending, *evidence.events, *found, *of_log]):
+    for fact in filter(None, [evidence.ending, *evidence.events, *judged, *of_log]):
         if fact.level is Level.BAD:
             return fact
     if not evidence.verdict.figures.airborne:
         return evidence.verdict.reason
-    for fact in found:
+    for fact in judged:
         if fact.level is Level.WATCH:
             return fact
     checked = [light for light in OF_VEHICLE if lights[light].level is Level.GOOD]

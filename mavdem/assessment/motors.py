@@ -25,21 +25,21 @@ def motors_light(evidence: Evidence) -> Fact:
     telling: list[Code] = [InFlight.MOTOR_LOST_THRUST]
     if hover is None:
         telling.append(MotionEvent.MOTOR_AT_ITS_STOP)
-    found = [
+    weak = [
         event
         for event in filter(None, (evidence.ending, *evidence.events))
         if event.subject in names and (event.level is Level.BAD or event.code in telling)
     ]
     # Of several losses the largest is named, not the earliest.
-    found.sort(key=lambda event: -event.figures.get("rise", inf))
+    weak.sort(key=lambda event: -event.figures.get("rise", inf))
     if hover is None:
-        found.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
+        weak.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
     else:
         limited = limited_motor(hover)
         if limited is not None and hover.seconds >= LEAST_SECONDS:
-            found.append(Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, **limited))
-        found.append(_trim(evidence, min(hover.headroom)))
-    return worst(found)
+            weak.append(Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, **limited))
+        weak.append(_trim(evidence, min(hover.headroom)))
+    return worst(weak)
 
 
 def _trim(evidence: Evidence, headroom: float) -> Fact:

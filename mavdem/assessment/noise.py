@@ -91,15 +91,15 @@ def noise_of(evidence: Evidence, responses: Responses) -> Noise:
 
 def _crossover(evidence: Evidence, responses: Responses, controller: Controller) -> float | None:
     """Hz, of the rate loops of roll and pitch the highest: as identified, or else as measured."""
-    found = list[float | None]()
+    crossovers = list[float | None]()
     for axis in TILT_AXES:
         loop = evidence.loops.get(axis)
         measured = responses[axis]["rate"].measured
         if isinstance(loop, Loop):
-            found.append(loop.crossover)
+            crossovers.append(loop.crossover)
         elif isinstance(measured, StepResponse):
-            found.append(measured.crossover(controller))
-    return max(filter(None, found), default=None)
+            crossovers.append(measured.crossover(controller))
+    return max(filter(None, crossovers), default=None)
 
 
 def _of_line(peak: Peak) -> Fact:

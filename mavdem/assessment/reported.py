@@ -71,7 +71,7 @@ def reported_events(signals: Signals) -> Facts:
     None where that is not known. What is said while disarmed, as of a vehicle that is carried, is never bad.
     """
     words = said(signals.telemetry)
-    found = []
+    events = []
     for part in recorded_parts(signals):
         states = [fact for make in STATES for fact in make(signals, part)]
         faults = [fact for make in FAULTS for fact in make(signals, part)]
@@ -86,8 +86,8 @@ def reported_events(signals: Signals) -> Facts:
             if fact.level is Level.BAD and not during(np.array([time]), on).any():
                 fact = fact.but(Level.WATCH)
             begun = max((flight for flight in flights if flight[0] <= time), default=(time, inf))
-            found.append(fact.but(height=height_above(signals, part.boot, begun, time)))
-    return tuple(found)
+            events.append(fact.but(height=height_above(signals, part.boot, begun, time)))
+    return tuple(events)
 
 
 def _event(

@@ -44,7 +44,7 @@ class LoopResponse(NamedTuple):
 def responses_of(evidence: Evidence) -> Mapping[str, Mapping[str, LoopResponse]]:
     """Returns the responses of "rate" and "attitude" of roll, pitch and yaw, but for injected tests."""
     parts = evidence.settled(INJECTED)
-    found = {}
+    responses = {}
     for axis in AXES:
         signals = evidence.signals.about(axis)
         loop = evidence.loops.get(axis)
@@ -52,13 +52,13 @@ def responses_of(evidence: Evidence) -> Mapping[str, Mapping[str, LoopResponse]]
         attitude = attitude_response(signals, parts)
         if isinstance(loop, Loop):
             ahead = bool(signals.telemetry.parameters.get(FEEDFORWARD))
-            found[axis] = {
+            responses[axis] = {
                 "rate": _beside(rate, loop.rate, loop.rate.closed[0]),
                 "attitude": _beside(attitude, loop.attitude, _followed(loop, ahead)),
             }
         else:
-            found[axis] = {"rate": LoopResponse(rate), "attitude": LoopResponse(attitude)}
-    return found
+            responses[axis] = {"rate": LoopResponse(rate), "attitude": LoopResponse(attitude)}
+    return responses
 
 
 def _followed(loop: Loop, ahead: bool) -> Complex:

@@ -35,8 +35,8 @@ def tracking_light(evidence: Evidence) -> Fact:
     """Returns the light on tracking: the worse of roll and pitch, or what to log."""
     axes = tracking_of(evidence)
     tilts = [axes[axis] for axis in TILT_AXES]
-    known = [fact for fact in tilts if fact.code is not TrackingLight.TRACKING_UNKNOWN]
-    return worst(sorted(known or tilts[:1], key=lambda fact: -fact.figures.get("angle_error", 0.0)))
+    rated = [fact for fact in tilts if fact.code is not TrackingLight.TRACKING_UNKNOWN]
+    return worst(sorted(rated or tilts[:1], key=lambda fact: -fact.figures.get("angle_error", 0.0)))
 
 
 def tracking_of(evidence: Evidence) -> Mapping[str, Fact]:
@@ -116,8 +116,8 @@ def _errors(
 def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
     found = spectra((asked, angle), parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
-    if found is None or not (known := found.coherence >= LEAST_COHERENCE).any():
+    if found is None or not (coherent := found.coherence >= LEAST_COHERENCE).any():
         return None
-    peak = np.max(np.abs(found.response[known]))
+    peak = np.max(np.abs(found.response[coherent]))
     damping = np.sqrt((1 - np.sqrt(1 - min(1 / peak, 1.0) ** 2)) / 2)
     return float(np.exp(-np.pi * damping / np.sqrt(1 - damping**2))) if peak > 1 else 0.0

@@ -79,19 +79,19 @@ def diff_command(
             several = Incomparable.NO_COMMON_VEHICLE
             raise NotLearnable(several, shared=len(both), names=sorted(names | others))
         first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
-    found = vehicle_difference(first, second)
+    difference = vehicle_difference(first, second)
     parameters = changed_parameters(_parameters(before, first[0]), _parameters(after, second[0]))
     headlines = {"a": latest_headline(first), "b": latest_headline(second)}
-    document = {"a": before, "b": after, "parameters": parameters, **found.as_dict()}
+    document = {"a": before, "b": after, "parameters": parameters, **difference.as_dict()}
     first_said = [Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said]
-    blocks = difference_blocks(found, parameters)
+    blocks = difference_blocks(difference, parameters)
     with files_in(folder, [PAGE]) as (path,):
         called = Path(before).name, Path(after).name
-        page = comparison_page(called, (reviews["A"], reviews["B"]), found, parameters)
+        page = comparison_page(called, (reviews["A"], reviews["B"]), difference, parameters)
         path.write_text(page, "utf-8", "replace")
     say_aside(f"The page is {folder / PAGE}.")
     print_result(document | {"headlines": headlines}, [*first_said, *blocks], as_json)
-    if not found.changes:
+    if not difference.changes:
         context.exit(UNSUPPORTED)
 
 

@@ -210,16 +210,16 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
         motion = fly_through(scenario, done)
     report: Values = {}
     with writing(*files), atomic_writes(*files) as unfinished, progress("Writing", measured=False):
-        place = dict(zip(files, unfinished, strict=True))
+        unfinished_of = dict(zip(files, unfinished, strict=True))
         if out is not None and truth is not None:
             stream = recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
-            with place[out].open("wb") as file:
+            with unfinished_of[out].open("wb") as file:
                 report |= {
                     "out": str(out),
                     "frames": STREAMS[out.suffix.lower()](file, stream),
                     "truth": str(truth),
                 }
-            write_truth(place[truth], scenario, motion)
+            write_truth(unfinished_of[truth], scenario, motion)
         if rrd is not None:
             # Rerun takes a second to load
             from mavdem.view import Pose, write_pose
@@ -227,7 +227,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
             rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
             places = np.column_stack([rotors.forward, rotors.right])
             shown = {field.name: getattr(motion, field.name, places) for field in fields(Pose)}
-            write_pose(place[rrd], name, Pose(**shown))
+            write_pose(unfinished_of[rrd], name, Pose(**shown))
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
@@ -244,13 +244,13 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
 
 
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> Values:
-    found = re.fullmatch(r"\[?([^]]+)\]?:(\d{1,5})", udp, re.ASCII)
-    if found is None or not 0 < int(found[2]) < 1 << 16:
+    match = re.fullmatch(r"\[?([^]]+)\]?:(\d{1,5})", udp, re.ASCII)
+    if match is None or not 0 < int(match[2]) < 1 << 16:
         raise click.BadParameter(
             f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp"
         )
     whole = seconds(scenario)
-    with _refusing(), closing(Ground(found[1], int(found[2]))) as ground:
+    with _refusing(), closing(Ground(match[1], int(match[2]))) as ground:
         say_aside(
             f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it."
         )

@@ -238,15 +238,15 @@ def live_command(
         if dashboard.advice:
             say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
-        place = None
+        status_line = None
         if STDERR.is_terminal and not plain:
-            place = Place(console=STDERR, auto_refresh=False, transient=True)
+            status_line = Place(console=STDERR, auto_refresh=False, transient=True)
         if model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
-        with place or nullcontext():
-            every = STATUS_SECONDS if place is None else PAUSE_SECONDS
-            run(session, asked, duration, every, partial(_say_status, place))
+        with status_line or nullcontext():
+            every = STATUS_SECONDS if status_line is None else PAUSE_SECONDS
+            run(session, asked, duration, every, partial(_say_status, status_line))
         account = session.account()
         status = session.status
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
@@ -355,11 +355,11 @@ def _say(fact: Fact) -> None:
         STDERR.print(Text(printable(advised(fact)), style), soft_wrap=True)
 
 
-def _say_status(place: Place | None, session: LiveSession, before: str) -> str:
+def _say_status(status_line: Place | None, session: LiveSession, before: str) -> str:
     """Shows the status in its ``place``, or prints it where it is another one than ``before``; returns it."""
     line = _status_line(session.status)
-    if place is not None:
-        place.update(Text(printable(line), no_wrap=True, overflow="ellipsis"), refresh=True)
+    if status_line is not None:
+        status_line.update(Text(printable(line), no_wrap=True, overflow="ellipsis"), refresh=True)
     elif line not in ("", before):
         say_aside(line)
     return line

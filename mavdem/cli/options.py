@@ -132,8 +132,8 @@ def _length(context: click.Context, parameter: click.Parameter, value: str | Non
     """Seconds, as in ``7s``, or samples, as in ``700``."""
     if value is None:
         return None
-    found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,9})?s|\d{1,9})", value, re.ASCII)
-    number = float(value.removesuffix("s")) if found else 0.0
+    match = re.fullmatch(r"(\d{1,6}(?:\.\d{1,9})?s|\d{1,9})", value, re.ASCII)
+    number = float(value.removesuffix("s")) if match else 0.0
     if not number:
         wrong = f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700."
         raise click.BadParameter(wrong, context, parameter)
@@ -212,21 +212,21 @@ def of_each(
         raise click.BadParameter(
             "one is named twice: each flight counts once.", param_hint="SOURCE"
         )
-    found = {}
+    results = {}
     refused = {}
     for name, source in names_of(sources).items():
         try:
             flight, _ = learnable_flight(read_source(source), axis, vehicle, inputs)
-            found[name] = use(name, flight)
+            results[name] = use(name, flight)
         except (NotLearnable, Unreadable) as error:
             refused[source] = error
-    report_refused(found, refused)
-    return found
+    report_refused(results, refused)
+    return results
 
 
-def report_refused(found: Sized, refused: Mapping[str, NotLearnable | Unreadable]) -> None:
+def report_refused(results: Sized, refused: Mapping[str, NotLearnable | Unreadable]) -> None:
     """Reports on standard error what is ``refused``, by name; raises the first error if nothing is ``found``."""
     for name, error in refused.items():
-        if not found:
+        if not results:
             raise error
         say_aside(printable(f"mavdem: {name} is left out: {error}"))

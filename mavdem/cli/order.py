@@ -80,9 +80,9 @@ def order_command(
         return flight
 
     flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
-    found = {}
+    orders = {}
     refused = {}
-    work = partial(_orders, most=max_order, known=not unknown_inputs)
+    work = partial(_orders, most=max_order, known_inputs=not unknown_inputs)
     title = (
         f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {max_order} states"
     )
@@ -92,27 +92,27 @@ def order_command(
                 because = Fact(Source.NO_ORDER_OF_FLIGHT, because=fact_of(result))
                 refused[name] = NotLearnable(because)
             else:
-                found[name] = result
+                orders[name] = result
             done(number / len(flights))
-    report_refused(found, refused)
-    choice = OrderChoice(tuple(found.values()))
+    report_refused(orders, refused)
+    choice = OrderChoice(tuple(orders.values()))
     seconds = round(perf_counter() - began, 3)
     report = {
-        "flights": list(found),
+        "flights": list(orders),
         "axis": axis,
         "known_inputs": not unknown_inputs,
         "seconds": seconds,
         "advice": order_advice(choice, not unknown_inputs),
     }
     print_result(
-        choice.to_dict() | report, order_report(choice, list(found), not unknown_inputs), as_json
+        choice.to_dict() | report, order_report(choice, list(orders), not unknown_inputs), as_json
     )
     say_aside(f"Took {seconds:.1f} s.")
 
 
-def _orders(flight: Flight, most: int, known: bool) -> FlightOrders | ValueError:
+def _orders(flight: Flight, most: int, known_inputs: bool) -> FlightOrders | ValueError:
     """F̄ by order of a flight, or why there is none."""
     try:
-        return orders_of(flight, most, known)
+        return orders_of(flight, most, known_inputs)
     except ValueError as error:
         return error

@@ -80,10 +80,10 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
             with writing(out):
                 write(out, reports, seconds)
                 (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
-    found = [[report.claim.name, report.status.value, report.sentence] for report in reports]
+    rows = [[report.claim.name, report.status.value, report.sentence] for report in reports]
     print_result(
         document(reports, seconds),
-        [Table(["item", "verdict", "findings"], found, words=True)],
+        [Table(["item", "verdict", "findings"], rows, words=True)],
         as_json,
     )
     if not as_json:

@@ -106,13 +106,13 @@ def tune_command(
             found[rated] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
         else:
             raise NotLearnable(loop)
-    known = [advised for advised in found.values() if isinstance(advised, Advice)]
-    if not known:
+    advised_axes = [advised for advised in found.values() if isinstance(advised, Advice)]
+    if not advised_axes:
         raise NotLearnable(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values())))
     gains = {
-        name: value for advised in known for name, value in advised.parameters.items()
+        name: value for advised in advised_axes for name, value in advised.parameters.items()
     } | settings
-    refusal = None if any(advised.gains for advised in known) else known[0].sentence
+    refusal = None if any(advised.gains for advised in advised_axes) else advised_axes[0].sentence
     document = {
         "source": source,
         "margins": margins,
@@ -147,20 +147,20 @@ def tune_command(
         raise click.exceptions.Exit(1)
 
 
-def axis_document(found: Advice | Fact) -> Values:
+def axis_document(advice: Advice | Fact) -> Values:
     """Returns what the document holds of an axis: its loops and gains, or why there are none."""
-    if isinstance(found, Fact):
-        return {"refusal": found}
+    if isinstance(advice, Fact):
+        return {"refusal": advice}
     return {
-        "loop": found.before,
-        "filters": gyro_filters(found.before.controller, found.before.crossover),
-        "target": found.target,
-        "verdict": found.rating,
-        "sentence": found.sentence,
-        "sure": found.sure,
-        "gains": found.gains,
-        "expected": None if found.refusals else found.after,
-        "noise": found.noise,
+        "loop": advice.before,
+        "filters": gyro_filters(advice.before.controller, advice.before.crossover),
+        "target": advice.target,
+        "verdict": advice.rating,
+        "sentence": advice.sentence,
+        "sure": advice.sure,
+        "gains": advice.gains,
+        "expected": None if advice.refusals else advice.after,
+        "noise": advice.noise,
     }
 
 

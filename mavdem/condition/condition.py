@@ -369,8 +369,8 @@ def vibration_of(signals: Signals) -> MeasuredVibration | None:
     rises = np.clip(np.diff(counts, axis=0, prepend=counts[:1]), 0, None)
     axes = ("",) if len(names) == 1 else tuple("xyz")
     # A firmware may send zeros.
-    known = MeasuredVibration(axes, replace(measured, values=levels), rises)
-    return known if levels.any() else None
+    vibration = MeasuredVibration(axes, replace(measured, values=levels), rises)
+    return vibration if levels.any() else None
 
 
 def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigures | None:

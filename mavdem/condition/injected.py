@@ -33,14 +33,14 @@ def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None
         (signal.signal for signal in signals.injected), key=lambda signal: len(signal.time)
     )
     acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])
-    found = spectra((injected, signals.rates[0], acted), parts)
-    if found is None:
+    cross = spectra((injected, signals.rates[0], acted), parts)
+    if cross is None:
         return None
-    known = (found.coherence >= LEAST_COHERENCE) & (found.frequency >= LOWEST)
-    if np.count_nonzero(known) < 2:
+    coherent = (cross.coherence >= LEAST_COHERENCE) & (cross.frequency >= LOWEST)
+    if np.count_nonzero(coherent) < 2:
         return None
-    frequency = found.frequency[known]
-    plant = (found.power[0, 1] / found.power[0, 2])[known]
+    frequency = cross.frequency[coherent]
+    plant = (cross.power[0, 1] / cross.power[0, 2])[coherent]
     forward, back = transfer(controller, frequency)
     response = back * plant
     closed = forward * plant / (1 + response)

@@ -154,11 +154,11 @@ def _date(signals: Signals, received: float) -> datetime | None:
     flight = min(settled_segments(signals), default=None)
     if "time_unix_usec" in columns:
         unix = np.asarray(columns["time_unix_usec"], dtype=np.float64) / 1e6
-        known = unix > FIRST_SECOND
-        if flight is not None and (own := known & (columns["boot"] == flight.boot)).any():
+        plausible = unix > FIRST_SECOND
+        if flight is not None and (own := plausible & (columns["boot"] == flight.boot)).any():
             return _utc(float(unix[own][0] + flight.start - columns["time"][own][0]))
-        if known.any():
-            return _utc(float(unix[known][0]))
+        if plausible.any():
+            return _utc(float(unix[plausible][0]))
     if received > FIRST_SECOND:
         return _utc(received)
     return None
@@ -220,7 +220,7 @@ def inventory(
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-    known: Mapping[tuple[int, int], tuple[Learnability, Condition, Identity]] = MappingProxyType(
+    judged: Mapping[tuple[int, int], tuple[Learnability, Condition, Identity]] = MappingProxyType(
         {}
     ),
 ) -> Values:
@@ -239,7 +239,7 @@ def inventory(
         (vehicle.system, vehicle.component): _missing_share(vehicle) for vehicle in log.vehicles
     }
     described = [
-        _vehicle(vehicle, axis, inputs, log, known.get((vehicle.system, vehicle.component)))
+        _vehicle(vehicle, axis, inputs, log, judged.get((vehicle.system, vehicle.component)))
         for vehicle in vehicles
     ]
     return {
@@ -269,16 +269,16 @@ def _vehicle(
     axis: str,
     inputs: str | None,
     log: Log,
-    known: tuple[Learnability, Condition, Identity] | None,
+    judged: tuple[Learnability, Condition, Identity] | None,
 ) -> Values:
-    if known is None:
+    if judged is None:
         signals = Signals(telemetry, axis, inputs)
-        known = (
+        judged = (
             learnability_of(signals, log.components),
             condition_of(signals),
             identity_of(signals, log.receive_time[0]),
         )
-    verdict, condition, identity = known
+    verdict, condition, identity = judged
     messages = sorted(telemetry.messages.items())
     return {
         **{

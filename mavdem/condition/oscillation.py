@@ -67,13 +67,13 @@ def oscillation_of(
     if motors is None:
         return None
     whole = sum(part.duration for part in parts)
-    found = [
+    cycles = [
         cycle
         for axis, tilt in tilts.items()
         for seconds in WINDOWS
         for cycle in _limit_cycles(axis, tilt, motors, parts, seconds, whole)
     ]
-    return max(found, key=lambda cycle: cycle.rate, default=None)
+    return max(cycles, key=lambda cycle: cycle.rate, default=None)
 
 
 def begun_oscillation(
@@ -83,13 +83,13 @@ def begun_oscillation(
 
     Nothing before ``since``, s of the ``boot``, counts. ``tilts``: the attitude by axis.
     """
-    found = list[Oscillation]()
+    begun = list[Oscillation]()
     for seconds in BEGUN_WINDOWS:
         part = Segment(boot, max(since, now - 2.2 * seconds), now)
         for axis, tilt in tilts.items():
-            found += _limit_cycles(axis, tilt, motors, [part], seconds, np.inf, 1.9 * seconds)
+            begun += _limit_cycles(axis, tilt, motors, [part], seconds, np.inf, 1.9 * seconds)
     strong = [
-        cycle for cycle in found if cycle.at_limit >= LIMITED_SHARE and cycle.rate >= LEAST_RATE
+        cycle for cycle in begun if cycle.at_limit >= LIMITED_SHARE and cycle.rate >= LEAST_RATE
     ]
     return max(strong, key=lambda cycle: cycle.rate, default=None)
 
@@ -153,5 +153,5 @@ def _limit_cycles(
             # Lines of an alias may be of any frequency.
             lasting = lasted >= LASTING_SHARE * whole and (frequency >= STEERED or not is_fast)
             if limit >= LIMITED_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
-                known = frequency if is_fast else None
-                yield Oscillation(axis, known, strength, limit, growing, lasted)
+                fastest = frequency if is_fast else None
+                yield Oscillation(axis, fastest, strength, limit, growing, lasted)

@@ -73,15 +73,15 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
     positive = np.maximum(spectrum.whole, np.finfo(np.float64).tiny)
     logarithms = np.log(positive)
     drive = _drive(spectrum)
-    found = []
+    peaks = []
     for exponent in TRIED:
         tracked = _tracked(logarithms, frequency, drive, exponent)
         rows = find_peaks(tracked, prominence=np.log(OVER) / 2)[0].tolist()
         for row in rows:
             if frequency[row] >= LOWEST:
-                found.append(_peak(spectrum, logarithms, drive, row))
+                peaks.append(_peak(spectrum, logarithms, drive, row))
     kept = list[Peak]()
-    for peak in sorted(found, key=lambda peak: -peak.ratio):
+    for peak in sorted(peaks, key=lambda peak: -peak.ratio):
         apart = all(abs(peak.frequency / higher.frequency - 1) > NEAR for higher in kept)
         if apart and peak.ratio > OVER:
             kept.append(peak)

@@ -112,11 +112,11 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     if signals.rates is None:
         return None
     rate, asked = signals.rates
-    found = spectra((asked, rate), parts)
-    if found is None:
+    cross = spectra((asked, rate), parts)
+    if cross is None:
         return None
-    hertz = np.maximum(found.frequency, found.frequency[1])
-    response = found.response
+    hertz = np.maximum(cross.frequency, cross.frequency[1])
+    response = cross.response
     gain = USUAL_ANGLE_GAIN
     without_filters = response
     controller = known_controller_of(signals)
@@ -124,15 +124,15 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
         gain = controller.angle
         forward, back = transfer(controller, hertz)
         without_filters = response * back / forward
-    coherence = found.coherence
+    coherence = cross.coherence
     back_by_angle = gain / (2j * np.pi * hertz)
     own = np.abs(1 + back_by_angle * response) ** 2
-    whole = found.power[1, 1].real / found.driver
+    whole = cross.power[1, 1].real / cross.driver
     by_wind = whole - np.abs(response) ** 2
     own += np.abs(back_by_angle) ** 2 * by_wind
-    known = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
-    known &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
-    rows = np.flatnonzero(known)
+    coherent = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
+    coherent &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
+    rows = np.flatnonzero(coherent)
     # the run of frequencies that reaches over most octaves
     ends = np.flatnonzero(np.diff(rows) > 1) + 1
     runs = filter(len, np.split(rows, ends))
@@ -143,7 +143,7 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
         return None
     at = rows[np.argmax(size)]
     seen = coherence[rows]
-    error = np.sqrt((1 - seen) / (2 * seen * found.windows))
+    error = np.sqrt((1 - seen) / (2 * seen * cross.windows))
     complementary = np.abs(without_filters[rows])
     sensitivity = np.abs(1 - without_filters[rows])
     half = quantile() * error * complementary
@@ -170,20 +170,20 @@ def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
         return None
     weights = drive.layout.effect(signals.axis)
     command = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
-    found = spectra((Signal(drive.time, drive.boot, command), attitude.rates), parts)
-    if found is None or not found.usual.all():
+    cross = spectra((Signal(drive.time, drive.boot, command), attitude.rates), parts)
+    if cross is None or not cross.usual.all():
         return None
-    top = min(HIGHEST * found.frequency[-1], FASTEST_LOOP)
-    inside = (found.frequency >= SLOWEST_PEAK) & (found.frequency <= top / SIDES)
+    top = min(HIGHEST * cross.frequency[-1], FASTEST_LOOP)
+    inside = (cross.frequency >= SLOWEST_PEAK) & (cross.frequency <= top / SIDES)
     rows = np.flatnonzero(inside)
     if not len(rows):
         return None
-    hertz = found.frequency[rows]
-    size = np.log(found.usual) / 2
-    beside = (np.interp(side, found.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
+    hertz = cross.frequency[rows]
+    size = np.log(cross.usual) / 2
+    beside = (np.interp(side, cross.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
     over = np.exp(size[rows] - sum(beside) / 2)
     best = int(np.argmax(over))
-    coherence = float(found.coherence[rows[best]])
+    coherence = float(cross.coherence[rows[best]])
     if not (over[best] >= PROMINENT and coherence >= LEAST_COHERENCE):
         return None
     return Resonance(
@@ -205,10 +205,10 @@ def spectra(
 
     None where a signal comes slower than ``least_rate``, Hz, or there are fewer than ``FEWEST_WINDOWS``.
     """
-    known = evenly_sampled(signals, parts, seconds, least_rate)
-    if known is None:
+    sampled = evenly_sampled(signals, parts, seconds, least_rate)
+    if sampled is None:
         return None
-    return spectra_of_pieces(*known, seconds)
+    return spectra_of_pieces(*sampled, seconds)
 
 
 def spectra_of_pieces(

@@ -49,17 +49,17 @@ def texts(telemetry: Telemetry) -> list[Text]:
         columns[name].tolist() if name in columns else none
         for name in ("time", "boot", "severity", "id", "chunk_seq", "text")
     ]
-    found: list[Text] = []
+    rows: list[Text] = []
     begun = dict[int, int]()
     for time, boot, severity, number, chunk, raw in zip(*fields, strict=True):
         text = raw.decode(errors="replace") if isinstance(raw, bytes) else raw
         if number and chunk and number in begun:
-            before = found[begun[number]]
-            found[begun[number]] = before._replace(text=before.text + text)
+            before = rows[begun[number]]
+            rows[begun[number]] = before._replace(text=before.text + text)
         else:
-            begun[number] = len(found)
-            found.append(Text(time, boot, severity, text))
-    return [text._replace(text=text.text.strip()) for text in found]
+            begun[number] = len(rows)
+            rows.append(Text(time, boot, severity, text))
+    return [text._replace(text=text.text.strip()) for text in rows]
 
 
 def said(telemetry: Telemetry) -> list[Fact]:
@@ -72,9 +72,9 @@ def said(telemetry: Telemetry) -> list[Fact]:
 
 
 def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
-    known = texts(telemetry)
-    is_old = any(text.text in _SAID["old_scale"] for text in known)
-    for text in known:
+    rows = texts(telemetry)
+    is_old = any(text.text in _SAID["old_scale"] for text in rows)
+    for text in rows:
         warns = text.severity < len(SEVERITIES) and not is_old
         fact = _meant(text, warns)
         if fact is not None:
@@ -88,11 +88,11 @@ def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
 def _meant(message: Text, warns: bool) -> Fact | None:
     """What a text means; None where something is over, or where no pattern knows it and it ``warns`` of nothing."""
     for pattern, code, level in PATTERNS:
-        found = pattern.search(message.text)
-        if found:
+        match = pattern.search(message.text)
+        if match:
             if not code:
                 return None
-            groups = found.groupdict()
+            groups = match.groupdict()
             subject = groups.get("subject") or next(
                 (f"{name} {groups[name]}" for name in ("motor", "lane") if groups.get(name)), ""
             )
@@ -112,9 +112,9 @@ def _of_errors(telemetry: Telemetry) -> Iterator[Fact]:
         if code == 0 and not has_lane:
             continue
         ends = [ended for ended, *of in rows if of == [boot, number, 0] and ended > time]
-        known = _SAID["subsystems"][number - 1 : number]
+        names = _SAID["subsystems"][number - 1 : number]
         name, level, subject = next(
-            iter(known), (Reported.AUTOPILOT_ERROR, Level.WATCH, f"{number}")
+            iter(names), (Reported.AUTOPILOT_ERROR, Level.WATCH, f"{number}")
         )
         yield Fact(
             Reported(name),
@@ -140,8 +140,8 @@ def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
 
 def reason(number: float | None) -> tuple[str, Level]:
     """Returns why ArduPilot changed its mode, by the number that it logs, in a word; empty where that is not known."""
-    known = _SAID["reasons"][int(number) :][:1] if number else []
-    cause, level = next(iter(known), ("", Level.GOOD))
+    names = _SAID["reasons"][int(number) :][:1] if number else []
+    cause, level = next(iter(names), ("", Level.GOOD))
     return cause, Level(level)
 
 

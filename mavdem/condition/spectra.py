@@ -106,13 +106,15 @@ def thinned(frequency: Array, density: Array, most: int) -> Pair:
 
 def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, Spectrum]:
     """Returns what ``parts`` of a flight show, by name: of each the messages that show the highest frequency."""
-    found = dict[str, Spectrum]()
+    spectra = dict[str, Spectrum]()
     for name, message, sampled in _sampled(signals):
         source = signals.telemetry.called(message)
         spectrum = _spectrum(name, source, sampled, signals, parts)
-        if spectrum is not None and (name not in found or spectrum.highest > found[name].highest):
-            found[name] = spectrum
-    return found
+        if spectrum is not None and (
+            name not in spectra or spectrum.highest > spectra[name].highest
+        ):
+            spectra[name] = spectrum
+    return spectra
 
 
 def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:

@@ -157,7 +157,7 @@ class StepResponse:
 
         Where it is not, the prediction is doubted, unless it peaks beyond what the flight shows.
         """
-        known = frequency <= self.highest
+        visible = frequency <= self.highest
         predicted = np.interp(self.frequency, frequency, np.abs(closed))
         band = np.maximum(self.gain_half, STEADY)
         off = np.abs(predicted - self.gain) > band
@@ -169,7 +169,7 @@ class StepResponse:
             return Fact(agrees, Level.GOOD, subject=subject, highest=self.highest)
         code = StepResponses.PREDICTION_DOUBTED
         highest_peak = np.abs(closed).max()
-        known_peak = np.abs(closed[known]).max(initial=0.0)
+        known_peak = np.abs(closed[visible]).max(initial=0.0)
         if highest_peak > known_peak:
             code = StepResponses.MEASUREMENT_DOUBTED
         return Fact(code, subject=subject, share=share, frequency=peak, highest=self.highest)

@@ -67,7 +67,7 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
 def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
-    angles = [found for axis in AXES if (found := attitude(telemetry, axis)) is not None]
+    angles = [angle for axis in AXES if (angle := attitude(telemetry, axis)) is not None]
     moving = _moving(telemetry)
     if len(angles) < len(AXES) or moving is None:
         missing = AXES[len(angles) :]
@@ -128,8 +128,8 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
     kept &= steps <= LONGEST_STEP
     by_axis = [_jumps(time, speed, VELOCITY_JUMP) for speed in moved[:2]]
     jumps = np.any(by_axis, axis=0)
-    for place, speed in zip(moved[4:], moved, strict=False):
-        way = np.diff(place)
+    for position, speed in zip(moved[4:], moved, strict=False):
+        way = np.diff(position)
         jumps |= is_reset(way, speed[:-1], speed[1:], np.diff(time))
     doubted = [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
     kept &= ~phases.during(at, doubted)
@@ -141,8 +141,8 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
         flags = recorded(signals.telemetry, name, "flags")
         if flags is not None and np.any(here := flags.boot == boot):
             bits = flags.values[here].astype(np.int64)
-            known = velocity_known(bits)
-            unknown = np.interp(at, flags.time[here], ~known)
+            valid = velocity_known(bits)
+            unknown = np.interp(at, flags.time[here], ~valid)
             kept &= unknown == 0
     moving_then = (np.interp(at, time, column) for column in moved[:4])
     table = [at, *turned, *moving_then]

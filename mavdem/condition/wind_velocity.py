@@ -234,9 +234,9 @@ def estimate_wind(
     through_air = fine.velocity[:, :2] - air
     moved = float(np.nanmean(np.hypot(*through_air.T)))
     sd = found.relative_sd(moved)
-    known = sd / prior.relative_sd(moved)
-    found = replace(found, source=prior.source if known > DRAG_LEFT else DragSource.FLIGHT)
-    doubts = list(_doubts(whole, sd, known, steered, prior.source))
+    relative_sd = sd / prior.relative_sd(moved)
+    found = replace(found, source=prior.source if relative_sd > DRAG_LEFT else DragSource.FLIGHT)
+    doubts = list(_doubts(whole, sd, relative_sd, steered, prior.source))
     gusts = np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid")
     mean_square = max(float(mean @ mean), 1e-9)
     status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
@@ -268,11 +268,13 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     and y, fitted to every second quarter of a minute and tried on the others. None where that hardly changes.
     """
     thirds = np.floor(time / GUST_SECONDS)
-    number, place = np.unique(thirds, return_inverse=True)
-    known = np.isfinite(wind.along).all(axis=1)
-    air = (np.interp(time, wind.time[known], part, np.nan, np.nan) for part in wind.along[known].T)
-    sums = np.array([np.bincount(place, values) for values in (torque, *air)])
-    means = sums / np.bincount(place)
+    number, third = np.unique(thirds, return_inverse=True)
+    finite = np.isfinite(wind.along).all(axis=1)
+    air = (
+        np.interp(time, wind.time[finite], part, np.nan, np.nan) for part in wind.along[finite].T
+    )
+    sums = np.array([np.bincount(third, values) for values in (torque, *air)])
+    means = sums / np.bincount(third)
     kept = np.isfinite(means).all(axis=0)
     slow, *along = means[:, kept]
     if len(slow) < ENOUGH_SAMPLES or np.std(along, axis=1).max() < CHANGED:
@@ -319,11 +321,11 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
 
 
 def _doubts(
-    mean: _Mean, sd: float, known: float, steered: float, source: DragSource
+    mean: _Mean, sd: float, relative_sd: float, steered: float, source: DragSource
 ) -> Iterator[tuple[str, Status, Fact]]:
     """Status and reason of drag, speed and direction where they are not reported."""
     if sd > DRAG_ERROR:
-        status = Status.NOT_IDENTIFIABLE if known > DRAG_LEFT else Status.BIASED
+        status = Status.NOT_IDENTIFIABLE if relative_sd > DRAG_LEFT else Status.BIASED
         doubt = Fact(
             WindDoubt.DRAG_UNSURE,
             Level.WATCH,

@@ -230,8 +230,8 @@ class Learned(Forecasting, LearnedDownstream):
     @property
     def useful_steps(self) -> Indices:
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
-        found = self.predicted(max(1, round(TEST_SECONDS / self.dt)))
-        errors = np.maximum.accumulate(found.variance)
+        predicted = self.predicted(max(1, round(TEST_SECONDS / self.dt)))
+        errors = np.maximum.accumulate(predicted.variance)
         return np.asarray((errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0))
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:

@@ -210,10 +210,13 @@ class Record:
         """That of the inputs and of the outputs."""
         return Spread.of(self.inputs), Spread.of(self.outputs)
 
-    def require_moving(self, known: bool) -> None:
+    def require_moving(self, known_inputs: bool) -> None:
         """Raises ``NotLearnable`` for a constant output, or input if they are ``known``."""
         inputs, outputs = self.spread
-        for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
+        for name, constant in (
+            ("inputs", ~inputs.moving & known_inputs),
+            ("outputs", ~outputs.moving),
+        ):
             still = np.flatnonzero(constant)
             if len(still):
                 code = ModelRefusal.CHANNEL_CONSTANT

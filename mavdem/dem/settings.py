@@ -244,13 +244,13 @@ class Settings:
         """Returns settings from plain values by name; ``ValueError`` names a key that is not a setting."""
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
-        known = {f.name for f in fields(cls)}
-        unknown = set(values) - known - FORMER
+        names = {f.name for f in fields(cls)}
+        unknown = set(values) - names - FORMER
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
         if isinstance(values.get("prior"), dict):
             values = values | {"prior": Gaussian.from_dict(values["prior"])}
-        return cls(**{name: values[name] for name in known & set(values)})
+        return cls(**{name: values[name] for name in names & set(values)})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -244,33 +244,36 @@ def axes_of(assessment: Assessment) -> Values:
     return axes
 
 
-def _response(found: LoopResponse) -> Values:
-    if isinstance(found.measured, Fact):
-        return {"measured": None, "facts": found.facts}
-    names = (name for name in Response.model_fields if hasattr(found.measured, name))
-    drawn = {name: getattr(found.measured, name) for name in names}
-    predicted = {"predicted_step": found.predicted_step, "predicted_gain": found.predicted_gain}
-    return {"measured": drawn | predicted, "facts": found.facts}
+def _response(response: LoopResponse) -> Values:
+    if isinstance(response.measured, Fact):
+        return {"measured": None, "facts": response.facts}
+    names = (name for name in Response.model_fields if hasattr(response.measured, name))
+    drawn = {name: getattr(response.measured, name) for name in names}
+    predicted = {
+        "predicted_step": response.predicted_step,
+        "predicted_gain": response.predicted_gain,
+    }
+    return {"measured": drawn | predicted, "facts": response.facts}
 
 
-def _spectrum(found: measured.Spectrum, lines: tuple[Peak, ...]) -> Values:
+def _spectrum(spectrum: measured.Spectrum, lines: tuple[Peak, ...]) -> Values:
     """The values of a spectrum, thinned to ``FREQUENCIES`` and ``TIMES`` by the largest."""
-    axes = ("forward", "right", "down") if found.unit == "m/s²" else AXES
-    fine, mean = thinned(found.frequency, found.mean, FREQUENCIES)
-    coarse, over_time = thinned(found.frequency, found.whole, FREQUENCIES // 2)
-    size = -(-len(found.time) // TIMES)
-    levels, by_throttle = found.by_throttle
-    _, by_throttle = thinned(found.frequency, by_throttle, FREQUENCIES // 2)
+    axes = ("forward", "right", "down") if spectrum.unit == "m/s²" else AXES
+    fine, mean = thinned(spectrum.frequency, spectrum.mean, FREQUENCIES)
+    coarse, over_time = thinned(spectrum.frequency, spectrum.whole, FREQUENCIES // 2)
+    size = -(-len(spectrum.time) // TIMES)
+    levels, by_throttle = spectrum.by_throttle
+    _, by_throttle = thinned(spectrum.frequency, by_throttle, FREQUENCIES // 2)
     return {
-        "unit": found.unit,
-        "source": found.source,
-        "highest": found.highest,
-        "windows": len(found.time),
+        "unit": spectrum.unit,
+        "source": spectrum.source,
+        "highest": spectrum.highest,
+        "windows": len(spectrum.time),
         "frequency": fine,
         "density": dict(zip(axes, mean, strict=True)),
         "by_time": {
-            "time": found.time[::size],
-            "throttle": found.throttle[::size],
+            "time": spectrum.time[::size],
+            "throttle": spectrum.throttle[::size],
             "frequency": coarse,
             "density": over_time[::size],
         },

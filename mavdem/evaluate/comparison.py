@@ -302,11 +302,11 @@ class Comparison:
             "horizons": [
                 {
                     "steps": steps,
-                    "relative": float(np.median(ratios[:, place])),
-                    "reference": paired(reference_ratios[:, place], ratios[:, place], self.windows),
-                    "inside": _mean(inside[:, place].tolist()),
+                    "relative": float(np.median(ratios[:, row])),
+                    "reference": paired(reference_ratios[:, row], ratios[:, row], self.windows),
+                    "inside": _mean(inside[:, row].tolist()),
                 }
-                for place, steps in enumerate(scores[0].steps)
+                for row, steps in enumerate(scores[0].steps)
             ],
             "seconds": float(np.median([outcome.seconds for outcome in mine])),
         }
@@ -403,8 +403,8 @@ class Comparison:
 
 def _mean(shares: Iterable[float | None]) -> float | None:
     """Of those that there are."""
-    known = [share for share in shares if share is not None and not np.isnan(share)]
-    return float(np.mean(known)) if known else None
+    finite = [share for share in shares if share is not None and not np.isnan(share)]
+    return float(np.mean(finite)) if finite else None
 
 
 def _geometric(values: Sequence[float]) -> float:

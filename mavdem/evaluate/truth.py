@@ -125,8 +125,8 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
     for segment in flights:
         time = segment.time
         rate = segment.outputs[:, -1]
-        known = np.interp(time, truth.time, truth.rate, np.nan, np.nan)
-        difference = np.sqrt(np.mean((rate - known) ** 2)) / rate.std()
+        rates = np.interp(time, truth.time, truth.rate, np.nan, np.nan)
+        difference = np.sqrt(np.mean((rate - rates) ** 2)) / rate.std()
         if not difference < MAX_DIFFERENCE:
             raise Unreadable(
                 Forecasts.TRUTH_OF_ANOTHER_FLIGHT,

@@ -207,13 +207,13 @@ def since_baseline(
     """
     keys = {row.key for row in baseline if row.key}
     before = vehicles_of(baseline)
-    found = {}
+    changes = {}
     for name, flights in vehicles_of(row for row in rows if row.key not in keys).items():
         latest = flights[-1]
         healthy = [row for flight in before.get(name, ()) for row in flight]
         if name != UNKNOWN:
-            found[name] = latest[0], vehicle_difference(healthy, latest) if healthy else None
-    return found
+            changes[name] = latest[0], vehicle_difference(healthy, latest) if healthy else None
+    return changes
 
 
 def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
@@ -256,12 +256,12 @@ def _logarithms(values: Numbers | None, halves: Numbers | None) -> dict[int, Est
     }
 
 
-def _beside_median(kind: str, known: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
+def _beside_median(kind: str, estimates: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
     """Each motor's logarithm less the median of all; of too few motors none."""
-    if len(known) < FEWEST_MOTORS:
+    if len(estimates) < FEWEST_MOTORS:
         return {}
-    middle = median(value for value, _ in known.values())
-    return {Quantity(kind, motor): (value - middle, sd) for motor, (value, sd) in known.items()}
+    middle = median(value for value, _ in estimates.values())
+    return {Quantity(kind, motor): (value - middle, sd) for motor, (value, sd) in estimates.items()}
 
 
 def _compared(
@@ -330,15 +330,15 @@ def conditions_of(flights: Flights) -> Conditions:
     """Returns the mean conditions of flights."""
 
     def mean(values: Iterable[float | None]) -> float | None:
-        known = [value for value in values if value is not None]
-        return fmean(known) if known else None
+        present = [value for value in values if value is not None]
+        return fmean(present) if present else None
 
     columns = ("voltage_mean", "collective", "lean_roll", "lean_pitch", "tilt_sd")
     means = [mean(getattr(flight[0], column) for flight in flights) for column in columns]
     rows = [row for flight in flights for row in flight]
     torques = {axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXES}
-    known = {axis: torque for axis, torque in torques.items() if torque is not None}
-    return Conditions(*means, known)  # type: ignore[call-arg, arg-type]
+    present = {axis: torque for axis, torque in torques.items() if torque is not None}
+    return Conditions(*means, present)  # type: ignore[call-arg, arg-type]
 
 
 def _unlike(sides: Sequence[Flights]) -> Fact | None:
@@ -381,11 +381,11 @@ def _incomparable(
     for quantity in wanted:
         reasons = [
             _reason(quantity, side, flights)
-            for side, flights, known in zip(SIDES, sides, estimates, strict=True)
+            for side, flights, tables in zip(SIDES, sides, estimates, strict=True)
             if not any(
                 row.kind == quantity.kind and quantity.axis in ("", row.axis)
-                for flight in known
-                for row in flight
+                for table in tables
+                for row in table
             )
         ]
         if reasons:

@@ -58,9 +58,9 @@ Whole = int | None
 """Columns whose value need not be known."""
 
 
-def at(place: str, default: str | None = None) -> Any:
+def at(path: str, default: str | None = None) -> Any:
     """A column that is at this place of a document of ``report.json``."""
-    return field(default=default, metadata={"place": place})
+    return field(default=default, metadata={"place": path})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,8 +363,8 @@ def _of_report(report: Mapping[str, Any]) -> Values:
     }
     columns = {
         name: value
-        for name, place in places.items()
-        if (value := _value_at(report, place)) not in (None, "", [], ())
+        for name, path in places.items()
+        if (value := _value_at(report, path)) not in (None, "", [], ())
     }
     if _value_at(report, "wind.reason") or columns.get("effect_status") in (None, NOT_IDENTIFIABLE):
         # It is not resolved, or what it is computed with is not identifiable.
@@ -394,10 +394,10 @@ def _of_report(report: Mapping[str, Any]) -> Values:
     return columns | known
 
 
-def _value_at(report: Mapping[str, Any], place: str) -> Any:
+def _value_at(report: Mapping[str, Any], path: str) -> Any:
     """What a document of records has at a place; None of what is not known."""
     value: Any = report
-    for key in place.split("."):
+    for key in path.split("."):
         if value is not None:
             value = value.get(key) if isinstance(value, Mapping) else getattr(value, key)
     return value

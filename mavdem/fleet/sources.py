@@ -79,8 +79,8 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
     if os.path.isdir(name):
         paths = [
             path
-            for place, _, names in os.walk(os.path.abspath(name))
-            for path in (os.path.join(place, name) for name in names)
+            for folder, _, names in os.walk(os.path.abspath(name))
+            for path in (os.path.join(folder, name) for name in names)
             if looks_like_log(path)
         ]
     elif os.path.lexists(name):

@@ -208,7 +208,7 @@ class Store:
 
     def rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
         """Yields the rows that a ``query`` for row and, in the table, file finds."""
-        return (_row(*found) for found in self.db.execute(query, values))
+        return (_row(*row) for row in self.db.execute(query, values))
 
     def rows_of(self, sources: Iterable[Source]) -> FlightRows:
         """Returns the rows of these logs."""

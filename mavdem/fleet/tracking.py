@@ -63,8 +63,8 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
     judged = {_key(row): health_figures(row) for row in flown}
     # A flight that is among both is one flight.
     given = {_key(row): judged.get(_key(row)) or health_figures(row) for row in healthy_rows}
-    found = assess([*judged.values()], [*given.values()] or None)
-    assessments = dict(zip(judged, found, strict=True))
+    vehicles = assess([*judged.values()], [*given.values()] or None)
+    assessments = dict(zip(judged, vehicles, strict=True))
     names = {flight.name for flight in given.values() or healthy_flights([*judged.values()])}
     figures = given | judged
     models = [row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names]

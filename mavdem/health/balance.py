@@ -348,13 +348,13 @@ def lean_effects(flights: Sequence[BalanceFigures]) -> Pair:
     """
     seen = np.array([flight.lean_effect for flight in flights])
     variance = np.array([flight.lean_effect_error for flight in flights]) ** 2
-    known = np.isfinite(seen) & np.isfinite(variance)
-    seen = np.where(known, seen, 0.0)
-    variance = np.where(known, variance, np.inf)
-    count = known.sum(axis=0)
+    finite = np.isfinite(seen) & np.isfinite(variance)
+    seen = np.where(finite, seen, 0.0)
+    variance = np.where(finite, variance, np.inf)
+    count = finite.sum(axis=0)
     plain = seen.sum(axis=0) / np.maximum(count, 1)
     distance = (seen - plain) ** 2
-    spread = np.where(known, distance, 0.0).sum(axis=0)
+    spread = np.where(finite, distance, 0.0).sum(axis=0)
     freedom = LEAN_EFFECT_FREEDOM + np.maximum(count - 1, 0)
     scatter = (LEAN_EFFECT_FREEDOM * LEAN_EFFECT_SCATTER**2 + spread) / freedom
     weights = 1 / (variance + scatter)

@@ -350,7 +350,7 @@ class MotorWatch:
             self._rate_from = time
             self._samples = 0
         self._samples += 1
-        known = len(self.alarms)
+        count = len(self.alarms)
         if number != self._number:
             if len(self._open) >= MIN_SAMPLES:
                 end = (self._number + 1) * BLOCK_SECONDS
@@ -360,7 +360,7 @@ class MotorWatch:
             self._number = number
             self._open = []
         self._open.append(commands)
-        return self.alarms[known:]
+        return self.alarms[count:]
 
     def _block(self, time: float, commands: Array, heading: float) -> None:
         mean = float(commands.mean())
@@ -396,7 +396,7 @@ class MotorWatch:
         if best.max() + log(alternatives) < self._enough:
             return
         sound = np.eye(len(self._signatures))
-        weak = [loss.size * sound[place] for place, loss in self.weak.items()]
+        weak = [loss.size * sound[motor] for motor, loss in self.weak.items()]
         ends = [*weak, sum(weak)] if len(weak) > 1 else weak
         # (h, s, k) of the motors' commands, by cause and size: one motor weakens; a weak one recovers, and all do.
         rises = np.array(
@@ -450,7 +450,7 @@ class MotorWatch:
         drop = max(len(self._times) - n, 0)
         del self._times[:drop], self._blocks[:drop], self._headings[:drop]
 
-    def _is_of_no_turn(self, n: int, changes: _Changes, place: int) -> bool:
+    def _is_of_no_turn(self, n: int, changes: _Changes, motor: int) -> bool:
         """Whether steady flight alone shows the change ``n`` blocks ago, and no turn of the nose explains it.
 
         Between two headings the wind's torque differs as between a sound and a weak motor: what changed must show at
@@ -459,9 +459,9 @@ class MotorWatch:
         if self._steady_blocks * BLOCK_SECONDS < LEAST_SECONDS:
             return False
         blocks = np.array(self._blocks)
-        weights = changes.moved[place] / changes.variance[place]
+        weights = changes.moved[motor] / changes.variance[motor]
         now = blocks[-n:].mean(axis=0)
-        whole = changes.moved[place] @ weights
+        whole = changes.moved[motor] @ weights
         shown = (blocks - now) @ weights / whole
         turned = _turn(np.array(self._headings), self._headings[-1])
         sector_width = 2 * np.pi / SECTORS

@@ -161,9 +161,9 @@ class MotorGeometry:
 
 def demand_geometry(axis: str) -> MotorGeometry:
     """Returns the controller's demand on an axis as the one input: like a motor with effect 1 about it."""
-    place = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}[axis]
+    arm = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}[axis]
     return MotorGeometry(
-        (1,), (1,), (place,), ChannelBasis.DEMAND, labels=(f"{axis} demand",), spins=(1,)
+        (1,), (1,), (arm,), ChannelBasis.DEMAND, labels=(f"{axis} demand",), spins=(1,)
     )
 
 
@@ -398,17 +398,17 @@ def _px4_range(drivers: Sequence[Driver], parameters: Parameters) -> Interval:
 
     A channel has a range of its own or, where that is -1 and before PX4 1.12, that of its driver.
     """
-    found: tuple[list[float], list[float]] = [], []
+    ends: tuple[list[float], list[float]] = [], []
     for driver, n in drivers:
-        for values, end in zip(found, ("MIN", "MAX"), strict=True):
+        for values, end in zip(ends, ("MIN", "MAX"), strict=True):
             names = (
                 f"{driver}_{end}{n}",
                 f"{driver}_{end}",
                 f"PWM_{end}" if driver == "PWM_MAIN" else "",
             )
             values += [parameters[name] for name in names if parameters.get(name, 0.0) > 0][:1]
-    whole = min(map(len, found)) == len(drivers) > 0
-    return (float(np.mean(found[0])), float(np.mean(found[1]))) if whole else (0.0, 0.0)
+    whole = min(map(len, ends)) == len(drivers) > 0
+    return (float(np.mean(ends[0])), float(np.mean(ends[1]))) if whole else (0.0, 0.0)
 
 
 def _ardupilot_stop(parameters: Parameters) -> float:

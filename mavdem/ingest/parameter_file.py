@@ -21,7 +21,7 @@ from mavdem.ingest.telemetry import Log, Parameters, repair
 
 def read_parameters(path: PathName) -> Parameters:
     """Returns the parameters of a file by name; raises ``Unreadable``: it cannot be opened, or has none."""
-    found = {}
+    parameters = {}
     for line in file_bytes(path).decode("utf-8", "replace").splitlines():
         words = re.split(r"[,\s]+", line.strip())
         if words[0].isdigit():
@@ -29,10 +29,10 @@ def read_parameters(path: PathName) -> Parameters:
         with suppress(ValueError, IndexError):
             name, value = words[0], float(words[1])
             if isfinite(value) and re.fullmatch(r"[A-Z]\w*", name):
-                found[name] = value
-    if not found:
+                parameters[name] = value
+    if not parameters:
         raise Unreadable(Source.NO_PARAMETERS_IN_FILE, path=os.fspath(path))
-    return found
+    return parameters
 
 
 def with_parameters(log: Log, path: PathName) -> Log:
@@ -42,6 +42,6 @@ def with_parameters(log: Log, path: PathName) -> Log:
     for vehicle in log.vehicles:
         count = len(given.keys() - vehicle.parameters.keys())
         added = repair(Repair.PARAMETERS_ADDED, count=count, path=os.fspath(path))
-        known = {**given, **vehicle.parameters}
-        vehicles.append(replace(vehicle, parameters=known, repairs=(*vehicle.repairs, *added)))
+        parameters = {**given, **vehicle.parameters}
+        vehicles.append(replace(vehicle, parameters=parameters, repairs=(*vehicle.repairs, *added)))
     return replace(log, vehicles=tuple(vehicles))

@@ -311,9 +311,9 @@ def _sys_status(topics: Topics) -> Fields:
 
     Beside its fields, ``charge_state`` of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
     """
-    found = _renamed(topics, "SYS_STATUS")
+    columns = _renamed(topics, "SYS_STATUS")
     warning = _first(topics, "battery_status").get("warning")
-    return found if warning is None else found | {"charge_state": warning + 1}
+    return columns if warning is None else columns | {"charge_state": warning + 1}
 
 
 def _vibration(topics: Topics) -> Fields:
@@ -338,8 +338,8 @@ def _vibration(topics: Topics) -> Fields:
 def _system_time(topics: Topics) -> Fields:
     """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
     gps = _first(topics, "vehicle_gps_position")
-    known = selected(gps, gps["time_utc_usec"] > 0)
-    return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
+    timed = selected(gps, gps["time_utc_usec"] > 0)
+    return {"time": timed["time"], "time_unix_usec": timed["time_utc_usec"]}
 
 
 def _injected(topics: Topics) -> Fields:

@@ -92,8 +92,8 @@ def rate_without_gaps(steps: Array) -> float:
 def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
     """Returns the rows of each value in ``values`` (N,), both ascending."""
     order = np.argsort(values, kind="stable")
-    found, first = np.unique(values[order], return_index=True)
-    return dict(zip(found.tolist(), np.split(order, first)[1:], strict=True))
+    distinct, first = np.unique(values[order], return_index=True)
+    return dict(zip(distinct.tolist(), np.split(order, first)[1:], strict=True))
 
 
 def selected(columns: Columns, rows: slice | NDArray[Any]) -> Fields:

@@ -130,9 +130,9 @@ class _Content(io.BytesIO):
         return content
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        place = self.tell() + offset if whence == os.SEEK_CUR else offset
-        is_again = self._is_cut and whence == os.SEEK_CUR and place <= self._message
-        return super().seek(self._message + 1 if is_again else place)
+        offset_from_start = self.tell() + offset if whence == os.SEEK_CUR else offset
+        is_again = self._is_cut and whence == os.SEEK_CUR and offset_from_start <= self._message
+        return super().seek(self._message + 1 if is_again else offset_from_start)
 
 
 def _parsed(content: bytes, source: str) -> ULog:

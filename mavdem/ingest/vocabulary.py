@@ -115,8 +115,8 @@ WORD = np.dtype(np.uint32).itemsize  # Bytes of such a word, the last byte first
 def board_number_in_texts(texts: Iterable[str]) -> str:
     """The number in what ArduPilot says at boot ("CUAVv5Nano 001A002F 30395113 33333539"); empty where it does not."""
     for text in texts:
-        if found := ARDUPILOT_TEXT.match(text.strip()):
-            return "".join(found.groups()).lower()
+        if match := ARDUPILOT_TEXT.match(text.strip()):
+            return "".join(match.groups()).lower()
         if SIMULATED_TEXT.match(text.strip()):
             return text[:SIMULATED_LETTERS].encode().hex()
     return ""

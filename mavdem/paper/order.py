@@ -117,7 +117,7 @@ def _below_maximum(flights: Array) -> Array:
 
 def checks(saturation: dict[str, list[int]]) -> tuple[Check, ...]:
     """Returns whether F̄ saturates at each system's own order, given where it does by inputs and by system."""
-    found = []
+    checks_made = []
     for system, *orders in zip(SYSTEMS, *saturation.values(), strict=True):
         known = listed(saturation)
         rule = f"system {system}: F̄, averaged over the flights, saturates at order {system}, with {known} inputs"
@@ -127,5 +127,5 @@ def checks(saturation: dict[str, list[int]]) -> tuple[Check, ...]:
         ]
         where = str(orders[0]) if len(set(orders)) == 1 else listed(by_inputs)
         right = all(order == system for order in orders)
-        found.append(Check(rule, right, f"F̄ of system {system} saturates at order {where}"))
-    return tuple(found)
+        checks_made.append(Check(rule, right, f"F̄ of system {system} saturates at order {where}"))
+    return tuple(checks_made)

@@ -95,7 +95,7 @@ class Line(NamedTuple):
         def between(values: Array) -> Array:
             return np.where(beyond, np.nan, np.interp(grid, x, values))
 
-        found = between(self.y)
+        middle = between(self.y)
         pairs = np.searchsorted(x, np.append(grid[::2], 2 * grid[-1] - grid[-2]))
         # Of as many samples as steps three may fall into two of them.
         several = np.flatnonzero(np.diff(pairs)[: len(grid) // 2] > 3)
@@ -105,10 +105,10 @@ class Line(NamedTuple):
                 extreme.reduceat(self.y, starts)[several] for extreme in (np.fmin, np.fmax)
             )
             falls = self.y[starts[several]] > self.y[pairs[several + 1] - 1]
-            found[2 * several] = np.where(falls, most, least)
-            found[2 * several + 1] = np.where(falls, least, most)
+            middle[2 * several] = np.where(falls, most, least)
+            middle[2 * several + 1] = np.where(falls, least, most)
         low, high = (None if bound is None else between(bound) for bound in (self.low, self.high))
-        return self._replace(x=grid, y=found, low=low, high=high)
+        return self._replace(x=grid, y=middle, low=low, high=high)
 
 
 class Mark(NamedTuple):
@@ -225,10 +225,10 @@ def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:
 
 def _said(line: Line) -> str:
     """From where to where it goes."""
-    known = line.y[np.isfinite(line.y)]
-    if not len(known):
+    finite = line.y[np.isfinite(line.y)]
+    if not len(finite):
         return ""
-    return f"{line.name or 'values'} from {rounded(known.min(), 3)} to {rounded(known.max(), 3)}"
+    return f"{line.name or 'values'} from {rounded(finite.min(), 3)} to {rounded(finite.max(), 3)}"
 
 
 def _packed(values: Array | None, log: bool, even: bool = False) -> Values | None:

@@ -58,7 +58,7 @@ def _verdict(comparison: Comparison, question: Question) -> str:
         pairs=min((test.tested for test in tests.values()), default=0),
         fewest=FEWEST_PAIRS,
         tests=tests,
-        results={result: known for result, known in by_result.items() if known},
+        results={result: names for result, names in by_result.items() if names},
         silent=silent,
     )
     return said.lead

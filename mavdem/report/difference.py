@@ -59,38 +59,38 @@ def difference_blocks(
     return [*_vehicles(found), *anew, *_changes(found), *missing, conditions, *sure]
 
 
-def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> Blocks:
+def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:
     """Returns what differs between a vehicle's ``latest`` flight and its flights of the baseline."""
     lead = "Since the baseline:"
-    if found is None:
+    if difference is None:
         return [Sentence("the baseline has no flight of this vehicle.", lead)]
     when = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
-    text = f"the latest flight, {PurePath(latest.file).name}{when}, beside {counted(found.flights[0], 'flight')}."
-    return [Sentence(text, lead), *_changes(found), *_vehicles(found)]
+    text = f"the latest flight, {PurePath(latest.file).name}{when}, beside {counted(difference.flights[0], 'flight')}."
+    return [Sentence(text, lead), *_changes(difference), *_vehicles(difference)]
 
 
-def _changes(found: VehicleDifference) -> Blocks:
+def _changes(difference: VehicleDifference) -> Blocks:
     """What changed, what is the same, and what was compared without a result."""
-    if not found.changes:
+    if not difference.changes:
         return [Sentence("", "Nothing can be compared.")]
     changed, unknown = (
-        [_change(change, found) for change in found.of(kind)]
+        [_change(change, difference) for change in difference.of(kind)]
         for kind in (Outcome.CHANGED, Outcome.UNCERTAIN)
     )
-    same = _grouped(found.of(Outcome.SAME))
+    same = _grouped(difference.of(Outcome.SAME))
     return [*section("difference_changes", changed=changed, same=same, unknown=unknown)]
 
 
-def surest_change(found: VehicleDifference) -> str:
+def surest_change(difference: VehicleDifference) -> str:
     """Returns what changed most surely; empty where nothing did."""
-    changes = sorted(found.of(Outcome.CHANGED), key=lambda change: change.p)
-    return _change(changes[0], found) if changes else ""
+    changes = sorted(difference.of(Outcome.CHANGED), key=lambda change: change.p)
+    return _change(changes[0], difference) if changes else ""
 
 
-def _change(change: QuantityChange, found: VehicleDifference) -> str:
+def _change(change: QuantityChange, difference: VehicleDifference) -> str:
     """As in "motor 3's share −18 % ± 6 %"."""
     (kind, motor, axis) = change.quantity
-    motors = found.motors
+    motors = difference.motors
     noun, scale, unit = QUANTITIES[kind]
     name = f"{noun} on {axis}"
     if motor:
@@ -135,10 +135,12 @@ def _of_conditions(before: Conditions, after: Conditions) -> dict[str, object]:
     return {"before": before, "after": after, "lean": lean, "axes": axes}
 
 
-def _vehicles(found: VehicleDifference) -> Blocks:
-    before, after = found.vehicles
+def _vehicles(difference: VehicleDifference) -> Blocks:
+    before, after = difference.vehicles
     if UNKNOWN in (*before, *after):
         return [*section("difference_unnamed")]
     others = before and after and set(before) != set(after)
-    doubts = section("difference_vehicles", before=before, after=after, others=others, found=found)
+    doubts = section(
+        "difference_vehicles", before=before, after=after, others=others, found=difference
+    )
     return [caution(doubt.text) for doubt in doubts]

@@ -29,7 +29,7 @@ COLOURS = {"A": PREDICTED, "B": TRUTH}
 def comparison_page(
     names: tuple[str, str],
     reviews: tuple[Review, Review],
-    found: VehicleDifference,
+    difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
     back: tuple[str, str] | None = None,
 ) -> str:
@@ -45,7 +45,7 @@ def comparison_page(
         for parameter in parameters
     ]
     chapters = [
-        Chapter("What differs", difference_blocks(found, parameters)),
+        Chapter("What differs", difference_blocks(difference, parameters)),
         Chapter("Step response", (), [Group(steps)] if steps else []),
         _table("Margins", "rate loop (90 % interval)", _margins(both)),
         Chapter("Spectra", (), _group(_spectra(both))),
@@ -53,7 +53,7 @@ def comparison_page(
         _table("Wind", "90 % interval", _wind(both)),
         _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
     ]
-    first = _headline(both, found, parameters)
+    first = _headline(both, difference, parameters)
     headlines = {name: _known(review, "headline", "sentence") for name, review in both.items()}
     first += [Sentence(said, f"{name}:") for name, said in headlines.items() if said]
     return document(" and ".join(names), "A and B over each other.", first, chapters, back)
@@ -61,19 +61,19 @@ def comparison_page(
 
 def _known(review: Review, *keys: str) -> Any:
     """What a document has at a place; None of what is not known."""
-    found: Any = review
+    value: Any = review
     for key in keys:
-        found = found.get(key) if isinstance(found, Mapping) else None
-    return found
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value
 
 
 def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
-    known = [row for row in rows if {*row[1:]} != {"-"}]
-    return Chapter(title, [Table([head, *COLOURS], known)] if known else [])
+    filled = [row for row in rows if {*row[1:]} != {"-"}]
+    return Chapter(title, [Table([head, *COLOURS], filled)] if filled else [])
 
 
 def _headline(
-    both: Mapping[str, Review], found: VehicleDifference, parameters: Sequence[ParameterChange]
+    both: Mapping[str, Review], difference: VehicleDifference, parameters: Sequence[ParameterChange]
 ) -> Blocks:
     """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
     vehicles = [_known(review, "identity", "name") or UNKNOWN for review in both.values()]
@@ -94,7 +94,7 @@ def _headline(
         "difference_first",
         vehicles=vehicles,
         are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
-        changed=surest_change(found),
+        changed=surest_change(difference),
         gain=max(
             gains, key=lambda parameter: abs(parameter.after / parameter.before - 1), default=None
         ),
@@ -117,8 +117,10 @@ def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
     for loop in ("rate", "attitude"):
         lines = []
         for name, review in both.items():
-            if found := _known(review, "axes", axis, loop, "measured"):
-                time, step, half = (np.array(found[key]) for key in ("time", "step", "step_half"))
+            if response := _known(review, "axes", axis, loop, "measured"):
+                time, step, half = (
+                    np.array(response[key]) for key in ("time", "step", "step_half")
+                )
                 lines.append(Line.around(name, COLOURS[name], time, step, half))
         title = f"{axis.capitalize()} {loop}: step"
         charts += [Chart(title, AFTER, SHARE, tuple(lines), (1.0,))] if lines else []
@@ -152,9 +154,9 @@ def _spectra(both: Mapping[str, Review]) -> Chart:
     lines = []
     for name, review in both.items():
         spectra = review.get("spectra") or {}
-        if found := spectra.get("gyro_before") or spectra.get("gyro"):
-            density = np.sum(list(found["density"].values()), axis=0)[1:]
-            hertz = np.array(found["frequency"])[1:]
+        if spectrum := spectra.get("gyro_before") or spectra.get("gyro"):
+            density = np.sum(list(spectrum["density"].values()), axis=0)[1:]
+            hertz = np.array(spectrum["frequency"])[1:]
             lines.append(Line(name, COLOURS[name], hertz, np.maximum(density, 1e-12)))
     power = Axis("power ((rad/s)²/Hz)", log=True)
     return Chart("Gyro, power ((rad/s)²/Hz)", Axis("frequency (Hz)"), power, tuple(lines))

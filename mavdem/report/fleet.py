@@ -87,7 +87,7 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
     counts = Counter(map(worst_health, flights))
     reasons = (row.health_reason for flight in reversed(flights) for row in flight)
     latest = [flight for flight in reversed(flights) if worst_health(flight) in TROUBLE]
-    conclusion, found = section(
+    conclusion, difference = section(
         "fleet_vehicle",
         health=health,
         in_trouble=health in TROUBLE,
@@ -100,7 +100,7 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
         row=min(latest[0], key=lambda row: HEALTHS.index(row.health)) if latest else None,
         is_shared=is_shared(flights),
     )
-    return conclusion.text, found.text
+    return conclusion.text, difference.text
 
 
 def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:

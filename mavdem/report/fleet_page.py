@@ -61,9 +61,9 @@ def fleet_page(
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
             "group": vehicle_group(flights) if name in drawn else None,
-            "is_open": place < MOST_NAMED and (health in TROUBLE or bool(doubt(flights))),
+            "is_open": rank < MOST_NAMED and (health in TROUBLE or bool(doubt(flights))),
         }
-        for place, (name, flights) in enumerate((name, vehicles[name]) for name in ranked)
+        for rank, (name, flights) in enumerate((name, vehicles[name]) for name in ranked)
     ]
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
@@ -74,14 +74,14 @@ def fleet_page(
         ("" if row.page is None else quote(row.page, safe="/"), row.file) for row, *_ in newest
     ]
     winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights]
-    known = np.array([wind for wind in winds if None not in wind], np.float64)
+    complete = np.array([wind for wind in winds if None not in wind], np.float64)
     return (
         environment()
         .get_template("fleet.html")
         .render(
             blocks=words.fleet_blocks(rows),
             vehicles=parts,
-            rose=rose_of_flights(known) if len(known) else None,
+            rose=rose_of_flights(complete) if len(complete) else None,
             first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
             table={
                 "kinds": [kind for kind, _ in COLUMNS.values()],

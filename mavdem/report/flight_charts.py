@@ -33,25 +33,25 @@ def step_charts(responses: Responses) -> tuple[tuple[Chart, ...], ...]:
     columns = (
         tuple(
             chart
-            for loop, found in loops.items()
-            if isinstance(found.measured, StepResponse)
-            for chart in _of_response(f"{axis.capitalize()} {loop}", found, found.measured)
+            for loop, response in loops.items()
+            if isinstance(response.measured, StepResponse)
+            for chart in _of_response(f"{axis.capitalize()} {loop}", response, response.measured)
         )
         for axis, loops in responses.items()
     )
     return tuple(filter(None, columns))
 
 
-def _of_response(title: str, found: LoopResponse, seen: StepResponse) -> Iterator[Chart]:
+def _of_response(title: str, response: LoopResponse, seen: StepResponse) -> Iterator[Chart]:
     """Yields the step and, of the rate, |T|."""
     steps = [Line.around("measured", MEASURED, seen.time, seen.step, seen.step_half)]
     least = np.maximum(seen.gain - seen.gain_half, seen.gain / 10)
     most = seen.gain + seen.gain_half
     gains = [Line("measured", MEASURED, seen.frequency, seen.gain, least, most)]
-    if found.predicted_step is not None and found.predicted_gain is not None:
-        dashes = Line("predicted", PREDICTED, seen.time, found.predicted_step, kind=Kind.DASHES)
+    if response.predicted_step is not None and response.predicted_gain is not None:
+        dashes = Line("predicted", PREDICTED, seen.time, response.predicted_step, kind=Kind.DASHES)
         steps.append(dashes)
-        gains.append(dashes._replace(x=seen.frequency, y=found.predicted_gain))
+        gains.append(dashes._replace(x=seen.frequency, y=response.predicted_gain))
     yield Chart(f"{title}: step", AFTER, SHARE, tuple(steps), (1.0,))
     if seen.loop == "rate":
         yield Chart(f"{title}: |T|", FREQUENCY, GAIN, tuple(gains), (1.0,))

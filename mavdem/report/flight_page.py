@@ -181,16 +181,16 @@ def responses_chapter(responses: Responses) -> Chapter:
     blocks = Blocks()
     refusals = dict[Fact, list[str]]()
     for axis, loops in responses.items():
-        for loop, found in loops.items():
+        for loop, response in loops.items():
             name = f"{axis} {loop}"
-            seen = found.measured
+            seen = response.measured
             if isinstance(seen, Fact):
                 same = Fact(seen.code, seen.level, **seen.figures)
                 refusals.setdefault(same, []).append(name)
             else:
                 rows.append([name, *(_estimate(seen, key) for key in FIGURES)])
-            if found.compared is not None and found.compared.level is not Level.GOOD:
-                blocks.append(caution(found.compared))
+            if response.compared is not None and response.compared.level is not Level.GOOD:
+                blocks.append(caution(response.compared))
     for fact, names in refusals.items():
         said = Fact(fact.code, fact.level, subject=listed(names), **fact.figures)
         blocks.append(Sentence(str(said)))
@@ -202,10 +202,10 @@ def responses_chapter(responses: Responses) -> Chapter:
     return Chapter("Step response", blocks, [Group(columns, caption)] if columns else [])
 
 
-def _estimate(found: StepResponse, key: str) -> str:
-    estimate: Estimate = getattr(found, key)
+def _estimate(response: StepResponse, key: str) -> str:
+    estimate: Estimate = getattr(response, key)
     _, scale = FIGURES[key]
-    last = float(found.time[-1]) if key in DURATIONS else inf
+    last = float(response.time[-1]) if key in DURATIONS else inf
     value, low, high = ("over " * (figure >= last) + rounded(scale * figure) for figure in estimate)
     return value if estimate.low >= last else f"{value} ({low} to {high})"
 
@@ -232,18 +232,18 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     for axis, gains in advice.items():
         blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
         blocks += gain_blocks(gains)
-    known = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
-    if not known:
+    loops = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
+    if not loops:
         return Chapter("Control loops", blocks)
     columns = []
-    for axis, loop in known.items():
+    for axis, loop in loops.items():
         shown = {"now": loop}
         if axis in advice and advice[axis].parameters:
             shown["advised"] = advice[axis].after
         columns.append(loop_charts(shown))
     caption = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     groups = [Group(tuple(columns), caption)]
-    return Chapter("Control loops", [*margin_tables(known), *blocks], groups)
+    return Chapter("Control loops", [*margin_tables(loops), *blocks], groups)
 
 
 def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Chapter:
@@ -376,7 +376,7 @@ def live_page(
 
     ``account`` has seconds by what they were.
     """
-    found = status.findings or findings_of(learned, alarms=status.alarms)
+    findings = status.findings or findings_of(learned, alarms=status.alarms)
     judgement = status.judged
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     # Imported here: a page of a log needs nothing of live sessions.
@@ -390,7 +390,7 @@ def live_page(
     above, *_, following = conclusion(judgement)
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
     if learned is not None:
-        blocks = [*graded(found), *torque_blocks(learned.wind_torque, learned.physical)]
+        blocks = [*graded(findings), *torque_blocks(learned.wind_torque, learned.physical)]
         chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
         chapters.append(Chapter(f"Model of {axis}", blocks))
     what = f"What {axis} did, learned and predicted while it flew."

@@ -76,8 +76,8 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
     labels = Labels.of(learned)
     output = range(len(labels.output_names))[output]
     unit = readable(labels.output_units[output])
-    found = residuals_of(learned, output)
-    time, errors = with_gaps(learned.record, unit.scale * found.errors)
+    series = residuals_of(learned, output)
+    time, errors = with_gaps(learned.record, unit.scale * series.errors)
     name = labels.output_names[output]
     command = AxisCommand.of(learned).name
     line = Line("residual", PREDICTED, time, errors)
@@ -86,9 +86,9 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
             f"Residual of {name} ({unit.name})", TIME, Axis(named("residual", unit.name)), (line,)
         )
     ]
-    tests = ("Autocorrelation", found.auto), (f"Correlation with {command}", found.across)
-    for (title, values), bound in zip(tests, found.bounds, strict=True):
-        stems = Line("correlation", PREDICTED, found.lag[1:], values[1:], kind=Kind.STEMS)
+    tests = ("Autocorrelation", series.auto), (f"Correlation with {command}", series.across)
+    for (title, values), bound in zip(tests, series.bounds, strict=True):
+        stems = Line("correlation", PREDICTED, series.lag[1:], values[1:], kind=Kind.STEMS)
         charts.append(
             Chart(title, Axis("lag (s)"), Axis("correlation"), (stems,), (-bound, 0.0, bound))
         )

@@ -114,11 +114,11 @@ def _prose(text: str) -> Markup:
     return Markup(text if text.count("`") % 2 else re.sub("`([^`]*)`", r"<code>\1</code>", text))
 
 
-def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
+def tune_page(name: str, results: Mapping[str, Advice | Fact]) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
     said = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     chapters = []
-    for axis, advice in found.items():
+    for axis, advice in results.items():
         if isinstance(advice, Advice):
             loops = {"now": advice.before} | (
                 {"advised": advice.after} if advice.parameters else {}
@@ -126,7 +126,7 @@ def tune_page(name: str, found: Mapping[str, Advice | Fact]) -> str:
             columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
             chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, said)]))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
-    return document(name, subtitle, tune_blocks(found), chapters)
+    return document(name, subtitle, tune_blocks(results), chapters)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

@@ -100,10 +100,10 @@ def _rose(
 
 def flown_path(timeline: Timeline | None) -> Plan | None:
     """Returns the path over ground in a ``timeline``, north up; None without one."""
-    place = None if timeline is None else timeline.position
-    if place is None:
+    position = None if timeline is None else timeline.position
+    if position is None:
         return None
-    north, east = place.values[:, :2].T
+    north, east = position.values[:, :2].T
     size = max(float(np.ptp(north)), float(np.ptp(east)), 2.0)
     length = float(f"{size / 3:.0e}")
     scale = 2 * REACH / size

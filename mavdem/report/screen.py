@@ -54,32 +54,32 @@ ROWS: dict[str, str] = {
 
 def screen(learned: Learned) -> Blocks:
     """Returns what a ``learned`` model says without the log and windows that it has not seen."""
-    found = findings_of(learned)
-    step = Sentence(str(next_step(found.purposes)), "Next:")
-    return [*_model_blocks(found, learned), step]
+    findings = findings_of(learned)
+    step = Sentence(str(next_step(findings.purposes)), "Next:")
+    return [*_model_blocks(findings, learned), step]
 
 
 def _model_blocks(
-    found: Findings,
+    findings: Findings,
     learned: Learned,
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
 ) -> Blocks:
     """What was found, the vehicle, the wind torque, prediction and warnings."""
     return [
-        *graded(found),
+        *graded(findings),
         *motor_blocks(learned, hover),
         *torque_blocks(learned.wind_torque, learned.physical),
         *prediction_blocks(Labels.of(learned), held_out),
-        *map(warning, found.warnings),
+        *map(warning, findings.warnings),
     ]
 
 
-def graded(found: Findings) -> Blocks:
+def graded(findings: Findings) -> Blocks:
     """Returns a row a purpose of the model, with its verdict; nothing without a model."""
     rows = [
         [str(purpose), Rated(grade, grade.level), advised(reason)]
-        for purpose, grade, reason in found.purposes
+        for purpose, grade, reason in findings.purposes
     ]
     return [Table(["purpose", "grade", "because"], rows, words=True)] if rows else []
 
@@ -95,14 +95,14 @@ def conclusion(judgement: Judgement) -> Blocks:
     return [above, *lights, Sentence(str(judgement.next_step), "Next:")]
 
 
-def verdict_blocks(found: Findings, judgement: Judgement | None) -> Blocks:
+def verdict_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
     """Returns headline, lights and findings without a table, for a narrow column."""
     blocks = Blocks() if judgement is None else conclusion(judgement)
     blocks[-1:-1] = [
         Sentence(advised(reason), f"{purpose.capitalize()}: {grade}.")
-        for purpose, grade, reason in found.purposes
+        for purpose, grade, reason in findings.purposes
     ]
-    return [*blocks, *map(warning, found.warnings)]
+    return [*blocks, *map(warning, findings.warnings)]
 
 
 def analysis_blocks(assessment: Assessment) -> Blocks:
@@ -227,12 +227,12 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> Bl
     )
     header = ["all settled flight", f"mean effectiveness ({per(TORQUE, unit)})"]
     header += ["rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)"]
-    known = {
+    rows = {
         name: row for name, analysis in axes.items() if {*(row := _axis_row(analysis))} != {"-"}
     }
     blocks = Blocks()
-    if known:
-        blocks.append(Table(header, [[name, *row] for name, row in known.items()]))
+    if rows:
+        blocks.append(Table(header, [[name, *row] for name, row in rows.items()]))
     refused = [(name, analysis.reason) for name, analysis in axes.items() if analysis.reason]
     for name, analysis in axes.items():
         reasons = parameter_reasons(analysis.physical, doubted)

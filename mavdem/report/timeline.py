@@ -92,12 +92,12 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         return None
     segments = analysis.verdict.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
-    known = tilt.time[tilt.boot == boot]
-    if len(known) < 2:
+    time = tilt.time[tilt.boot == boot]
+    if len(time) < 2:
         return None
     armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
-    first = max(float(known[0]), armed[0][0] - AROUND)
-    last = min(float(known[-1]), armed[-1][1] + AROUND)
+    first = max(float(time[0]), armed[0][0] - AROUND)
+    last = min(float(time[-1]), armed[-1][1] + AROUND)
     part = Segment(boot, first, last)
     torques = (
         torque_line(analysis.learned, f"on {axis}", DISTURBANCE if axis == AXES[0] else COMMAND)
@@ -113,7 +113,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         for fact in assessment.events
         if fact.time is not None and fact.figures.get("boot", boot) == boot
     )
-    place = signals.position
+    position = signals.position
     return Timeline(
         tuple(row for row in _driven(signals, part) if row.lines),
         (first, last),
@@ -121,7 +121,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights),
         tuple(mode for mode in modes if mode[0] < mode[1]),
         tuple(events),
-        place and _of(place, part),
+        position and _of(position, part),
         tuple(row for row in (*wind_rows(evidence.air, part), torque) if row.lines),
     )
 
@@ -202,10 +202,10 @@ def wind_rows(air: Air, part: Segment) -> Iterator[Chart]:
     mean = wind.direction if wind.directed else 0.0
     speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
     courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
-    for place, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
+    for row, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
         lines = [Line.around("wind", DISTURBANCE, wind.time, line, width)]
         if own is not None:
-            theirs = by_compass(own.values, 0 * own.values, mean)[place]
+            theirs = by_compass(own.values, 0 * own.values, mean)[row]
             signal = Signal(own.time, own.boot, theirs)
             lines += _lines(signal, part, ["autopilot's own"], [BASELINE])
         yield over_time(title, unit, lines)
@@ -243,6 +243,10 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         ),
         over_time("Wind now", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
     )
-    known = tuple(row for row in charts if any(np.isfinite(line.y).any() for line in row.lines))
+    charts_drawn = tuple(
+        row for row in charts if any(np.isfinite(line.y).any() for line in row.lines)
+    )
     span = float(time[0]), float(time[-1])
-    return Timeline(known, span, trained=tuple(history.learned), events=tuple(history.events))
+    return Timeline(
+        charts_drawn, span, trained=tuple(history.learned), events=tuple(history.events)
+    )

@@ -19,14 +19,14 @@ NAMES = {
 """What a parameter is called where it is shown."""
 
 
-def truth_blocks(found: TruthComparison) -> Blocks:
+def truth_blocks(comparison: TruthComparison) -> Blocks:
     """Returns a row a parameter with the truth beside it, and how the wind torque compares, of what was ``found``."""
-    wind = found.wind
-    compared = list(found.parameters)
+    wind = comparison.wind
+    compared = list(comparison.parameters)
     if wind is not None and wind.resolved:
         compared.append(wind.mean)
     held = [parameter.inside for parameter in compared if parameter.inside is not None]
-    heading, *torque = section("truth", source=found.source, held=held, wind=wind)
+    heading, *torque = section("truth", source=comparison.source, held=held, wind=wind)
     header = ["", "estimate", "truth", "error", "unit", "inside"]
     return [heading, *([Table(header, list(map(_row, compared)))] if compared else []), *torque]
 

@@ -36,8 +36,8 @@ def vehicle_group(flights: Sequence[Flight]) -> Group | None:
     between = [""] * (len(flights) - 2)
     axis = Axis("flight", names=(days[0] or "first", *between, days[-1] or "last"))
     marks = tuple(
-        Mark(float(place), health, MARKS[health])
-        for place, flight in enumerate(flights)
+        Mark(float(number), health, MARKS[health])
+        for number, flight in enumerate(flights)
         if (health := worst_health(flight)) in MARKS
     )
     charts = [
@@ -80,15 +80,15 @@ def _estimates(
     flights: Sequence[Flight], name: str, count: int, axis: str = "", unit: str = ""
 ) -> Array:
     """So many values with half widths (count, flights, 2), of this axis and unit, or any."""
-    found = np.full((len(flights), count, 2), np.nan)
-    for place, flight in enumerate(flights):
+    estimates = np.full((len(flights), count, 2), np.nan)
+    for number, flight in enumerate(flights):
         for row in flight:
             value = getattr(row, name)
             refused = getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE
             wanted = axis in ("", row.axis) and unit in ("", row.per_input)
             if value is not None and np.size(value) == count and wanted and not refused:
-                found[place, :, 0] = value
+                estimates[number, :, 0] = value
                 half = getattr(row, f"{name}_interval", None)
-                found[place, :, 1] = np.nan if half is None else half
+                estimates[number, :, 1] = np.nan if half is None else half
                 break
-    return found.swapaxes(0, 1)
+    return estimates.swapaxes(0, 1)

@@ -306,10 +306,10 @@ class Server:
             [row for row in self.library.rows_of([entry]) if row.vehicle == entry.vehicle]
             for entry in (a, b)
         )
-        found = vehicle_difference(before, after)
+        difference = vehicle_difference(before, after)
         reviews = self._review(a) or {}, self._review(b) or {}
         names = a.name, b.name
-        page = comparison_page(names, reviews, found, parameters, ("Flights", "/"))
+        page = comparison_page(names, reviews, difference, parameters, ("Flights", "/"))
         return HTMLResponse(without_policy(page, **self._known(request)))
 
     def _enter_page(self, request: HttpRequest) -> Response:

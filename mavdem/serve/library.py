@@ -234,15 +234,15 @@ class Library:
         """
         path = Path(LOGS, digest, file_name(name))
         with self._transaction() as db:
-            known = _known(db, digest)
-            if known is not None:
-                if known["stage"] != Stage.FAILED:
+            former = _known(db, digest)
+            if former is not None:
+                if former["stage"] != Stage.FAILED:
                     part.unlink()
-                    return _entry(known)
+                    return _entry(former)
                 db.execute("delete from entries where digest = ?", [digest])
             now = datetime.now(UTC)
             entry = Entry(
-                known["id"] if known else new_id(),
+                former["id"] if former else new_id(),
                 name,
                 digest,
                 str(path),
@@ -406,8 +406,8 @@ class Library:
         if version == self._local.adopted:
             return
         self._local.adopted = version
-        known = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
-        query = f"select row, file from flights where file is not null and log not in ({known}) order by rowid"
+        entered = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
+        query = f"select row, file from flights where file is not null and log not in ({entered}) order by rowid"
         with self._transaction() as db:
             logs = dict[str, FlightRows]()
             for row in self.store.rows(query, [f"{self.folder}/"]):

@@ -68,7 +68,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         judged.append((assessment, found))
     # Of several vehicles the page is of the one that flew, the first of them.
     assessment, _ = next((vehicle for vehicle in judged if vehicle[1][0].status == OK), judged[0])
-    rows = [row for _, found in judged for row in found]
+    rows = [row for _, rows_of_axis in judged for row in rows_of_axis]
     place = f"{RESULTS}/{digest}/{PAGE}"
     tell(Stage.DRAWING, **_told(assessment, rows))
     names = result_files(assessment)

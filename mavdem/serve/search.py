@@ -38,19 +38,19 @@ def condition_of(text: str) -> Condition:
 
 
 def _term(name: str, sign: str, value: str) -> Condition | None:
-    known = name.lower()
+    column = name.lower()
     sign = sign.replace(":", "=")
-    if known in LISTS:
-        return _contains(f"',' || {LISTS[known]} || ','", f",{value},")
+    if column in LISTS:
+        return _contains(f"',' || {LISTS[column]} || ','", f",{value},")
     with suppress(ValueError):
         number = float(value)
-        if known in NUMBERS:
-            return Condition(f"{NUMBERS[known]} {sign} ?", (number,))
+        if column in NUMBERS:
+            return Condition(f"{NUMBERS[column]} {sign} ?", (number,))
         if name.isupper():
             # an autopilot's parameter; \w has no quote in it
             return Condition(f"json_extract(gains, ?) {sign} ?", (f'$."{name}"', number))
-    if known in TEXTS:
-        return Condition(f"{known} {sign} ? collate nocase", (value,))
+    if column in TEXTS:
+        return Condition(f"{column} {sign} ? collate nocase", (value,))
     return None
 
 

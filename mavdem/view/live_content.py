@@ -131,8 +131,8 @@ class LiveWriter:
             beyond = BEYOND * (high - low)
             values = np.clip(values, low - beyond, high + beyond)
         elif len(finite):
-            known = [*seen, finite.min(), finite.max()]
-            self._seen[plot] = float(min(known)), float(max(known))
+            drawn = [*seen, finite.min(), finite.max()]
+            self._seen[plot] = float(min(drawn)), float(max(drawn))
         breaks = np.flatnonzero(np.diff(parts))
         values = np.insert(values, breaks, np.nan, axis=0)
         time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
@@ -292,7 +292,7 @@ def status_document(
         until=until,
         reason=_reason(status, until),
     )
-    found = []
+    blocks = []
     if status.findings is not None:
-        found = [markdown(verdict_blocks(status.findings, status.judgement))]
-    return "\n\n".join([title.text, *found, *(sentence.text for sentence in details), LEGEND])
+        blocks = [markdown(verdict_blocks(status.findings, status.judgement))]
+    return "\n\n".join([title.text, *blocks, *(sentence.text for sentence in details), LEGEND])

@@ -134,7 +134,7 @@ class _Page:
         ]
         evidence = self._assessment.evidence
         loops = {} if evidence is None else evidence.loops
-        known = {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
+        identified = {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
         hertz = np.linspace(0.5, 30.0, 60)
         pictures = [
             self._bars(
@@ -143,13 +143,13 @@ class _Page:
                 hertz,
                 np.interp(hertz, loop.rate.frequency, 1 / np.abs(1 + loop.rate.response[0])),
             )
-            for axis, loop in known.items()
+            for axis, loop in identified.items()
         ]
         parts = list[rrb.View | rrb.Container]()
         if steps:
             parts.append(rrb.Grid(*steps, grid_columns=2))
-        if known:
-            margins = _text(self._recording, "margins", "Margins", margin_tables(known))
+        if identified:
+            margins = _text(self._recording, "margins", "Margins", margin_tables(identified))
             parts += [rrb.Tabs(*pictures, margins)]
         return [rrb.Horizontal(*parts, name="Loops")] if parts else []
 

@@ -62,9 +62,9 @@ class Autopilot:
         )
         for name in instead:
             if name not in usual:
-                known = ", ".join(usual)
+                names = ", ".join(usual)
                 raise ValueError(
-                    f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {known}"
+                    f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {names}"
                 )
         return usual | dict(instead)
 

@@ -185,10 +185,10 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> list[P
     own = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}
     if autopilot.name == "px4":
         own = {"MAV_SYS_ID": system, "SYS_AUTOSTART": 4001 if as_x else 5001}
-    kinds = {name: kind for kind, known in autopilot.parameters.items() for name in known}
+    kinds = {name: kind for kind, parameters in autopilot.parameters.items() for name in parameters}
     values: dict[str, float] = {}
-    for known in (*autopilot.parameters.values(), own, parameters_of(scenario, cycle)):
-        values |= known
+    for parameters in (*autopilot.parameters.values(), own, parameters_of(scenario, cycle)):
+        values |= parameters
     return [
         Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)
     ]

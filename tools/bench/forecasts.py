@@ -34,7 +34,7 @@ def cut(name: str, flight: mavdem.Flight, most: int | None) -> list[Window]:
     count = min(most or len(every), len(every))
     places = np.linspace(0, len(every) - 1, count)
     chosen = np.unique(places.astype(int))
-    return [every[place] for place in chosen]
+    return [every[number] for number in chosen]
 
 
 def by_flight(compared: Comparison) -> Table:

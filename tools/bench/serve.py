@@ -115,8 +115,8 @@ def bench() -> None:
 def list_command() -> None:
     """Lists and searches 10,000 flights."""
     chance = random.Random(1)
-    with TemporaryDirectory() as place:
-        library = Library(Path(place))
+    with TemporaryDirectory() as folder:
+        library = Library(Path(folder))
         with library._transaction() as db:
             for number in range(10_000):
                 entry = Entry(
@@ -137,7 +137,7 @@ def list_command() -> None:
                 insert(db, entry)
         library.close()
         figures = []
-        with served(place) as server:
+        with served(folder) as server:
             for search in ("", "quad-7", "motors:bad wind>5", "ATC_RAT_RLL_P>0.9", "nothing"):
                 seconds = [server.timed(f"/?q={search}")[1] for _ in range(30)]
                 total = server.flights(search)["total"]
@@ -150,7 +150,7 @@ def list_command() -> None:
 def load_command(log: Path) -> None:
     """Uploads and reads pages at the same time."""
     content = log.read_bytes()
-    with TemporaryDirectory() as place, served(place) as server:
+    with TemporaryDirectory() as folder, served(folder) as server:
         server.upload(log.name, content)
         server.wait_for(1)
         paths = "/", f"/f/{server.flights()['flights'][0]['id']}"
@@ -205,16 +205,16 @@ def kill_command(log: Path, times: int) -> None:
             if server.upload(f"{number}.tlog", body) == 201:
                 acknowledged.add(hashlib.sha256(body).hexdigest())
 
-    with TemporaryDirectory() as place:
+    with TemporaryDirectory() as folder:
         for number in range(times):
-            with served(place) as server, ThreadPoolExecutor(4) as clients:
+            with served(folder) as server, ThreadPoolExecutor(4) as clients:
                 for mine in range(4):
                     clients.submit(upload, server, 4 * number + mine)
                 time.sleep(chance.uniform(0.0, 3.0 if number % 2 else 0.05))
                 server.process.kill()
-        with served(place) as server:
+        with served(folder) as server:
             server.wait_for(server.flights()["total"])
-        there = {path.name for path in Path(place, "logs").iterdir()}
+        there = {path.name for path in Path(folder, "logs").iterdir()}
     report(
         [
             ["uploads that were acknowledged", str(len(acknowledged))],

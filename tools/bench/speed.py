@@ -134,9 +134,9 @@ def over_udp(rate: float, folder: Path) -> dict[str, Any]:
         subprocess.run([*mavdem, "fly", str(scenario), "--udp", LINK], check=True)
         usage = os.wait4(session.pid, 0)[2]
         said.seek(0)
-        found = json.load(said)
-    row = {"Hz": rate, "rows": sum(found["samples"].values()), "lost": found["lost"]}
-    row |= {f"{name}, ms": 1e3 * seconds for name, seconds in found["latency"].items()}
+        account = json.load(said)
+    row = {"Hz": rate, "rows": sum(account["samples"].values()), "lost": account["lost"]}
+    row |= {f"{name}, ms": 1e3 * seconds for name, seconds in account["latency"].items()}
     return row | {"CPU s": usage.ru_utime + usage.ru_stime}
 
 

@@ -42,7 +42,7 @@ def outcome(loop: Loop, plant: list[float], gains: Mapping[str, float], target: 
 
 def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
     """A row for each axis with a loop in the flight of a seed."""
-    log, known = simulated(seed, cache)
+    log, truth = simulated(seed, cache)
     rows = []
     for axis, loop in loops_in(log, rate).items():
         if isinstance(loop, NoLoop):
@@ -52,7 +52,7 @@ def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
         rows.append(row)
         if advice.refusals:
             continue
-        effect, *dynamics = (known[axis][name] for name in PLANT)
+        effect, *dynamics = (truth[axis][name] for name in PLANT)
         before = outcome(loop, [effect, *dynamics], {}, advice.target)
         row["goal met before"] = before["met"]
         for name, factor in EFFECTS.items():

@@ -108,11 +108,11 @@ def judged(case: tuple[str, int], rate: float) -> list[Values]:
 def line_of(flights: pd.DataFrame) -> pd.Series:
     """A row: what was found where a motor broke, and the alarms on sound motors."""
     delays = flights["delay"]
-    known = delays[np.isfinite(delays)]
+    finite = delays[np.isfinite(delays)]
     line = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
     found = (delays <= 5.0).sum()
-    line |= {"found in 5 s": found, "longest, s": f"{known.max():.1f}"}
-    line["named right, of found"] = f"{flights['right'].sum()} of {len(known)}"
+    line |= {"found in 5 s": found, "longest, s": f"{finite.max():.1f}"}
+    line["named right, of found"] = f"{flights['right'].sum()} of {len(finite)}"
     line["median delay, s"] = f"{delays.median():.1f}"
     line["alarms on a motor"] = flights["on a motor"].sum()
     return pd.Series(line)
@@ -134,14 +134,14 @@ def replayed(recording: Path) -> list[Values]:
         alarms = session.status.alarms
     history = session.history
     torque, band = history.rows[:, 5:7].T
-    known = np.isfinite(torque)
+    finite = np.isfinite(torque)
     row: Values = {"recording": recording.stem}
     row["found"] = ", ".join(
         f"{alarm.time:.1f} s {alarm.name} {alarm.size:.0%}" for alarm in alarms
     )
     row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
-    row["torque known"] = share(known)
-    holds = np.abs(torque[known]) <= band[known]
+    row["torque known"] = share(finite)
+    holds = np.abs(torque[finite]) <= band[finite]
     row["0 in band"] = share(holds)
     return [row]
 

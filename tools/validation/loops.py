@@ -105,8 +105,8 @@ def drawn(seed: int, rng: np.random.Generator) -> Scenario:
         factor = 10 ** (excess / 20)
         gains = {name: factor * default.parameters[name] for name in names}
         gains[controller.names["angle"]] = one("angle")
-        known = truth_of(default.changed(gains), plant)
-        least = min(least, known["rate_phase_margin"], known["attitude_phase_margin"])
+        truth = truth_of(default.changed(gains), plant)
+        least = min(least, truth["rate_phase_margin"], truth["attitude_phase_margin"])
         parameters |= gains
     if least > LEAST_PHASE:
         return scenario_of(wanted)
@@ -134,10 +134,10 @@ def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -
 
 def figures_of(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]:
     """(N,) each figure of the plant and its rate and attitude loop by name: the estimate, and draws."""
-    known = dict(zip(PLANT, (gains, *draws.T), strict=True))
+    parameters = dict(zip(PLANT, (gains, *draws.T), strict=True))
     for name, loop in zip(LOOPS, loops, strict=True):
-        known |= {f"{name}_{margin}": loop.figures[margin] for margin in MARGINS}
-    return known
+        parameters |= {f"{name}_{margin}": loop.figures[margin] for margin in MARGINS}
+    return parameters
 
 
 def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]:
@@ -145,8 +145,8 @@ def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]
     known = np.array(plant[:1]), np.array([plant[1:]])
     rate = rate_loop(controller, *known)
     attitude = attitude_loop(controller, rate)
-    found = figures_of(*known, rate, attitude)
-    return {name: float(figure[0]) for name, figure in found.items()}
+    figures = figures_of(*known, rate, attitude)
+    return {name: float(figure[0]) for name, figure in figures.items()}
 
 
 def flown(seed: int, cache: Path) -> Path:
@@ -184,9 +184,9 @@ def simulated(seed: int, cache: Path) -> tuple[Log, Truth]:
         name: {**columns, "time": np.round(columns["time"] * RATE) / RATE}
         for name, columns in log.vehicles[0].messages.items()
     }
-    known = json.loads((folder / "truth.json").read_text("utf-8"))
+    truth = json.loads((folder / "truth.json").read_text("utf-8"))
     vehicle = replace(log.vehicles[0], messages=exact)
-    return replace(log, vehicles=(vehicle,)), known
+    return replace(log, vehicles=(vehicle,)), truth
 
 
 def loops_in(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
@@ -212,10 +212,10 @@ def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
 
 def estimates_of(loop: Loop) -> dict[str, Array]:
     """(3,) of each figure by name: the estimate and the ends of its 90 % interval."""
-    found = figures_of(loop.gains, loop.draws, loop.rate, loop.attitude)
+    figures = figures_of(loop.gains, loop.draws, loop.rate, loop.attitude)
     return {
         name: np.append(figure[0], np.quantile(figure[1:], ENDS, method="nearest"))
-        for name, figure in found.items()
+        for name, figure in figures.items()
     }
 
 
@@ -243,9 +243,9 @@ def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Valu
     try:
         if isinstance(source, Path):
             log = read_log(source)
-            known = known_of(log, name)
+            truth = known_of(log, name)
         else:
-            log, known = simulated(source, cache)
+            log, truth = simulated(source, cache)
     except Refusal as error:
         row = {"log": name, "rate": np.nan, "axis": "", "figure": ""}
         return [row | {"cause": cause(error.fact)}]
@@ -257,7 +257,7 @@ def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Valu
                 rows.append(row | {"cause": cause(loop.refusal)})
                 continue
             for figure, (estimate, low, high) in estimates_of(loop).items():
-                true = known.get(axis, {}).get(figure, np.nan)
+                true = truth.get(axis, {}).get(figure, np.nan)
                 ends = {"low": low, "high": high, "true": true}
                 rows.append(row | {"figure": figure, "estimate": estimate, **ends})
     return rows

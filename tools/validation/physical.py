@@ -110,19 +110,19 @@ def truth_of(motion: Motion, of: Scenario, part: Flight) -> Values:
     within = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
     airborne = within & (motion.landed_state == IN_AIR)
     landed = np.where(airborne, IN_AIR, 1).astype(np.uint8)
-    known = truth(of, replace(motion, landed_state=landed))
-    turning = np.interp(part.time, motion.time, known["roll_disturbance"])
-    damping = -float(known["roll_A"][1, 1])
-    lag = known["lag"][0]
-    return {"effect": known["roll_effect"], "damping": damping, "lag": lag, "wind": turning}
+    truths = truth(of, replace(motion, landed_state=landed))
+    turning = np.interp(part.time, motion.time, truths["roll_disturbance"])
+    damping = -float(truths["roll_A"][1, 1])
+    lag = truths["lag"][0]
+    return {"effect": truths["roll_effect"], "damping": damping, "lag": lag, "wind": turning}
 
 
-def estimate_of(found: Physical, name: str) -> tuple[float, float]:
+def estimate_of(plant: Physical, name: str) -> tuple[float, float]:
     """Of the mean effect, damping or lag, and the half width of its interval, NaN where it is not identifiable."""
     if name == "effect":
-        return found.mean_effect(LEVEL)
-    half_width = float(getattr(found.interval(LEVEL), name))
-    return float(getattr(found, name)), half_width
+        return plant.mean_effect(LEVEL)
+    half_width = float(getattr(plant.interval(LEVEL), name))
+    return float(getattr(plant, name)), half_width
 
 
 def parts_of(flight: Flight) -> dict[int | None, Flight]:
@@ -144,22 +144,22 @@ def judged(case: Case) -> list[Values]:
         return []
     rows = []
     for window, part in parts_of(flight).items():
-        found = physical(part)
-        if isinstance(found, NotIdentifiable):
-            click.echo(f"{case}: refused: {found.reason}", err=True)
+        plant = physical(part)
+        if isinstance(plant, NotIdentifiable):
+            click.echo(f"{case}: refused: {plant.reason}", err=True)
             continue
-        known = truth_of(motion, of, part)
+        truths = truth_of(motion, of, part)
         row = {"steering": case.steering, "rate": case.rate, "seed": case.seed}
         row["of"] = "flights" if window is None else "7 s"
         for name in PARAMETERS:
-            value, half = estimate_of(found, name)
-            true = float(np.abs(known[name]).mean())
+            value, half = estimate_of(plant, name)
+            true = float(np.abs(truths[name]).mean())
             error = value / true - 1
-            row |= {f"{name} status": found.status[name], f"{name} error": error}
+            row |= {f"{name} status": plant.status[name], f"{name} error": error}
             row[f"{name} inside"] = abs(value - true) <= half
         if window is None:
-            torque = wind(found, Record.of(part))
-            row |= wind_of(torque, known["wind"])
+            torque = wind(plant, Record.of(part))
+            row |= wind_of(torque, truths["wind"])
         rows.append(row)
     return rows
 
@@ -181,9 +181,9 @@ def line_of(some: Any, name: str) -> pd.Series:
     """Of a parameter: share that is reported, and how often intervals hold the truth."""
     status = some[f"{name} status"]
     line = {"number": len(some)} | {kind: share(status == kind) for kind in STATUSES}
-    known = some[status == "reported"]
-    line["inside"] = share(known[f"{name} inside"])
-    worst = max(known[f"{name} error"], key=abs, default=np.nan)
+    reported = some[status == "reported"]
+    line["inside"] = share(reported[f"{name} inside"])
+    worst = max(reported[f"{name} error"], key=abs, default=np.nan)
     line["worst"] = f"{worst:+.0%}"
     biased = some[status == "biased"]
     line["inside, where biased"] = share(biased[f"{name} inside"])
@@ -214,13 +214,13 @@ def simulated(seed: int, part: int, jobs: int) -> None:
 
 def row_of(flight: Flight) -> Values:
     """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
-    found = physical(flight)
-    if isinstance(found, NotIdentifiable):
-        return {"effect": found.reason.advised}
+    plant = physical(flight)
+    if isinstance(plant, NotIdentifiable):
+        return {"effect": plant.reason.advised}
     row = {}
     for name in PARAMETERS:
-        value, half = estimate_of(found, name)
-        row[name] = f"{value:.3g} ± {half:.2g}{STATUSES[found.status[name]]}"
+        value, half = estimate_of(plant, name)
+        row[name] = f"{value:.3g} ± {half:.2g}{STATUSES[plant.status[name]]}"
     return row
 
 

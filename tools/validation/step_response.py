@@ -28,17 +28,20 @@ def judged(number: int) -> list[Values]:
     values = drawn(TABLES["step_response"], rng) | {"seed": number}
     flight = flight_of(values, "ATTITUDE_TARGET")
     motion = fly(flight)
-    known = truth(flight, motion)
+    truths = truth(flight, motion)
     signals = Signals(telemetry_of(flight, motion))
     parts = settled_parts(signals)
-    outer = known["roll_attitude_loop"]
-    frequency = known["loop_frequency"]
+    outer = truths["roll_attitude_loop"]
+    frequency = truths["loop_frequency"]
     stiff = controller_for(flight, cycle_of(flight)).stiff[0]
     rate = outer * 2j * np.pi * frequency / stiff
     closed = {"rate": rate, "attitude": outer / (1 + outer)}
-    found = {"rate": rate_response(signals, parts), "attitude": attitude_response(signals, parts)}
+    responses = {
+        "rate": rate_response(signals, parts),
+        "attitude": attitude_response(signals, parts),
+    }
     rows = []
-    for loop, measured in found.items():
+    for loop, measured in responses.items():
         row = {"loop": loop, "flight": number}
         if isinstance(measured, Fact):
             row["why not"] = measured.code.name
@@ -57,13 +60,13 @@ def judged(number: int) -> list[Values]:
 def main(flights: int, first: int, jobs: int) -> None:
     every = rows_of(judged, range(first, first + flights), jobs)
     for loop, rows in every.groupby("loop"):
-        known = rows.dropna(subset="true")
-        errors = known["overshoot, %"] - known["true"]
+        rated = rows.dropna(subset="true")
+        errors = rated["overshoot, %"] - rated["true"]
         off = errors.abs()
-        inside = f"inside {known['inside, %'].mean():.0f} %"
+        inside = f"inside {rated['inside, %'].mean():.0f} %"
         points = f"{off.median():.1f} points (median), {off.max():.1f} at most"
         within = f"{(off <= 3).sum()} within 3"
-        under = f"{len(known)} of {flights}: {inside}, overshoot off by {points}, {within}."
+        under = f"{len(rated)} of {flights}: {inside}, overshoot off by {points}, {within}."
         show(f"The {loop} of roll", rows.drop(columns="loop"), under)
 
 

@@ -55,8 +55,8 @@ def vehicle(seed: int, number: int) -> Scenario:
 
 def with_gains(scenario: Scenario, times: float) -> Scenario:
     """Returns the scenario with ``times`` the gains of roll and pitch."""
-    known = parameters_of(scenario, cycle_of(scenario))
-    raised = [f"{name}={times * value}" for name, value in known.items() if GAINS.match(name)]
+    parameters = parameters_of(scenario, cycle_of(scenario))
+    raised = [f"{name}={times * value}" for name, value in parameters.items() if GAINS.match(name)]
     return with_parameters(scenario, raised)
 
 
@@ -100,9 +100,9 @@ def recorded(path: str) -> tuple[float, float]:
     return oscillation(np.column_stack(rates), grid[1] - grid[0])
 
 
-def compared(name: str, log: str, known: tuple[float, float]) -> list[Values]:
+def compared(name: str, log: str, truth: tuple[float, float]) -> list[Values]:
     """A row: the known oscillation, and that of the twin of a log."""
-    row = {"vehicle": name, "Hz": known[0], "°/s": known[1]}
+    row = {"vehicle": name, "Hz": truth[0], "°/s": truth[1]}
     with TemporaryDirectory() as folder:
         made = Path(folder) / "twin.toml"
         result = CliRunner().invoke(twin_command, [log, "--out", str(made)])

@@ -55,28 +55,28 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
     with TemporaryDirectory() as folder:
         log = Path(folder) / "flight.tlog"
         write_log(log, flight, motion)
-        found = wind(log, drag=drag)
-    north, east = (np.interp(found.time, motion.time, part) for part in motion.wind[:, :2].T)
+        estimated = wind(log, drag=drag)
+    north, east = (np.interp(estimated.time, motion.time, part) for part in motion.wind[:, :2].T)
     truth = np.column_stack([north, east])
     mean = truth.mean(axis=0)
     speed = float(np.hypot(*mean))
     direction = coming_from(*mean)
-    apart = abs((found.direction - direction + 180) % 360 - 180)
-    low, high = found.speed_interval
-    has_speed = found.status["speed"] == "reported" and not found.calm
-    has_direction = found.status["direction"] == "reported" and found.directed
+    apart = abs((estimated.direction - direction + 180) % 360 - 180)
+    low, high = estimated.speed_interval
+    has_speed = estimated.status["speed"] == "reported" and not estimated.calm
+    has_direction = estimated.status["direction"] == "reported" and estimated.directed
     row: Values = {"flights": name}
-    row["speed inside"] = low <= speed <= high or found.calm
-    row["direction inside"] = apart <= found.direction_interval or speed < 0.3
-    in_band = abs(found.velocity - truth) <= found.band
+    row["speed inside"] = low <= speed <= high or estimated.calm
+    row["direction inside"] = apart <= estimated.direction_interval or speed < 0.3
+    in_band = abs(estimated.velocity - truth) <= estimated.band
     row["band"] = np.mean(in_band)
     row["speed reported"] = has_speed
     limit = max(0.7, 0.12 * speed)
-    error = abs(found.speed - speed)
+    error = abs(estimated.speed - speed)
     row["speed right"] = has_speed and error <= limit
     row["direction reported"] = has_direction
     row["direction right"] = has_direction and apart <= 10
-    return row, found.drag.of_next_flight()
+    return row, estimated.drag.of_next_flight()
 
 
 def judged(case: tuple[int, str], seed: int) -> list[Values]:

@@ -110,10 +110,10 @@ def gridded(
 ) -> Motion:
     """Returns ``airflow.motion`` in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
     widest = max(step, float(np.median(np.diff(time))), float(time[-1] - time[0]) / most)
-    found = motion(time, attitude, velocity, widest, wind)
-    if found.known.sum() * found.step < LEAST_SECONDS:
+    gridded_motion = motion(time, attitude, velocity, widest, wind)
+    if gridded_motion.known.sum() * gridded_motion.step < LEAST_SECONDS:
         raise NotLearnable(Airflow.MOTION_TOO_SHORT, duration=LEAST_SECONDS)
-    return found
+    return gridded_motion
 
 
 def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
@@ -134,11 +134,11 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
     farthest = 4 / np.sqrt(np.diag(precision))
     apart = DIFFERENCE * np.vstack([np.zeros(10), np.eye(10), -np.eye(10)])
     for _ in range(ITERATIONS):
-        found = filtered(in_air(mean + apart, moved), moved)
-        errors = found.errors[moved.known]
-        spread = found.spread[moved.known]
+        tracked = filtered(in_air(mean + apart, moved), moved)
+        errors = tracked.errors[moved.known]
+        spread = tracked.spread[moved.known]
         inverse = np.linalg.inv(spread[:, 0])
-        slope = (found.log_likelihood[1:11] - found.log_likelihood[11:]) / (2 * DIFFERENCE)
+        slope = (tracked.log_likelihood[1:11] - tracked.log_likelihood[11:]) / (2 * DIFFERENCE)
         slopes = (errors[:, 1:11] - errors[:, 11:]) / (2 * DIFFERENCE)
         pulled = np.einsum("tij,tj->ti", inverse, errors[:, 0])
         pulled *= ((FREEDOM + 2) / (FREEDOM + (pulled * errors[:, 0]).sum(axis=1)))[:, None]
@@ -183,9 +183,9 @@ def opposing(moved: Motion) -> float:
 def in_air(places: Array, moved: Motion) -> Array:
     """Returns what ``filtered`` takes, of ``places`` (N, 10) with sizes of the wind times the drag."""
     (c, q) = np.exp(places[:, :2]).T
-    found = places.copy()
-    found[:, [6, 8]] -= np.log(c + q * mean_speed(places, moved))[:, None]
-    return found
+    moved_places = places.copy()
+    moved_places[:, [6, 8]] -= np.log(c + q * mean_speed(places, moved))[:, None]
+    return moved_places
 
 
 def mean_speed(places: Array, moved: Motion) -> Array:
@@ -226,10 +226,10 @@ def estimate_drag(
     """
     from scipy.optimize import least_squares  # it takes half a second to import
 
-    known = real_numbers(wind, "wind")
-    if known.shape not in ((2,), (len(time), 2)):
-        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {known.shape}")
-    air = np.zeros((len(time), 2)) + known
+    velocities = real_numbers(wind, "wind")
+    if velocities.shape not in ((2,), (len(time), 2)):
+        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {velocities.shape}")
+    air = np.zeros((len(time), 2)) + velocities
     speeds = real_numbers(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
@@ -252,8 +252,8 @@ def estimate_drag(
     for _ in range(WEIGHTINGS):
         left = errors(mean)
         weight = independent_share(left) / max(float(left.var()), 1e-6)
-        found = least_squares(residuals, mean, args=(weight,))
-        mean = found.x
-    slopes = np.asarray(found.jac)
+        solution = least_squares(residuals, mean, args=(weight,))
+        mean = solution.x
+    slopes = np.asarray(solution.jac)
     covariance = np.linalg.inv(slopes.T @ slopes)
     return Drag(mean, covariance, DragSource.CALIBRATION).of_next_flight()

@@ -134,9 +134,9 @@ class Drag:
         (low, high) = self.interval("linear").mean(axis=1)
         q = self.quadratic
         ends = self.interval("quadratic")
-        found = {momentum: (float(np.exp(self.mean[0])), float(low), float(high))}
+        values = {momentum: (float(np.exp(self.mean[0])), float(low), float(high))}
         bodies = HALF_AIR_DENSITY / np.array([q, ends[1], ends[0]]).T
-        return found | {
+        return values | {
             ballistic + axis: tuple(body.tolist()) for axis, body in zip("XY", bodies, strict=True)
         }
 
@@ -239,12 +239,12 @@ def motion(
     air = np.zeros((2, len(time))) if wind is None else wind.T
     start = time[0] - float(np.median(np.diff(time))) / 2
     count = int((time[-1] - start) / step + 1e-6) + 1
-    place = np.minimum(((time - start) / step + 1e-6).astype(int), count - 1)
-    share = (time - start) / step - place
+    row = np.minimum(((time - start) / step + 1e-6).astype(int), count - 1)
+    share = (time - start) / step - row
 
     def sums(weights: Array) -> Array:
         columns = np.array([np.ones(len(time)), *x, *y, *tilt, *air, *velocity.T])
-        return np.array([np.bincount(place, column, count) for column in weights * columns])
+        return np.array([np.bincount(row, column, count) for column in weights * columns])
 
     late = sums(share)
     whole = sums(np.ones(len(time)))
@@ -370,18 +370,18 @@ class Filtered(NamedTuple):
 def filtered(parameters: Array, motion: Motion) -> Filtered:
     """Returns what a ``Filter`` leaves of the ``motion``."""
     run = Filter(parameters, motion)
-    known = motion.known
+    finite = motion.known
     size = len(motion.force), len(parameters)
     states = np.empty((2, *size, 4))
     spreads = np.empty((2, *size, 4, 4))
     errors = np.full((*size, 2), np.nan)
     expected = np.full((*size, 2, 2), np.nan)
-    for t in range(len(known)):
+    for t in range(len(finite)):
         if t:
             run.predict()
         states[:, t] = run.states
         spreads[:, t] = run.spreads
-        if known[t]:
+        if finite[t]:
             step = motion.axes[t], motion.velocity[t], motion.force[t], float(motion.doubt[t])
             errors[t], expected[t] = run.update(*step)
             states[1, t] = run.states

@@ -170,8 +170,8 @@ class KalmanFilter(NamedTuple):
         closed = np.swapaxes(self.A - self.gains @ self.C, 1, 2)
         with np.errstate(over="ignore", invalid="ignore"):
             driven = pushes + np.einsum("...tm,tnm->...tn", measured, self.gains[places])
-            for t, place in enumerate(places):
-                states[..., t + 1, :] = states[..., t, :] @ closed[place] + driven[..., t, :]
+            for t, row in enumerate(places):
+                states[..., t + 1, :] = states[..., t, :] @ closed[row] + driven[..., t, :]
             return states, measured - states[..., :-1, :] @ self.C.T
 
     def smoothed(self, states: Array, errors: Array) -> tuple[Array, Array, Array]:

@@ -64,35 +64,35 @@ def turning_combinations(record: Record) -> Array:
     """
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]
-    known = known_combinations(r, record.effect_directions)
-    if known is not None:
-        return known
+    combinations = known_combinations(r, record.effect_directions)
+    if combinations is not None:
+        return combinations
     lags = min(int(np.median(LAGS)), max(1, record.longest // 4))
     prior = var.lag_prior(lags, float(np.median(RIDGES)))
 
     def of_outputs(statistics: var.LagStatistics) -> var.Regression:
         return var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE)
 
-    found = turning_patterns(r)
+    patterns = turning_patterns(r)
     units, statistics = var.LagStatistics.of_record(record, lags)
     effects = (
         of_outputs(statistics).mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0)
         / units.scale[m:]
     )
     size = float(np.linalg.norm(effects))
-    costs = [0.0 for _ in found]
+    costs = [0.0 for _ in patterns]
     if size > 0:
         # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
-        found.append(effects / size)
+        patterns.append(effects / size)
         costs.append(0.5 * (r - 1) * np.log(statistics.rows))
     energies = [
         of_outputs(
             var.LagStatistics.of_record(_combined(record, choice[:, None]), lags)[1]
         ).free_energy
         - cost
-        for choice, cost in zip(found, costs, strict=True)
+        for choice, cost in zip(patterns, costs, strict=True)
     ]
-    return found[int(np.argmax(energies))][:, None]
+    return patterns[int(np.argmax(energies))][:, None]
 
 
 def _combined(record: Record, combinations: Array) -> Record:
@@ -149,10 +149,10 @@ class JointModel:
             )
             combined = _combined(record, combinations)
             units, statistics = var.LagStatistics.of_record(combined, lags)
-            choice, found = choose(statistics, lags)
-            process = var.Var.of(found, units)
+            choice, regression = choose(statistics, lags)
+            process = var.Var.of(regression, units)
             past = process.past(combined)
-            return cls(combinations, choice, process, found.terms, past, len(record))
+            return cls(combinations, choice, process, regression.terms, past, len(record))
 
     @property
     def free_energy(self) -> float:

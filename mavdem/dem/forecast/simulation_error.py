@@ -70,15 +70,15 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     ``inputs`` are (h + H + 1, r, S), ``outputs`` (h + 1, m, S).
     """
     A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
-    known = np.concatenate([inputs[: len(outputs)], outputs], axis=1)
+    samples = np.concatenate([inputs[: len(outputs)], outputs], axis=1)
     second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
     closed = A - K @ C
     heard = np.concatenate([B - K @ D, K], axis=-1)
     ahead = []
     # An unstable model may overflow; its errors are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
-        states = second @ known[0]
-        for now in known[1:]:
+        states = second @ samples[0]
+        for now in samples[1:]:
             states = closed @ states + heard @ now
         for now in inputs[len(outputs) :]:
             ahead.append(C @ states + D @ now)

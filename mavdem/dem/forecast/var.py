@@ -216,15 +216,15 @@ class Var(NamedTuple):
     units: ChannelUnits  # of the channels, between the model and its arguments
 
     @classmethod
-    def of(cls, found: Regression, units: ChannelUnits) -> Var:
+    def of(cls, regression: Regression, units: ChannelUnits) -> Var:
         """Returns that of the posterior means of a regression."""
-        (q, k) = found.mean.shape
-        coefficients = found.mean.T
+        (q, k) = regression.mean.shape
+        coefficients = regression.mean.T
         lags = (q - 1) // k
         return cls(
             np.ascontiguousarray(coefficients[:, :-1].reshape(k, lags, k).swapaxes(0, 1)),
             np.ascontiguousarray(coefficients[:, -1]),
-            found.covariance,
+            regression.covariance,
             units,
         )
 
@@ -372,8 +372,8 @@ class Var(NamedTuple):
         m = outputs.shape[1]
         steps = max(1, min(steps, length))
         pasts = self.pasts(past, steps, inputs, outputs)
-        found = self.infer(pasts, inputs[pieces(len(pasts), steps, length)], smooth)
-        return Forecast(*(table.reshape(-1, m)[:length] for table in found))
+        states = self.infer(pasts, inputs[pieces(len(pasts), steps, length)], smooth)
+        return Forecast(*(table.reshape(-1, m)[:length] for table in states))
 
     def predict_every(
         self,
@@ -385,8 +385,8 @@ class Var(NamedTuple):
         """Returns (H, m) as :meth:`predict`, begun again at every ``steps``-th sample from all samples before it."""
         length, m = outputs.shape
         steps = max(1, min(steps, length))
-        found = self.predict(self.pasts(past, steps, inputs, outputs), steps)
-        return Forecast(*(table[..., :m].reshape(-1, m)[:length] for table in found))
+        predicted = self.predict(self.pasts(past, steps, inputs, outputs), steps)
+        return Forecast(*(table[..., :m].reshape(-1, m)[:length] for table in predicted))
 
     def one_step(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
@@ -404,10 +404,10 @@ class Var(NamedTuple):
     def _physical(self, mean: Array, variance: Array) -> Forecast:
         center, scale = (values[: mean.shape[-1]] for values in self.units)
         finite = np.isfinite(mean)
-        known = finite & np.isfinite(variance)
+        determined = finite & np.isfinite(variance)
         mean = center + scale * np.where(finite, mean, 0.0)
         return Forecast(
-            mean, scale**2 * np.where(known, np.broadcast_to(variance, mean.shape), np.inf)
+            mean, scale**2 * np.where(determined, np.broadcast_to(variance, mean.shape), np.inf)
         )
 
 

@@ -79,8 +79,8 @@ def _estimated(
         else refined
     )
     by_spectrum = [_logarithms(_values(fit.parameters, fit.theta, windows.dt)) for fit in fits]
-    found = _physical(whole, np.ptp(by_spectrum, axis=0), windows)
-    return found if prior is None else updated(found, prior)
+    plant = _physical(whole, np.ptp(by_spectrum, axis=0), windows)
+    return plant if prior is None else updated(plant, prior)
 
 
 def _chosen(

@@ -246,13 +246,13 @@ class Parameters(NamedTuple):
         # One after the other: all at once are too large for the processor's cache.
         for torque, driven in enumerate(self._driven(thetas[torques[0]], windows)):
             inputs = [*rfft(driven, length), rate, windows.rate[:, :1]]
-            for place in np.flatnonzero(torques[1].ravel() == torque):
-                filtered = filters[1].flat[place]
+            for column in np.flatnonzero(torques[1].ravel() == torque):
+                filtered = filters[1].flat[column]
                 predicted = convolved(inputs, transforms[filtered], length)[:, settled:number]
                 left = windows.rate[:, settled + 1 :] - predicted
                 response = steady[filtered, settled:]
                 share = left @ response / (response @ response)
-                np.subtract(left, share[:, None] * response, out=errors[place])
+                np.subtract(left, share[:, None] * response, out=errors[column])
         return errors, variance[filters[1].ravel()]
 
 

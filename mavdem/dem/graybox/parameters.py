@@ -151,15 +151,15 @@ def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) ->
 LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
 
 
-def updated(found: Physical, prior: Physical) -> Physical:
+def updated(plant: Physical, prior: Physical) -> Physical:
     """Returns what a flight and, as :func:`physical` says, the ``prior`` of an earlier one tell of the vehicle.
 
     Beyond ``SURE_DEVIATIONS`` between the two, the vehicle is not as it was.
     A flight that does not identify the effect, on which the others depend, says nothing of any of them.
     """
-    theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, found))
+    theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, plant))
     if len(theta) != len(now) or not prior.identifiable:
-        return found
+        return plant
     alike = np.append(theta[:-3], np.zeros(3))
     covariance = prior.covariance + np.outer(alike, alike) * MODEL_ERRORS.between_flights**2
     earlier = Fact(ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT)
@@ -168,17 +168,17 @@ def updated(found: Physical, prior: Physical) -> Physical:
         for name in PARAMETERS
     }
     judged = prior._replace(reasons=reasons)
-    if found.identifiable:
-        both = covariance + found.covariance
+    if plant.identifiable:
+        both = covariance + plant.covariance
         share = np.sign(alike)
-        judged = found
+        judged = plant
         if abs(share @ (now - theta)) > SURE_DEVIATIONS * np.sqrt(share @ both @ share):
-            return found
+            return plant
         gain = np.linalg.solve(both, covariance).T
         theta = theta + gain @ (now - theta)
         covariance = covariance - gain @ covariance
     damping, lag, delay = np.maximum(theta[-3:], LEAST).tolist()
-    return found._replace(
+    return plant._replace(
         effect=theta[:-3],
         damping=damping,
         lag=lag,
@@ -226,10 +226,10 @@ def answers(inputs: Array, rate: Array) -> Array:
     past = np.concatenate([both[:, lag : count - PAST + lag] for lag in range(PAST)], axis=2)
     now, past = (part.reshape(-1, part.shape[2]) for part in (both[:, PAST:], past))
     new = now - past @ np.linalg.lstsq(past, now)[0]
-    found = np.zeros_like(inputs)
+    response = np.zeros_like(inputs)
     gains = new[:, 0] @ new[:, 1:] / (new[:, 0] @ new[:, 0])
-    found[:, PAST:] = (new[:, :1] * gains).reshape(len(rate), -1, inputs.shape[2])
-    return found
+    response[:, PAST:] = (new[:, :1] * gains).reshape(len(rate), -1, inputs.shape[2])
+    return response
 
 
 def rate_column(record: Record) -> int:

@@ -237,8 +237,8 @@ def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum
 
     length = min(round(WINDOW_SECONDS / record.dt), record.longest)
     parts = [part for part in np.split(torque, record.starts[1:]) if len(part) >= length]
-    found = [welch(part, 1 / record.dt, nperseg=length, detrend=detrend) for part in parts]
+    densities = [welch(part, 1 / record.dt, nperseg=length, detrend=detrend) for part in parts]
     weights = [2 * len(part) // length - 1 for part in parts]
-    density = np.average([density for _, density in found], axis=0, weights=weights)
-    frequency = found[0][0]
+    density = np.average([density for _, density in densities], axis=0, weights=weights)
+    frequency = densities[0][0]
     return WindSpectrum(frequency, density, wind_density(physical, frequency))

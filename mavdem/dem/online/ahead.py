@@ -156,8 +156,8 @@ class OnlineJoint:
     def _fit(self, combinations: Array, statistics: LagStatistics, units: ChannelUnits) -> None:
         """Fits the last choice and another; ``LinAlgError`` of these samples, where the next are others."""
         choices = self._choice, next(self._others)
-        choice, found = choose(statistics, LAGS[-1], choices)
-        process = Var.of(found, units)
+        choice, regression = choose(statistics, LAGS[-1], choices)
+        process = Var.of(regression, units)
         if process.spectral_radius > 1 + 1 / self._horizons[-1]:
             # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
             self._uncounted = round(REFIT_SECONDS / self._dt)

@@ -63,22 +63,22 @@ class WindFilter(NamedTuple):
         no wind, but what the commands do between them. Of the slopes by the motors' effects those of the answer to
         each command are taken; what turns the vehicle otherwise, or lifts it, is by motors that differ.
         """
-        found = self.physical
+        plant = self.physical
         moved = inputs - self.trim
-        commanded = moved @ found.effect + self.constant
+        commanded = moved @ plant.effect + self.constant
         rate = outputs[:, self.column]
-        smoothed = self.axis.smoothed(self.steady, commanded, found.delay / self.dt, rate)
+        smoothed = self.axis.smoothed(self.steady, commanded, plant.delay / self.dt, rate)
         errors = (rate - smoothed.states[:, 0])[-round(DELAY_SECONDS / self.dt) :]
         unusual = max(1.0, float(np.mean(errors**2)) / self.steady.variance)
-        between = sum(each.size**2 for each in found.components if each.time < self.dt)
-        left_out = between + (MODEL_ERRORS.wind * found.wind) ** 2
-        keeps = float(np.exp(-self.dt / found.lag))
+        between = sum(each.size**2 for each in plant.components if each.time < self.dt)
+        left_out = between + (MODEL_ERRORS.wind * plant.wind) ** 2
+        keeps = float(np.exp(-self.dt / plant.lag))
         answered = lfilter([1 - keeps], [1, -keeps], moved, axis=0)
-        change = (commanded - smoothed.states[:, 1]) / found.lag
+        change = (commanded - smoothed.states[:, 1]) / plant.lag
         slopes = np.column_stack([self.balance - answered, rate, change, change])
         variance = unusual * (smoothed.variance + left_out)
-        variance += ((slopes @ found.covariance) * slopes).sum(axis=1)
-        level = self.constant + found.effect @ self.balance
+        variance += ((slopes @ plant.covariance) * slopes).sum(axis=1)
+        level = self.constant + plant.effect @ self.balance
         return np.column_stack([smoothed.mean + level, half_width(variance)])
 
 
@@ -199,9 +199,9 @@ class OnlineWind:
         except RuntimeError:
             return  # The executor is gone; the learner says so.
 
-    def _adopt(self, found: Callable[[], WindFilter]) -> None:
+    def _adopt(self, made: Callable[[], WindFilter]) -> None:
         try:
-            self.filter = found()
+            self.filter = made()
         except (ValueError, RuntimeError, CancelledError):  # LinAlgError is a ValueError
             return
 
@@ -215,8 +215,8 @@ class OnlineWind:
             return
         if min(len(self._inputs), len(outputs)) < number:
             return
-        found = self.filter.torques(np.array(self._inputs), outputs)[-self._lag :][:block]
+        torques = self.filter.torques(np.array(self._inputs), outputs)[-self._lag :][:block]
         if self._weak is not None:
             unsure = np.linalg.norm(self.filter.physical.effect * self._weak.band)
-            found[:, 1] = np.hypot(found[:, 1], unsure)
-        self._coming.extend((float(torque), float(band)) for torque, band in found)
+            torques[:, 1] = np.hypot(torques[:, 1], unsure)
+        self._coming.extend((float(torque), float(band)) for torque, band in torques)

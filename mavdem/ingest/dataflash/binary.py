@@ -71,8 +71,8 @@ class FormatDefinition:
     @cached_property
     def wire(self) -> np.dtype[Any] | None:
         """The bytes after the header, fields numbered from 0; None where characters or names are inconsistent."""
-        known = all(character in FIELD_TYPES for character in self.characters)
-        if not (known and len(self.fields) == len(self.characters) == len(set(self.fields))):
+        decodable = all(character in FIELD_TYPES for character in self.characters)
+        if not (decodable and len(self.fields) == len(self.characters) == len(set(self.fields))):
             return None
         # By number: NumPy may change a name that damage has made.
         return np.dtype(
@@ -186,22 +186,22 @@ class _Scan:
         lengths = self.lengths
         starts = self.starts
         size = len(content)
-        place = 0
+        offset = 0
         first, second = HEADER
-        while place <= size - HEADER_LENGTH:
-            if content[place] == first and content[place + 1] == second:
-                kind = content[place + 2]
+        while offset <= size - HEADER_LENGTH:
+            if content[offset] == first and content[offset + 1] == second:
+                kind = content[offset + 2]
                 length = lengths[kind]
-                if kind == FORMAT_ID and self._is_of_another(place):
+                if kind == FORMAT_ID and self._is_of_another(offset):
                     return
-                if length and place + length <= size:
-                    starts.append(place)
+                if length and offset + length <= size:
+                    starts.append(offset)
                     self.read += length
-                    place += length
+                    offset += length
                 else:
-                    place = self._next_header(place + 1)
+                    offset = self._next_header(offset + 1)
             else:
-                place = self._after_damage(place)
+                offset = self._after_damage(offset)
 
     def skipped(self) -> int:
         """Bytes that belong to no message, without the fill of a flash chip's last page."""
@@ -245,32 +245,32 @@ class _Scan:
         self.definitions[kind] = definition
         self.lengths[kind] = definition.length
 
-    def _is_of_another(self, place: int) -> bool:
+    def _is_of_another(self, offset: int) -> bool:
         """Whether a definition differs from the one before it: another log was appended."""
-        kind, definition = self._defined_at(place) or (FORMAT_ID, FORMAT)
+        kind, definition = self._defined_at(offset) or (FORMAT_ID, FORMAT)
         is_sound = kind in self.definitions and definition.length == definition.wire_length
         return is_sound and definition != self.definitions[kind]
 
-    def _defined_at(self, place: int) -> tuple[int, FormatDefinition] | None:
-        if place + FORMAT.length > len(self.content):
+    def _defined_at(self, offset: int) -> tuple[int, FormatDefinition] | None:
+        if offset + FORMAT.length > len(self.content):
             return None
-        return defined(struct.unpack_from("<BB4s16s64s", self.content, place + HEADER_LENGTH))
+        return defined(struct.unpack_from("<BB4s16s64s", self.content, offset + HEADER_LENGTH))
 
-    def _after_damage(self, place: int) -> int:
+    def _after_damage(self, offset: int) -> int:
         """The place to continue from where there is no header; the message that ends there is left out."""
-        following = self._next_header(place)
+        following = self._next_header(offset)
         if self.starts and following < len(self.content):
             previous = self.starts[-1]
             length = self.lengths[self.content[previous + 2]]
-            if previous + length == place:
+            if previous + length == offset:
                 self.starts.pop()
                 self.read -= length
                 return self._next_header(previous + 1)
         return following
 
-    def _next_header(self, place: int) -> int:
-        found = self.content.find(HEADER, place)
-        return found if found >= 0 else len(self.content)
+    def _next_header(self, offset: int) -> int:
+        header = self.content.find(HEADER, offset)
+        return header if header >= 0 else len(self.content)
 
 
 def _decoded(

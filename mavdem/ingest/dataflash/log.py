@@ -92,8 +92,8 @@ def _definition(values: bytes) -> FormatDefinition | None:
     parts = values.split(b",", 4)
     if len(parts) < 5 or not all(_BYTE.fullmatch(part) for part in parts[:2]):
         return None
-    found = binary.defined((int(parts[0]), int(parts[1]), parts[2], parts[3], parts[4]))
-    return found[1] if found else None
+    definition = binary.defined((int(parts[0]), int(parts[1]), parts[2], parts[3], parts[4]))
+    return definition[1] if definition else None
 
 
 def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
@@ -290,7 +290,7 @@ def _parameters(logged: Columns, way: int) -> Parameters:
 
 def _mav_type(texts: Sequence[str], parameters: Parameters) -> int:
     """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; ``UNKNOWN`` (GENERIC) where neither has it."""
-    firmwares = [found[1].lower() for text in texts if (found := _FIRMWARE.match(text))]
+    firmwares = [match[1].lower() for text in texts if (match := _FIRMWARE.match(text))]
     only_copters = {"FRAME_CLASS", "ATC_RAT_RLL_P"}  # no other ArduPilot vehicle has both
     kind = (
         number_of(f"MAV_TYPE_{FIRMWARES[firmwares[0]]}")
@@ -305,7 +305,7 @@ def _mav_type(texts: Sequence[str], parameters: Parameters) -> int:
     if "FRAME_CLASS" in parameters:
         frame = dict(enumerate(FRAME_CLASSES)).get(int(parameters["FRAME_CLASS"]), unknown)
     else:
-        named = next((found[1] for text in texts if (found := _FRAME.match(text))), "")
+        named = next((match[1] for text in texts if (match := _FRAME.match(text))), "")
         frame = FRAME_NAMES.get(named, unknown)
     return number_of(f"MAV_TYPE_{frame}")
 

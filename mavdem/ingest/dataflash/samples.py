@@ -31,7 +31,7 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
 
     They have ``x``, ``y``, ``z``, rad/s or m/s², behind the filters or before.
     """
-    found = {}
+    samples = {}
     for sensor, fields in FIELDS.items():
         sensors = sum(parameters.get(name, 0.0) != 0 for name in IDS[sensor])
         for source, (option, behind, both) in OPTIONS.items():
@@ -44,14 +44,14 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
                     if source == "ISBH"
                     else _plain(tables, RAW[sensor], fields, number)
                 )
-                if columns is not None and f"{sensor}_{stage}" not in found:
+                if columns is not None and f"{sensor}_{stage}" not in samples:
                     name = RAW[sensor] if source == "raw" else source
-                    found[f"{sensor}_{stage}"] = (name, columns)
-        if f"{sensor}_AFTER" not in found:
+                    samples[f"{sensor}_{stage}"] = (name, columns)
+        if f"{sensor}_AFTER" not in samples:
             columns = _plain(tables, "IMU", fields, 0)
             if columns is not None:
-                found[f"{sensor}_AFTER"] = ("IMU", columns)
-    return found
+                samples[f"{sensor}_AFTER"] = ("IMU", columns)
+    return samples
 
 
 def _plain(tables: Tables, message: str, fields: Names, number: int) -> Columns | None:

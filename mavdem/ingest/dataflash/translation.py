@@ -108,12 +108,12 @@ def battery(tables: Tables) -> tuple[Columns | None, str]:
         volts = values(logged, ("Volt",))[:, 0]
         # No multirotor has more than 200 V, and a battery of one cell has more hundredths.
         hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > 200
-        found = {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}
+        columns = {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}
         if having(tables, name, ("Curr",)) is not None:
-            found["current_battery"] = values(logged, ("Curr",))[:, 0] * (
+            columns["current_battery"] = values(logged, ("Curr",))[:, 0] * (
                 1.0 if hundredths else 100.0
             )
-        return stamped(logged, found), name
+        return stamped(logged, columns), name
     return None, BATTERIES[0]
 
 
@@ -200,23 +200,23 @@ def _fixes(tables: Tables) -> Columns | None:
 
 def _position(tables: Tables) -> tuple[str, Columns | None]:
     """LOCAL_POSITION_NED; with the first filter's, EKF1, the vertical speed of CTUN: its own is off by 0.3 m/s."""
-    name, found = _renamed(tables, "LOCAL_POSITION_NED")
+    name, columns = _renamed(tables, "LOCAL_POSITION_NED")
     _, rising = _renamed(tables, "VFR_HUD")
-    if found is None or rising is None or name != "EKF1" or not rising["climb"].any():
-        return name, found
-    climb = _onto(found, rising, rising["climb"][:, None])[:, 0]
-    return name, {**found, "vz": -climb}
+    if columns is None or rising is None or name != "EKF1" or not rising["climb"].any():
+        return name, columns
+    climb = _onto(columns, rising, rising["climb"][:, None])[:, 0]
+    return name, {**columns, "vz": -climb}
 
 
 def _filter_status(tables: Tables) -> tuple[str, Columns | None]:
     """EKF_STATUS_REPORT; its flags are the first bits of the filter's own (AP_Nav_Common.h), and the glitch of GPS."""
-    name, found = _renamed(tables, "EKF_STATUS_REPORT")
-    if found is None or "flags" not in found:  # before ArduCopter 3.3 there was no status
-        return name, found
-    own = found["flags"].astype(np.int64)
+    name, columns = _renamed(tables, "EKF_STATUS_REPORT")
+    if columns is None or "flags" not in columns:  # before ArduCopter 3.3 there was no status
+        return name, columns
+    own = columns["flags"].astype(np.int64)
     alike = own & (dialect.EKF_UNINITIALIZED - 1)
     glitching = np.where(own & OWN_GPS_GLITCH > 0, dialect.EKF_GPS_GLITCHING, 0)
-    return name, {**found, "flags": alike | glitching}
+    return name, {**columns, "flags": alike | glitching}
 
 
 def texts_of(columns: Columns, field: str) -> list[str]:
@@ -518,9 +518,9 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
     at = _across_boots(base)
     if len(time) < 2:
         return np.full((len(at), values.shape[1]), np.nan)
-    known = values[finite][first]
+    defined = values[finite][first]
     if turning:
-        known = np.unwrap(known, axis=0)
+        defined = np.unwrap(defined, axis=0)
     steps = np.diff(time)
     before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(steps) - 1)
     # a longer step is a gap
@@ -528,7 +528,7 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
         (steps > 3 * np.median(steps))[before] & (at != time[before]) & (at != time[before + 1])
     )
     is_sure = ~is_gap & (at >= time[0]) & (at <= time[-1])
-    table = np.column_stack([np.interp(at, time, column) for column in known.T])
+    table = np.column_stack([np.interp(at, time, column) for column in defined.T])
     return np.where(is_sure[:, None], table, np.nan)
 
 
@@ -543,12 +543,12 @@ def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[i
     if field not in logged:
         return np.zeros((0, 4))
     rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
-    found = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
-    for boot, before in {boot: before for boot, _, before, _ in reversed(found)}.items():
+    changes = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
+    for boot, before in {boot: before for boot, _, before, _ in reversed(changes)}.items():
         stamps = (columns["time"][columns["boot"] == boot] for columns in tables.values())
         begun = min(float(time.min()) for time in stamps if len(time))
-        found.insert(0, (boot, begun, before, before))
-    return np.array(sorted(found, key=itemgetter(0, 1))).reshape(-1, 4)
+        changes.insert(0, (boot, begun, before, before))
+    return np.array(sorted(changes, key=itemgetter(0, 1))).reshape(-1, 4)
 
 
 def _armed(changes: Array, kind: int) -> Columns:

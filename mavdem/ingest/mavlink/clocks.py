@@ -147,11 +147,11 @@ def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
     """Gives each message without a time that of the last message before it, of any type, or else the first time."""
     columns = [(kind.places, *placed[kind.message]) for kind in sent]
     places, time, boot = (np.concatenate(column) for column in zip(*columns, strict=True))
-    known = np.flatnonzero(~np.isnan(time))
-    known = known[np.argsort(places[known], kind="stable")]
-    for own_places, own_time, own_boot in columns if len(known) else ():
+    stamped = np.flatnonzero(~np.isnan(time))
+    stamped = stamped[np.argsort(places[stamped], kind="stable")]
+    for own_places, own_time, own_boot in columns if len(stamped) else ():
         missing = np.isnan(own_time)
-        last = known[_last_at(places[known], own_places[missing])]
+        last = stamped[_last_at(places[stamped], own_places[missing])]
         own_time[missing] = time[last]
         own_boot[missing] = boot[last]
 

@@ -193,10 +193,10 @@ class _FrameBlock:
         rows = np.flatnonzero(wanted & (self.end <= self._size))
         frames = _headed(self.start[rows], self._header[rows])
         seeds = self._seeds.take(frames.message_id, mode="clip")
-        known = seeds >= 0
-        frames = frames[known]
-        seeds = seeds[known]
-        behind = frames.start + _covered(self._header[rows[known]]) - self._begin
+        has_seed = seeds >= 0
+        frames = frames[has_seed]
+        seeds = seeds[has_seed]
+        behind = frames.start + _covered(self._header[rows[has_seed]]) - self._begin
         sent = self._bytes[behind] | self._bytes[behind + 1].astype(np.uint16) << 8
         covered = zip((frames.start - self._begin + 1).tolist(), behind.tolist(), strict=True)
         sums = [mcrf4xx(self._content[first:last]) for first, last in covered]
@@ -269,18 +269,18 @@ def _explained(
     return frames[frames.end <= len(data)]
 
 
-def _chain(content: memoryview, place: int, goal: int, gap: int) -> Sequence[int]:
+def _chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
     """Starts of the frames from ``place`` on, by their headers, if they lead to the goal or the end of the bytes."""
     starts = array("q")
     size = len(content)
-    while place < goal and place + 3 <= size:
-        length = announced_length(*content[place : place + 3])
+    while offset < goal and offset + 3 <= size:
+        length = announced_length(*content[offset : offset + 3])
         if length is None:
             break
-        starts.append(place)
-        place += length + gap
-    cut_off = goal > size and place + 3 > size
-    return starts if place == goal or cut_off else array("q")
+        starts.append(offset)
+        offset += length + gap
+    cut_off = goal > size and offset + 3 > size
+    return starts if offset == goal or cut_off else array("q")
 
 
 def announced_length(marker: int, payload: int, flags: int) -> int | None:

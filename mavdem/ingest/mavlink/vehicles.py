@@ -119,9 +119,9 @@ def assemble(stream: FrameStream) -> Log:
             who = (sender.system, sender.component, sender.kind, sender.autopilot)
             found = repairs + of_clock
             vehicles.append(Telemetry(*who, messages, parameters, stream.source, found))
-    known = stream.stamps[stream.stamps > 0] / 1e6
-    known = known[~far_off(known, STAMP_WINDOW, MAX_STAMP_JUMP)]
-    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+    stamps = stream.stamps[stream.stamps > 0] / 1e6
+    stamps = stamps[~far_off(stamps, STAMP_WINDOW, MAX_STAMP_JUMP)]
+    span = (float(stamps.min()), float(stamps.max())) if len(stamps) else (np.nan, np.nan)
     components = tuple(sender for sender, *_ in heard)
     return Log(
         stream.source,

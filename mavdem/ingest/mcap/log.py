@@ -149,7 +149,7 @@ class JsonTopic(NamedTuple):
 
 def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
     """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
-    found = {}
+    topics = {}
     names = {channel.topic for channel in recording.channels.values()}
     for number, channel in recording.channels.items():
         topic = re.fullmatch(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)", channel.topic)
@@ -157,8 +157,8 @@ def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
         if topic is not None and channel.message_encoding in JSON and not repeats:
             ids = int(topic[1]), int(topic[2])
             if max(ids) <= 255:
-                found[number] = JsonTopic(FrameSender(*ids), topic[3])
-    return found
+                topics[number] = JsonTopic(FrameSender(*ids), topic[3])
+    return topics
 
 
 def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[RecordingPart, int, Facts]:

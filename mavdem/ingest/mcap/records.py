@@ -87,19 +87,19 @@ class McapRecording:
     def _records(self) -> Iterator[tuple[int, int, int]]:
         """Opcode, start and end of the content of each record."""
         end = len(self.content)
-        place = opcode = 0
-        while place < end:
-            stop = _record_end(self.content, place)
-            if self.content.startswith(MAGIC, place):
-                place += len(MAGIC)
+        offset = opcode = 0
+        while offset < end:
+            stop = _record_end(self.content, offset)
+            if self.content.startswith(MAGIC, offset):
+                offset += len(MAGIC)
             elif stop:
-                opcode = self.content[place]
-                yield opcode, place + RECORD_HEAD.size, stop
-                place = stop
+                opcode = self.content[offset]
+                yield opcode, offset + RECORD_HEAD.size, stop
+                offset = stop
             else:
-                following = _next_record(self.content, place + 1)
-                self.skipped += following - place if following < end else 0
-                place = following
+                following = _next_record(self.content, offset + 1)
+                self.skipped += following - offset if following < end else 0
+                offset = following
         self.cut = opcode != Opcode.FOOTER
 
     def _read(self, opcode: int, start: int, stop: int) -> McapRecord | None:
@@ -151,21 +151,21 @@ DAMAGE = (McapError, struct.error, ValueError, OverflowError)
 """What the library raises where a record is damaged."""
 
 
-def _record_end(content: bytes, place: int) -> int:
+def _record_end(content: bytes, offset: int) -> int:
     """Where the record at a place ends; 0 where there is none."""
-    if place + RECORD_HEAD.size > len(content):
+    if offset + RECORD_HEAD.size > len(content):
         return 0
-    opcode, length = RECORD_HEAD.unpack_from(content, place)
-    stop = place + RECORD_HEAD.size + int(length)
+    opcode, length = RECORD_HEAD.unpack_from(content, offset)
+    stop = offset + RECORD_HEAD.size + int(length)
     return stop if opcode and stop <= len(content) else 0
 
 
-def _next_record(content: bytes, place: int) -> int:
+def _next_record(content: bytes, offset: int) -> int:
     """The first place from ``place`` on where two records follow one another; the end without one."""
-    for found in _LIKELY_HEAD.finditer(content, place):
-        stop = _record_end(content, found.start())
+    for head in _LIKELY_HEAD.finditer(content, offset):
+        stop = _record_end(content, head.start())
         if stop and (content.startswith(MAGIC, stop) or _record_end(content, stop)):
-            return found.start()
+            return head.start()
     return len(content)
 
 

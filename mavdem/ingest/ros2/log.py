@@ -76,29 +76,29 @@ def flight_topics(recording: McapRecording) -> dict[int, RosTopic]:
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
     """
-    found = {}
+    topics = {}
     nodes = set()
     for number, channel in recording.channels.items():
         if channel.message_encoding == CDR and channel.schema_id in recording.schemas:
             schema = recording.schemas[channel.schema_id].name
             topic = f"/{channel.topic.lstrip('/')}"
             is_px4 = re.fullmatch(r"px4_msgs/msg/\w+", schema)
-            if known := _of_px4(topic) if is_px4 else _of_mavros(topic, schema):
-                found[number] = known
+            if topic_of := _of_px4(topic) if is_px4 else _of_mavros(topic, schema):
+                topics[number] = topic_of
                 if is_px4 or schema.startswith("mavros_msgs/msg/"):
-                    nodes.add(known.vehicle)
-    return {number: topic for number, topic in found.items() if topic.vehicle in nodes}
+                    nodes.add(topic_of.vehicle)
+    return {number: topic for number, topic in topics.items() if topic.vehicle in nodes}
 
 
 def _of_px4(topic: str) -> RosTopic | None:
-    found = _PX4_TOPIC.fullmatch(topic)
+    match = _PX4_TOPIC.fullmatch(topic)
     # A companion stamps the setpoints it sends by a clock of its own.
-    if found is None or found["name"] not in NEEDED:
+    if match is None or match["name"] not in NEEDED:
         return None
-    incoming = "in" in (found["way"], found["old_way"])
-    if incoming and found["name"] in SETPOINTS:
+    incoming = "in" in (match["way"], match["old_way"])
+    if incoming and match["name"] in SETPOINTS:
         return None
-    return RosTopic(PX4_BRIDGE, found["vehicle"], found["name"], incoming)
+    return RosTopic(PX4_BRIDGE, match["vehicle"], match["name"], incoming)
 
 
 def _of_mavros(topic: str, schema: str) -> RosTopic | None:
@@ -238,12 +238,12 @@ def _by_vehicle(
     tables: Sequence[tuple[RosTopic, TopicColumns]],
 ) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
     """The namespace of each vehicle and its topics; of several channels of a topic, the one with most messages."""
-    found: dict[str, dict[RosTopic, TopicColumns]] = {}
+    vehicles: dict[str, dict[RosTopic, TopicColumns]] = {}
     for topic, table in tables:
-        topics = found.setdefault(topic.vehicle, {})
+        topics = vehicles.setdefault(topic.vehicle, {})
         if len(table.places) > (len(topics[topic].places) if topic in topics else 0):
             topics[topic] = table
-    return sorted(found.items())
+    return sorted(vehicles.items())
 
 
 def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
