@@ -1,7 +1,5 @@
 """The entry point, ``mavdem`` and ``python -m mavdem``: signals are set before anything that takes time is imported."""
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

@@ -1,7 +1,5 @@
 """Confidence: how probable intervals and bands are, and how wide they are for it; one level for all rooms."""
 
-from __future__ import annotations
-
 from numbers import Real
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Errors whose cause is the data: each carries a fact that says why."""
 
-from __future__ import annotations
-
 from mavdem.facts import Code, Fact, Figure
 from mavdem.facts.forecasts import Forecasts
 

@@ -1,7 +1,5 @@
 """Extras: packages that a core installation can do without, by the names in ``pyproject.toml``."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 from mavdem.facts import Fact

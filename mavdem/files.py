@@ -3,8 +3,6 @@
 A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat

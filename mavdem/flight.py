@@ -225,7 +225,7 @@ def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> 
 def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Floats:
     """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
     array = real_numbers(values, name)
-    wrong = ~(np.abs(array) <= MAX_VALUE) & ~(missing & np.isnan(array))
+    wrong = ~(abs(array) <= MAX_VALUE) & ~(missing & np.isnan(array))
     if wrong.any():
         raise ValueError(
             f"{name} must be finite and at most {MAX_VALUE:g}; {wrong.sum()} values are not"

@@ -1,7 +1,5 @@
 """Heading: what every JSON document of mavdem begins with; names, numbers, and values by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib import metadata
 from typing import Any

@@ -1,7 +1,5 @@
 """Arrays that are given: real numbers, and whether angle, rate or time seem to be in degrees or milliseconds."""
 
-from __future__ import annotations
-
 from math import pi
 
 import numpy as np

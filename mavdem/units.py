@@ -3,8 +3,6 @@
 Each may be null: where it is not known, or not finite.
 """
 
-from __future__ import annotations
-
 from datetime import datetime
 from typing import Annotated, Any, get_args, get_type_hints
 

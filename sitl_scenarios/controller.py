@@ -5,8 +5,6 @@ one slower than the one within. So the gains follow from the vehicle's mass, ine
 has gains of its own.
 """
 
-from __future__ import annotations
-
 from math import atan, cos, exp, fsum, hypot, pi, radians, sin
 from operator import add
 from typing import NamedTuple

@@ -20,8 +20,6 @@ turn counter-clockwise seen from above
 (https://ardupilot.org/copter/docs/connect-escs-and-motors.html; PX4's airframe reference).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import asin, atan2, ceil, exp, hypot, sqrt
 from operator import sub

@@ -1,7 +1,5 @@
 """Reads scenarios, by name or from TOML files, writes them, and says in a sentence what is wrong in one."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -4,8 +4,6 @@ Parameters act as ``mavdem.condition.loop.controllers`` has them: filters once a
 loop's demand and the motors the autopilot's mixer, thrust curve and range.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import fsum, pi, sqrt
 

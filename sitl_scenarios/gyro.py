@@ -4,8 +4,6 @@ Low-pass and notch are those of ``LowPassFilter2p`` and ``NotchFilter`` of ArduP
 warped frequencies of the bilinear transform, tan(π f / rate).
 """
 
-from __future__ import annotations
-
 from math import pi, tan
 from operator import add
 

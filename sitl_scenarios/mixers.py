@@ -4,8 +4,6 @@ Neither climbs to turn. Thrusts (4,) are shares of a motor's most: 0 where it be
 (3, 4) are what demands of roll, pitch and yaw add to them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sitl_scenarios.dynamics import Four

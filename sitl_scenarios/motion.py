@@ -1,7 +1,5 @@
 """Motion: states, inputs and disturbances of a simulated flight, row by row."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any

@@ -1,7 +1,5 @@
 """Flight plan: setpoints over time, from arming to disarming."""
 
-from __future__ import annotations
-
 from math import cos, fsum, hypot, pi, radians, sin, sqrt
 from typing import NamedTuple
 

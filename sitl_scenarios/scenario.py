@@ -504,7 +504,7 @@ class Scenario(Section):
             case Course(moves=moves):
                 legs = [(move.north, move.east, move.up) for move in moves]
                 at = np.cumsum(legs, axis=0)
-                if np.abs(at[-1]).max() > 1e-6:
+                if abs(at[-1]).max() > 1e-6:
                     raise ValueError("the course must end where it began")
                 lowest = self.height + at[:, 2].min()
                 if lowest < 0.5:

@@ -1,7 +1,5 @@
 """Sensors: the autopilot's estimates of the motion, with noise and delay, and what rotors and frame add."""
 
-from __future__ import annotations
-
 from collections import deque
 from itertools import chain, count
 from math import cos, exp, pi, radians, sin, sqrt

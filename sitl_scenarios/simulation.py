@@ -1,7 +1,5 @@
 """Simulation: flies a scenario, cycle by cycle of its autopilot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import cos, fsum, hypot, sqrt
 from typing import Any

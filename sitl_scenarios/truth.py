@@ -210,8 +210,8 @@ def _response(
     ]
     # An integrator keeps what it has: the differences end.
     steps = np.diff(demands, prepend=0.0)
-    least = 1e-12 * np.abs(steps).max()
-    kept = np.flatnonzero(np.abs(steps) > least)
+    least = 1e-12 * abs(steps).max()
+    kept = np.flatnonzero(abs(steps) > least)
     delays = np.exp(-turns)
     coefficients = steps[: kept[-1] + 1]
     response = np.polynomial.polynomial.polyval(delays, coefficients)

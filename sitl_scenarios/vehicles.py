@@ -1,7 +1,5 @@
 """Vehicles: published rigid bodies and rotors of quadrotors, with the source beside the numbers."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass, replace
 from importlib.resources import files

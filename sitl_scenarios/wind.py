@@ -14,8 +14,6 @@ Both kinds of turbulence have exactly their own variance and autocorrelation at 
 state: Dryden's filters are solved exactly, von Kármán's autocorrelation is embedded in a circle.
 """
 
-from __future__ import annotations
-
 from math import ceil, cos, exp, fsum, log, pi, sqrt
 from typing import NamedTuple
 

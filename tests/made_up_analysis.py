@@ -48,7 +48,7 @@ def physical(share=None, **status):
     half = Halves(effect=np.full(4, 0.0037), damping=0.54, lag=0.0018, delay=0.004)
     if share is not None:
         half = Halves(
-            effect=share * np.abs(effect), damping=share * damping, lag=share * lag, delay=0.004
+            effect=share * abs(effect), damping=share * damping, lag=share * lag, delay=0.004
         )
     for name, value in status.items():
         if value == "not identifiable":

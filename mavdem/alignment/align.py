@@ -1,7 +1,5 @@
 """Alignment: segments of settled flight without gaps, and their attitude and inputs on one uniform clock: a Flight."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 
@@ -267,8 +265,7 @@ def _interval(time: Array) -> float:
     cycle = STAMP_SECONDS * float(np.gcd.reduce(steps))
     usual = cycle * min(round(mean / cycle), MAX_CYCLES) if cycle else mean
     even = (
-        np.mean(np.abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_SECONDS)
-        < USUAL_SHARE
+        np.mean(abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_SECONDS) < USUAL_SHARE
     )
     jitter = even and steps[0] * STAMP_SECONDS < usual - STAMP_SECONDS
     return usual if jitter and abs(usual / mean - 1) <= STEP_TOLERANCE - 1 else mean
@@ -314,7 +311,7 @@ def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
 def kept_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
     """Rows of ``time`` (N,) at each point of ``grid`` (T,); None unless all differ and lie within ``STAMP_SECONDS``."""
     nearest = np.searchsorted((time[1:] + time[:-1]) / 2, grid, side="right")
-    kept = np.all(np.abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0)
+    kept = np.all(abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0)
     return nearest if kept else None
 
 

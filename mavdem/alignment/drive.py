@@ -1,7 +1,5 @@
 """What drives the vehicle: motor outputs or the controller's demand, from columns of a vehicle's Telemetry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import tau

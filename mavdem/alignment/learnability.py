@@ -1,7 +1,5 @@
 """Learnability: can a model of one axis be learned from a log; if not, why; if so, what makes it less reliable."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 

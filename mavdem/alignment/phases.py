@@ -3,8 +3,6 @@
 A set of intervals is a list of (start, end) pairs in seconds of one boot, sorted and disjoint; an end may be infinite.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container
 from itertools import pairwise
 from math import inf, isinf
@@ -150,8 +148,7 @@ def _settled(signals: Signals, boot: int) -> Intervals:
         flights = both(flights, where(landing.time, landing.values == 0))
     flights = off_ground(flights, signals, boot)
     tilts = [
-        (tilt.time[tilt.boot == boot], np.abs(tilt.angle[tilt.boot == boot]))
-        for tilt in signals.tilts
+        (tilt.time[tilt.boot == boot], abs(tilt.angle[tilt.boot == boot])) for tilt in signals.tilts
     ]
     for time, tilt in tilts[:1]:  # what lies on its back has crashed
         flights = both(flights, where(time, tilt < np.pi / 2))
@@ -161,7 +158,7 @@ def _settled(signals: Signals, boot: int) -> Intervals:
     if climb is not None and np.any(
         (speed := average(climb))[during(climb.time, level)] > -CLIMB_OUT_SPEED
     ):
-        climbs = both(level, where(climb.time, np.abs(speed) > CLIMB_SPEED))
+        climbs = both(level, where(climb.time, abs(speed) > CLIMB_SPEED))
         level = both(
             level, outside([part for part in climbs if part[1] - part[0] >= TRANSIENT_SECONDS])
         )
@@ -173,7 +170,7 @@ def _settled(signals: Signals, boot: int) -> Intervals:
 def off_ground(flights: Intervals, signals: Signals, boot: int) -> Intervals:
     """Returns the ``flights`` of ``boot`` that rose, without what the ground held for ``GROUND_SECONDS`` or longer."""
     if (climb := of_boot(signals.climb_rate, boot)) is not None:
-        speed = np.abs(average(climb))
+        speed = abs(average(climb))
         rose = (
             climb.time[0] > start or speed[climb.time <= end].max() >= LEAST_CLIMB
             for start, end in flights
@@ -249,7 +246,7 @@ def grounded(signals: Signals, boot: int) -> Intervals:
     if motors is not None:
         for share in motors.scale.fraction(motors.outputs[motors.boot == boot]).T:
             apart = average(Signal(collective.time, collective.boot, share)) - mean
-            fighting |= np.abs(apart - np.median(apart[moving])) > FIGHTING_SHARE * hover
+            fighting |= abs(apart - np.median(apart[moving])) > FIGHTING_SHARE * hover
     still = squares < STILL_SHARE**2 * lively
     return where(collective.time, (mean < CARRYING_SHARE * hover) | (still & fighting))
 

@@ -1,7 +1,5 @@
 """Quality of a log and of one segment: rates, noise, resolution and consistency, as numbers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -156,7 +154,7 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
 def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
     """Rows (N, k) a second that are not the one before them sent again; ``step`` (k,): of which they are multiples."""
     rate = mean_rate(time)
-    changes = np.abs(np.diff(rows, axis=0))
+    changes = abs(np.diff(rows, axis=0))
     changed = np.asarray((changes > 0).any(axis=1))
     after_standstill = changes[1:][changed[1:] & ~changed[:-1]]
     if not len(after_standstill):
@@ -173,7 +171,7 @@ def _consistency(time: Array, angle: Array, slope: Array) -> float | None:
     later = time[starts] + CONSISTENCY_SPAN
     change = np.interp(later, time, angle) - angle[starts]
     unexplained = change - (np.interp(later, time, turned) - turned[starts])
-    off = np.abs(unexplained - np.median(unexplained)) if len(unexplained) else unexplained
+    off = abs(unexplained - np.median(unexplained)) if len(unexplained) else unexplained
     wild = max(
         round(OUTLIER_SHARE * len(off)), int(np.count_nonzero(time <= time[0] + CONSISTENCY_SPAN))
     )

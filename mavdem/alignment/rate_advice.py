@@ -1,7 +1,5 @@
 """Rate advice: how to get attitude and motors fast out of an autopilot, by the settings that its log shows."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

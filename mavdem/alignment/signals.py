@@ -130,7 +130,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
             np.int64
         )
         rates = np.where(ignored & IGNORED[axis], np.nan, floats(targets, f"body_{axis}_rate"))
-        rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
+        rates[abs(rates) > MAX_BODY_RATE] = np.nan
         found.append(
             Setpoint(f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, series(targets, rates))
         )
@@ -472,7 +472,7 @@ class Signals(VehicleSignals):
 def fixes(columns: Columns) -> tuple[Array, Flags]:
     """Returns latitude and longitude (N, 2), degrees, of messages with a position, and which of them (N,) are fixes."""
     places = 1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")])
-    valid = places.any(axis=1) & (np.abs(places) <= [90.0, 180.0]).all(axis=1)
+    valid = places.any(axis=1) & (abs(places) <= [90.0, 180.0]).all(axis=1)
     return places, np.asarray(valid)
 
 

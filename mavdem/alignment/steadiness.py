@@ -4,8 +4,6 @@ While the nose turns, wind and load pull from elsewhere, and the yaw controller 
 not follow its attitude setpoint work against something else than their own weakness.
 """
 
-from __future__ import annotations
-
 from math import nan
 from typing import NamedTuple
 
@@ -47,13 +45,13 @@ class Followed(NamedTuple):
     def steady(self) -> Flags:
         """(N,) where it does not stray, and the nose keeps its heading."""
         heading = self.angles[:, 2]
-        turned = np.abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
+        turned = abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
         return np.asarray(~self.strays & ~(turned > MAX_TURN))
 
 
 def strays(angles: Array, asked: Array) -> Flags:
     """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
-    return np.asarray((np.abs(angles - asked) > MAX_STRAY).any(axis=-1))
+    return np.asarray((abs(angles - asked) > MAX_STRAY).any(axis=-1))
 
 
 def followed(signals: Signals, boot: int) -> Followed | None:

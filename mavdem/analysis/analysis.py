@@ -4,8 +4,6 @@ The verdict and the tier say what the log allows. The model is trained on the se
 model saw, and graded by findings; a model of the slow motion is kept only where it predicts better than none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@
 is, that pages and fleets read, and that scripts hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum

@@ -5,8 +5,6 @@ its status, forecasts by windows that no model saw (``PREDICTION_LIMITS``). What
 overrides all grades (``mavdem.analysis.overrides``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import isfinite, nan

@@ -1,7 +1,5 @@
 """The parts of a flight with one set of gains."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Sequence

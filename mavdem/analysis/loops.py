@@ -1,7 +1,5 @@
 """Loops of a log: the plant that its settled flight shows, and the controller of its parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Overrides: what makes a flight itself doubtful, whatever a model of it is good for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import radians
 

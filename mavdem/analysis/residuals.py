@@ -1,7 +1,5 @@
 """Residuals: one-step prediction errors of a model, and the tests whether they are white and free of the command."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +26,7 @@ class Residuals(NamedTuple):
     @property
     def largest(self) -> Interval:
         """The largest correlations, but for the first of ``auto``."""
-        return float(np.abs(self.auto[1:]).max()), float(np.abs(self.across).max())
+        return float(abs(self.auto[1:]).max()), float(abs(self.across).max())
 
     @property
     def outcome(self) -> BoundTest:

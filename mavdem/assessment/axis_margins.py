@@ -1,7 +1,5 @@
 """Margins of an axis: of its loops where they are identified, or else resonances that the log shows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

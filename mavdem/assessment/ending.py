@@ -7,8 +7,6 @@ attitude began to leave until it was lost; later every motor is at a stop. A veh
 falls the way it was sent, one that swings is sent both ways before, and names none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf, pi
 
@@ -227,10 +225,10 @@ def _weak_motor(motors: Motors, change: Array, fell: complex | None) -> tuple[in
     near = NEAR_SHARE * pi / len(places)
     pushed = change @ places
     sides = np.angle([pushed / places, (pushed if fell is None else fell) / places])
-    meant = (np.abs(sides) < near).all(axis=0)
+    meant = (abs(sides) < near).all(axis=0)
     motor = int(np.argmax(change))
     if not meant[motor] or np.count_nonzero(meant) > 1:
         return None
-    across = np.abs(np.angle(places / places[motor]))
+    across = abs(np.angle(places / places[motor]))
     opposite = int(np.argmax(across))
     return (motor, opposite) if change[opposite] < 0 and across[opposite] > pi - near else None

@@ -1,7 +1,5 @@
 """The light of the estimator: innovations in flight against what the filter accepts, and the quality of GPS."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ What was measured counts in flight only: off the ground, and until the vehicle w
 else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

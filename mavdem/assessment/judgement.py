@@ -1,7 +1,5 @@
 """Judgement: the headline of what was found of a vehicle, and the one next step that fits its reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Limits: from where on a figure is watched, and from where on it is bad; and which of several facts is the worst."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The light of the log: how fast and whole it shows the motion, what to set for more, and whether it is simulated."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -77,6 +75,6 @@ def _is_still(signals: Signals) -> bool:
     if len(rows) < 2:
         return False
     each = max(round(STILL_STEP / float(np.median(np.diff(roll.time[rows])))), 1)
-    changes = np.abs(np.diff(roll.rate[rows][::each]))
+    changes = abs(np.diff(roll.rate[rows][::each]))
     changes = changes[changes > 0]  # a value that is sent again is no measurement
     return len(changes) >= ENOUGH_SAMPLES and float(np.median(changes)) < STILL_CHANGE

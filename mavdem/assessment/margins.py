@@ -1,7 +1,5 @@
 """The light on margins: a limit cycle, or the worst of the axes; else what keeps them from being known."""
 
-from __future__ import annotations
-
 from math import inf, radians
 
 from mavdem.alignment.drive import TILT_AXES

@@ -5,8 +5,6 @@ flight, tracked as badly as in a step, stays within that. What was asked counts 
 where setpoints are not recorded, half of the lean is taken for asked, and all of it where rates only were asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import inf
@@ -155,7 +153,7 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     roll, pitch = np.remainder(apart + np.pi, 2 * np.pi).T - np.pi
     lean = 1j * roll * np.cos(angles[:, 1]) - pitch
     lies = np.cos(angles).prod(axis=1) < np.cos(MAX_TILT)
-    return AttitudeError(time, lean, np.abs(lean), lies, ~unknown[:, 1])
+    return AttitudeError(time, lean, abs(lean), lies, ~unknown[:, 1])
 
 
 def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Intervals:

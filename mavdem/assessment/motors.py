@@ -1,7 +1,5 @@
 """The light of the motors: what they lost in flight, their limits, the pattern of their trim, and what is left."""
 
-from __future__ import annotations
-
 from math import inf
 
 from mavdem.analysis.overrides import limited_motor

@@ -1,7 +1,5 @@
 """Noise: the spectra of gyro and accelerometer in flight, their lines, and what the filters leave of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The light of power: how the battery held under its load in flight, and what the board was supplied with."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reported: what the autopilot reports of a whole log: its states, its words, and what its sensors lost."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import inf, isfinite
 from typing import Any, NamedTuple
@@ -124,9 +122,9 @@ def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
     by_motors = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
     for flight in flights_of(signals, part.boot):
         for code, end in zip((Reported.OFF_GROUND, Reported.ON_GROUND), flight, strict=True):
-            near = changes[np.abs(changes - end) <= AVERAGING_SECONDS]
+            near = changes[abs(changes - end) <= AVERAGING_SECONDS]
             source = "EXTENDED_SYS_STATE" if len(near) else by_motors
-            at = float(near[np.argmin(np.abs(near - end))]) if len(near) else end
+            at = float(near[np.argmin(abs(near - end))]) if len(near) else end
             if isfinite(end):
                 yield _event(signals, part, source, code, at)
 

@@ -1,7 +1,5 @@
 """Responses: the measured closed loops of each axis, beside those that the identified loops predict."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -73,6 +71,6 @@ def _beside(measured: StepResponse | Fact, loop: OpenLoop, closed: Complex) -> L
     return LoopResponse(
         measured,
         step_of(loop.frequency, closed, measured.time),
-        np.interp(measured.frequency, loop.frequency, np.abs(closed)),
+        np.interp(measured.frequency, loop.frequency, abs(closed)),
         measured.compared(loop.frequency, closed),
     )

@@ -1,7 +1,5 @@
 """Tracking: how the axes follow what was asked of them, at any rate, and the light on roll and pitch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -118,6 +116,6 @@ def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float 
     found = spectra((asked, angle), parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
     if found is None or not (coherent := found.coherence >= LEAST_COHERENCE).any():
         return None
-    peak = np.max(np.abs(found.response[coherent]))
+    peak = abs(found.response[coherent]).max()
     damping = np.sqrt((1 - np.sqrt(1 - min(1 / peak, 1.0) ** 2)) / 2)
     return float(np.exp(-np.pi * damping / np.sqrt(1 - damping**2))) if peak > 1 else 0.0

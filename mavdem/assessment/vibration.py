@@ -1,7 +1,5 @@
 """The light of vibration: acceleration and clips of each IMU against the limits of the autopilot that measured it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mavdem.alignment import phases

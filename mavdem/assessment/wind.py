@@ -1,7 +1,5 @@
 """The light of the wind: its speed where it is known, and how much of its lean the vehicle needs against it."""
 
-from __future__ import annotations
-
 from math import hypot, inf, radians
 
 from mavdem.assessment.evidence import Evidence

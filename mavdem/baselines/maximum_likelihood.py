@@ -91,14 +91,14 @@ class PredictionErrors(NamedTuple):
         errors = self.errors(at)
         model = self.moved(at).model
         predictor = model.A - model.K @ model.C
-        radius = np.abs(np.linalg.eigvals(predictor)).max()
+        radius = abs(np.linalg.eigvals(predictor)).max()
         if radius < 1:
             return _likelihood(errors), errors
         return np.nan, errors
 
     def slopes(self, at: Array, errors: Array) -> Array:
         """(f, T, m): of the errors, by differences."""
-        steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
+        steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
         beside = np.array([self.errors(at + step) for step in np.diag(steps)])
         return (beside - errors) / steps[:, None, None]
 

@@ -1,7 +1,5 @@
 """``mavdem``: the group of commands, their completion by a shell, and what becomes of errors."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """``mavdem compare``: DEM and other methods on the same windows of one or several logs."""
 
-from __future__ import annotations
-
 from time import perf_counter
 
 import click

@@ -1,7 +1,5 @@
 """``mavdem convert``: from one file format to another."""
 
-from __future__ import annotations
-
 import os
 
 import click

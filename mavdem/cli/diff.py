@@ -1,7 +1,5 @@
 """``mavdem diff``: what changed of a vehicle between two flights, or two fleets, beyond its interval."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``mavdem fly``: a simulated flight in wind, into files or live on the network."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """``mavdem info``: what a log holds, and whether a model can be learned from it."""
 
-from __future__ import annotations
-
 import click
 
 from mavdem.alignment.read import choose_vehicle

@@ -1,7 +1,5 @@
 """``mavdem learn``: from a log to a model, what it is good for, and plots."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from time import perf_counter
 

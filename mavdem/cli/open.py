@@ -1,7 +1,5 @@
 """``mavdem open`` and ``rerun-loader-mavdem``: a log as a dashboard, by a command or dropped into the Rerun Viewer."""
 
-from __future__ import annotations
-
 from argparse import ArgumentParser
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Options that several commands share: which motion of which vehicle, and which model."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

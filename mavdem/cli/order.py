@@ -1,7 +1,5 @@
 """``mavdem order``: the model order by the free energy (extended DEM)."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from functools import partial
 from time import perf_counter

@@ -1,7 +1,5 @@
 """Output: the result on standard output, progress and errors on standard error, and files, each whole or not at all."""
 
-from __future__ import annotations
-
 import io
 import json
 import logging

@@ -1,7 +1,5 @@
 """``mavdem reproduce``: the paper's experiments, run again, and a report on its claims."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from time import perf_counter
 

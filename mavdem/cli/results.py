@@ -1,7 +1,5 @@
 """Results: the folder that review and learn write, with the page, the documents and the recordings of a log."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mavdem.assessment import Assessment

@@ -1,7 +1,5 @@
 """``mavdem review``, and ``mavdem LOG``: everything that a log says, on one screen and in one folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from time import perf_counter
 

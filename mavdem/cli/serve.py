@@ -1,7 +1,5 @@
 """``mavdem serve``: drop a log in a browser."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``mavdem track``: a table of many flights, and of what changed from one to the next."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """``mavdem tune``: margins of the rate and attitude loops with intervals, and gains to set; ``mavdem twin``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """``mavdem twin``: the vehicle that a log shows, for simulators, and how much alike the two fly."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``mavdem wind``: wind speed and direction, gusts, the vehicle's drag, and the parameters to set."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

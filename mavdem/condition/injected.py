@@ -6,8 +6,6 @@ System Identification, 2nd ed., sec. 7.6), and times the known controller it is 
 one message, so that neither is late.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite

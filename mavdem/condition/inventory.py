@@ -1,7 +1,5 @@
 """Inventory of a log: senders, rates, damage; of each vehicle identity, verdict, condition and tier."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from contextlib import suppress

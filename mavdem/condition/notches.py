@@ -6,8 +6,6 @@ windows of the flight, each with the notch where it would have been. Parameters 
 https://ardupilot.org/copter/docs/common-imu-notch-filtering.html, https://docs.px4.io/main/en/config_mc/filter_tuning.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -56,7 +54,7 @@ def notch_advice(
         return Fact(NotchAdvice.NOTCH_IN_PLACE, Level.GOOD, frequency=frequency)
     left = shown.whole.mean(axis=0)
     if before is not None:
-        left = left * np.abs(gyro_response(controller, shown.frequency)) ** 2
+        left = left * abs(gyro_response(controller, shown.frequency)) ** 2
     low, high = AROUND
     of_line = (shown.frequency > low * frequency) & (shown.frequency < high * frequency)
     share = float(left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum())
@@ -76,7 +74,7 @@ def notch_advice(
         if "IMU_GYRO_DNF_EN" in settings:
             static = _static_of_px4(line, settings["IMU_GYRO_DNF_BW"])
         changed = controller.changed(static)
-        kept = np.abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
+        kept = abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
         removed = 1 - float((power * kept).sum() / power.sum())
         if removed >= ENOUGH:
             break

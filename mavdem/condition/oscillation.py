@@ -4,8 +4,6 @@ Wind spreads over all frequencies. A loop without margin turns to and fro at one
 motors do is then in one narrow band of their spectra.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -118,12 +116,12 @@ def _limit_cycles(
     size = round(seconds * sampled)
     bins = np.fft.rfftfreq(size, 1 / sampled)
     for piece in pieces:
-        powers = np.square(np.abs(spectra_of(piece[:-1], size)))
+        powers = np.square(abs(spectra_of(piece[:-1], size)))
         power = np.array([powers[0], powers[1:].sum(axis=0)])
         seen = np.where(bins >= PERIODS * bins[1], power[0], 0.0)
         peak = bins[np.argmax(seen, axis=1)]
         width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
-        line = np.abs(bins - peak[:, None]) <= width[:, None]
+        line = abs(bins - peak[:, None]) <= width[:, None]
         whole_power = np.maximum(power.sum(axis=-1), TINY)
         shown = (power * line).sum(axis=-1) / whole_power
         share = shown.min(axis=0)
@@ -131,13 +129,13 @@ def _limit_cycles(
         at_limit = windows_of(piece[-1], size).mean(axis=1)
         sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
         lines = (share >= sure) & (rate >= SLIGHT_RATE)
-        steady = np.abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:]
+        steady = abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:]
         same = lines[1:] & lines[:-1] & steady
         ends = np.flatnonzero(~same) + 1
         for run in np.split(np.arange(len(lines)), ends):
             lasted = (len(run) + 1) / 2 * seconds
             frequency = float(np.median(peak[run]))
-            drift = np.abs(peak[run] - frequency).max()
+            drift = abs(peak[run] - frequency).max()
             is_sure = len(run) > 2 or share[run].min() >= SURE_SHARE
             drifts = drift > MAX_DRIFT * frequency
             if not (lines[run[0]] and lasted >= least and is_sure) or drifts:

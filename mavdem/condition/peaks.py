@@ -6,8 +6,6 @@ line is at f (s / s₀)^γ; γ is that along which the windows' logarithmic spec
 is not surely higher than along another, the line has no name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from enum import auto
 from typing import NamedTuple

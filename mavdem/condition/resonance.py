@@ -9,8 +9,6 @@ and so is the sensitivity 1 / (1 + L) = 1 − L / (1 + L).
 Reference: J. S. Bendat and A. G. Piersol, Random Data, 4th ed., sec. 9.2: the error of T by its coherence.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -93,7 +91,7 @@ class Spectra(NamedTuple):
     def coherence(self) -> Array:
         """(F,) of r and p."""
         powers = self.driver * self.power[1, 1].real
-        return np.asarray(np.abs(self.power[0, 1]) ** 2 / np.maximum(powers, TINY))
+        return np.asarray(abs(self.power[0, 1]) ** 2 / np.maximum(powers, TINY))
 
 
 def known_controller_of(signals: Signals) -> Controller | None:
@@ -126,10 +124,10 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
         without_filters = response * back / forward
     coherence = cross.coherence
     back_by_angle = gain / (2j * np.pi * hertz)
-    own = np.abs(1 + back_by_angle * response) ** 2
+    own = abs(1 + back_by_angle * response) ** 2
     whole = cross.power[1, 1].real / cross.driver
-    by_wind = whole - np.abs(response) ** 2
-    own += np.abs(back_by_angle) ** 2 * by_wind
+    by_wind = whole - abs(response) ** 2
+    own += abs(back_by_angle) ** 2 * by_wind
     coherent = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
     coherent &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
     rows = np.flatnonzero(coherent)
@@ -137,19 +135,19 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     ends = np.flatnonzero(np.diff(rows) > 1) + 1
     runs = filter(len, np.split(rows, ends))
     rows = max(runs, key=lambda run: hertz[run[-1]] / hertz[run[0]], default=rows)
-    size = np.abs(response[rows])
+    size = abs(response[rows])
     # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
     if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL:
         return None
     at = rows[np.argmax(size)]
     seen = coherence[rows]
     error = np.sqrt((1 - seen) / (2 * seen * cross.windows))
-    complementary = np.abs(without_filters[rows])
-    sensitivity = np.abs(1 - without_filters[rows])
+    complementary = abs(without_filters[rows])
+    sensitivity = abs(1 - without_filters[rows])
     half = quantile() * error * complementary
     return Resonance(
         axis=signals.axis,
-        peak=float(np.abs(response[at])),
+        peak=float(abs(response[at])),
         frequency=float(hertz[at]),
         coherence=float(coherence[at]),
         highest=float(hertz[rows[-1]]),
@@ -224,7 +222,7 @@ def spectra_of_pieces(
         frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
         windows=found.shape[1],
         power=np.einsum("iwf,jwf->ijf", found.conj(), found),
-        usual=np.median(np.square(np.abs(found[1])), axis=0),
+        usual=np.median(np.square(abs(found[1])), axis=0),
     )
 
 

@@ -4,8 +4,6 @@ Words are MAVLink's STATUSTEXT, DataFlash's MSG and ULog's logged messages; erro
 EV. ``said.toml`` has what each means.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections import defaultdict

@@ -5,8 +5,6 @@ decides the highest frequency: batches and raw samples go up to half of the sens
 hundred hertz or so. Vibration above that appears below it, as an alias.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

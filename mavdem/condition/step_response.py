@@ -15,8 +15,6 @@ References: G. Pillonetto and G. De Nicolao, A new kernel-based approach for lin
 46(1), 2010; L. Ljung, System Identification, 2nd ed., secs. 7.6 and 13.5, of instruments and of feedback.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -145,7 +143,7 @@ class StepResponse:
         """
         forward, back = transfer(controller, self.frequency)
         closed = self.response * back / forward
-        is_closed = np.abs(closed) >= np.abs(1 - closed)
+        is_closed = abs(closed) >= abs(1 - closed)
         above = np.flatnonzero(is_closed)
         seen = len(above) and above[-1] + 1 < len(self.frequency)
         if seen:
@@ -158,18 +156,18 @@ class StepResponse:
         Where it is not, the prediction is doubted, unless it peaks beyond what the flight shows.
         """
         visible = frequency <= self.highest
-        predicted = np.interp(self.frequency, frequency, np.abs(closed))
+        predicted = np.interp(self.frequency, frequency, abs(closed))
         band = np.maximum(self.gain_half, STEADY)
-        off = np.abs(predicted - self.gain) > band
+        off = abs(predicted - self.gain) > band
         share = float(off.mean())
         subject = f"{self.axis} {self.loop}"
-        peak = float(frequency[np.argmax(np.abs(closed))])
+        peak = float(frequency[np.argmax(abs(closed))])
         if share <= DISAGREES:
             agrees = StepResponses.PREDICTION_AGREES
             return Fact(agrees, Level.GOOD, subject=subject, highest=self.highest)
         code = StepResponses.PREDICTION_DOUBTED
-        highest_peak = np.abs(closed).max()
-        known_peak = np.abs(closed[visible]).max(initial=0.0)
+        highest_peak = abs(closed).max()
+        known_peak = abs(closed[visible]).max(initial=0.0)
         if highest_peak > known_peak:
             code = StepResponses.MEASUREMENT_DOUBTED
         return Fact(code, subject=subject, share=share, frequency=peak, highest=self.highest)
@@ -409,7 +407,7 @@ def _described(
     steps = np.cumsum(every, axis=1) - every / 2 - bends
     turns = np.outer(time, hertz)
     responses = every @ np.exp(-2j * np.pi * turns)
-    gains = np.abs(responses)
+    gains = abs(responses)
     spread = gains[1:].std(axis=0)
     too_wide = np.flatnonzero(spread > LEAST_KNOWN)
     unknown = np.append(too_wide, len(hertz))[0]
@@ -449,7 +447,7 @@ def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> Numbers:
     """Those of ``FIGURES`` of one step (K,) and |T| (F,)."""
     tenth, half, most = (_reached(time, step, level) for level in (0.1, 0.5, 0.9))
     rise = most - tenth if most < time[-1] else most
-    is_off = np.abs(step - 1) > SETTLED
+    is_off = abs(step - 1) > SETTLED
     off = np.flatnonzero(is_off)
     settled = time[off.max(initial=0)]
     top = np.argmax(gain)

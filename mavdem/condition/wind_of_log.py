@@ -196,7 +196,7 @@ def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:
 
 def _jumps(time: Array, values: Array, limits: Interval, turn: float = np.inf) -> Flags:
     """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
-    steps = np.abs(np.diff(values))
+    steps = abs(np.diff(values))
     shorter = np.minimum(steps, turn - steps)
     allowed = limits[0] + limits[1] * np.diff(time)
     return shorter > allowed

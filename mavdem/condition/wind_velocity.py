@@ -315,7 +315,7 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
     speed = along / max(np.hypot(north, east), 1e-9)
     speed = max(float(speed), 0.0)
     apart = np.angle((samples @ [1, 1j]) / (north + 1j * east or 1.0))
-    turned = np.degrees(np.quantile(np.abs(apart), 0.9))
+    turned = np.degrees(np.quantile(abs(apart), 0.9))
     turned = float(np.hypot(turned, quantile() * HEADING_SD))
     return _Mean(speed, min(low, speed), high, coming_from(north, east), turned)
 

@@ -105,7 +105,7 @@ class Spread(NamedTuple):
     @property
     def moving(self) -> Flags:
         """(k,) which columns vary by more than rounding."""
-        size = np.maximum(np.abs(self.lowest), np.abs(self.highest))
+        size = np.maximum(abs(self.lowest), abs(self.highest))
         return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / LARGEST)
 
 
@@ -301,7 +301,7 @@ def require_usable(samples: Array, name: str) -> None:
     """Raises ``ValueError`` for samples to learn from that are not finite, or too large to square."""
     if not np.isfinite(samples).all():
         raise ValueError(f"{name} must be finite")
-    if np.abs(samples).max(initial=0.0) > LARGEST:
+    if abs(samples).max(initial=0.0) > LARGEST:
         raise ValueError(f"{name} must not be larger than {LARGEST:g}")
 
 

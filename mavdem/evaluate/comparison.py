@@ -186,7 +186,7 @@ def _scored(
         errors = np.array([mspe(test.outputs, made).per_output for made in (*pieces, whole)])
         inside = np.full(len(steps), np.nan)
         if question in bands:
-            held = np.abs(test.outputs - whole) <= bands[question]
+            held = abs(test.outputs - whole) <= bands[question]
             inside = np.array([held[:number].mean() for number in steps])
         scores[question] = Scores(steps, errors, inside, *units)
     return scores, forecasts

@@ -107,7 +107,7 @@ class HeldOut:
         made = ~(np.isnan(forecast) & np.isnan(self.band))
         with np.errstate(invalid="ignore"):
             return (
-                float((np.abs(self.measured - forecast) <= self.band)[made].mean())
+                float((abs(self.measured - forecast) <= self.band)[made].mean())
                 if made.any()
                 else 0.0
             )

@@ -82,6 +82,6 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
 
     # Only signs and ranks count, and ranks are finite if a method diverged.
     tested = differences[apart][differences[apart] != 0]
-    ranks = np.sign(tested) * rankdata(np.abs(tested))
+    ranks = np.sign(tested) * rankdata(abs(tested))
     p_value = float(wilcoxon(ranks).pvalue) if len(tested) else 1.0
     return Paired(middle, int((a < b).sum()), len(a), len(apart), p_value)

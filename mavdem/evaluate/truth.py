@@ -167,9 +167,7 @@ def _parameters(
         true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
         names = [f"{Compared.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names]
         rows = [*zip(names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)]
-        rows.append(
-            (Compared.MEAN_EFFECT, *physical.mean_effect(LEVEL), float(np.abs(true).mean()))
-        )
+        rows.append((Compared.MEAN_EFFECT, *physical.mean_effect(LEVEL), float(abs(true).mean())))
         for name, estimate, half, known in rows:
             parameters.append(
                 ComparedParameter(name, "rad/s² per µs", estimate, half, known, status["effect"])
@@ -198,7 +196,7 @@ def _wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
         correlation=float(np.corrcoef(wind.torque, true)[0, 1]) if moves else nan,
         sd=wind.sd,
         true_sd=float(true.std()),
-        inside=float(np.mean(np.abs(wind.torque - true) <= wind.band)),
+        inside=float(np.mean(abs(wind.torque - true) <= wind.band)),
         resolved=wind.resolved,
         mean=ComparedParameter(Compared.STEADY_PART, "rad/s²", wind.mean, wind.mean_band, mean),
     )

@@ -1,7 +1,5 @@
 """The assessment of a flight: what it says of its vehicle, what overrides that, and what its model is good for."""
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 
 from mavdem.facts.fact import Code, InWords, Level

@@ -1,7 +1,5 @@
 """Event: a fact of a flight, at the time when it became known."""
 
-from __future__ import annotations
-
 from math import nan
 from typing import NamedTuple
 

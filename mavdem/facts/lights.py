@@ -1,7 +1,5 @@
 """Lights: what every log is judged by, each a fact with a level."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code, InWords

@@ -1,7 +1,5 @@
 """What the light of vibration says."""
 
-from __future__ import annotations
-
 from enum import auto
 
 from mavdem.facts.fact import Code

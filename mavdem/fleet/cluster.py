@@ -1,7 +1,5 @@
 """A Dask cluster whose workers read logs, each in a process of its own as on one machine."""
 
-from __future__ import annotations
-
 import platform
 import re
 import socket

@@ -11,8 +11,6 @@ median of all motors: what changes one leaves the others alone, and what changes
 estimates, as closed loop does, leaves each alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import exp, hypot, isclose, log, sqrt
 from statistics import fmean, median

@@ -1,7 +1,5 @@
 """Priors: what earlier flights of a vehicle say of the next one, its model and its drag."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Rows of a log: all that it says of each vehicle and axis, as the fleet keeps it."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable

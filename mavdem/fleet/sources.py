@@ -1,7 +1,5 @@
 """Sources of a fleet: the logs that files, folders, patterns and URLs name, with what tells that one has changed."""
 
-from __future__ import annotations
-
 import glob
 import os
 import re

@@ -4,8 +4,6 @@ A vehicle's flights are judged beside its healthy ones: by the balance of its mo
 the models of healthy flights, frozen, leave unexplained in another.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace

@@ -5,8 +5,6 @@ takes its place. What is asked of a process is a ``Job``, what comes back an ``O
 by the thread that waits for outcomes, and killed when it waits no longer, whatever ends it.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

@@ -250,7 +250,7 @@ class Candidates:
 
         densities = student.logpdf(scales, away.freedom) - np.log(scale)
         likelihood = densities.sum(axis=1)
-        misfits = (np.abs(scales[weak]) > MAX_MISFIT).any(axis=1)
+        misfits = (abs(scales[weak]) > MAX_MISFIT).any(axis=1)
         likelihood[weak][misfits] = -np.inf
         posterior = prior * np.exp(likelihood - likelihood.max())
         posterior /= posterior.sum()

@@ -271,7 +271,7 @@ class Deviation(NamedTuple):
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
         widest = quantile(0.999, self.freedom) * self.scale
-        return bool((np.abs(self.change) > widest).any())
+        return bool((abs(self.change) > widest).any())
 
 
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:

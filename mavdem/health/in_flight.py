@@ -17,8 +17,6 @@ that it left is the reference, and the noise before it the prior of what follows
 vehicle's settled flight, and says in a sentence what changed for good.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import floor, inf, log, nan
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@ torque in roll and pitch, too: what the lean explains, by how the balance follow
 what it may explain widens the intervals (``mavdem.health.balance``).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mavdem.alignment.drive import MotorGeometry, place_name
@@ -54,7 +52,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     mixer = np.linalg.pinv(signatures.weights)[:, 1:]
     apart = mixer @ level
     half = quantile() * np.sqrt(mixer**2 @ variance)
-    most = int(np.argmax(np.abs(apart) - half))
+    most = int(np.argmax(abs(apart) - half))
     known = {"shift": level, "deviation": apart[most], "half": half[most]}
     known["assumed"] = layout.positions_assumed
     if half.max() > FAULT_RISE >= abs(apart[most]) - half[most]:

@@ -1,7 +1,5 @@
 """The bytes of a file, unpacked if it is an xz archive, or why they cannot be read."""
 
-from __future__ import annotations
-
 import lzma
 import stat
 from pathlib import Path

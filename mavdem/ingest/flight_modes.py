@@ -1,7 +1,5 @@
 """Flight modes: their names, by the number that ArduCopter and PX4 send and log."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

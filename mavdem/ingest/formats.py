@@ -1,7 +1,5 @@
 """Which format a log file has, by its first bytes and then by its name, and which reader it takes."""
 
-from __future__ import annotations
-
 import os
 from enum import StrEnum, auto
 from pathlib import Path

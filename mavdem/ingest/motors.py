@@ -3,8 +3,6 @@
 Channels and positions come from the autopilot's parameters, or are assumed, which ``MotorGeometry`` reports.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -155,7 +153,7 @@ class MotorGeometry:
         else:
             forward, right = np.array(self.positions).T
             weights = -right if axis == "roll" else forward
-        total = float(np.abs(weights).sum())
+        total = float(abs(weights).sum())
         return weights / total if total > 0 else None
 
 

@@ -4,8 +4,6 @@ QGroundControl's .params has a line of vehicle, component, name, value and type,
 and of MAVProxy one of name and value, by a comma or spaces. Lines that begin with # are remarks.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from contextlib import suppress

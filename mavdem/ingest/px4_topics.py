@@ -5,8 +5,6 @@ https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it ag
 https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are left out.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -376,7 +374,7 @@ def _motor_speeds(topics: Topics) -> Fields:
     """ESC as DataFlash has it, a row for each motor: RPM."""
     topic = _first(topics, "esc_status")
     speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(4)])
-    return {"time": np.repeat(topic["time"], 4), "RPM": np.abs(speeds).ravel()}
+    return {"time": np.repeat(topic["time"], 4), "RPM": abs(speeds).ravel()}
 
 
 def _current_mode(topics: Topics) -> Fields:

@@ -4,8 +4,6 @@ The receive stamp is big-endian microseconds since 1970. It may be late by secon
 the autopilot's own stamps (``mavlink.clocks``) instead. Layout: pymavlink ``mavutil.mavlogfile``.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Iterable

@@ -5,8 +5,6 @@ twice a second. There are no checksums: a flipped value stays. ``px4_topics`` tr
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import re

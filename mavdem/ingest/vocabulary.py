@@ -4,8 +4,6 @@ Source: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_ST
 ``common.xml``; modes of ArduCopter's ``mode.h`` and PX4's ``px4_custom_mode.h``.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterable

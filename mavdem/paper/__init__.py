@@ -3,8 +3,6 @@
 Needs the extra ``view``: ``pip install 'mavdem[view]'``.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Figures of the experiments: lines, forecasts beside what was measured, histograms."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sections V.E, V.G and V.H: what DEM predicts, what generalized coordinates do for it, and other methods beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from functools import partial
 
@@ -124,7 +122,7 @@ def prediction_checks(
 
 def converged_at(theta: Array) -> int:
     """Returns the first iteration from which no parameter (columns) is far from where it ends, by iteration (rows)."""
-    away = np.abs(theta - theta[-1]).max(axis=1)
+    away = abs(theta - theta[-1]).max(axis=1)
     far = np.flatnonzero(away > CONVERGED_SHARE * away.max())
     return int(far[-1]) + 1 if len(far) else 0
 

@@ -4,8 +4,6 @@ The system is ẋ = A x + B v + w, y = x + z. Its input and noises are sums of h
 whatever the sampling step. At each iteration the states x̃ and λ are held as that iteration left them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, e

@@ -1,7 +1,5 @@
 """The authors' own code on a simulated System 2, and ours on the same data."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -83,7 +81,7 @@ def check(name: str, start: str, ours: Array, theirs: Array) -> Check:
 
 def _range(values: Array) -> str:
     middle = rounded(float(np.median(values)), 3)
-    if np.ptp(values) < 1e-3 * np.abs(values).max():
+    if np.ptp(values) < 1e-3 * abs(values).max():
         return middle
     return f"{rounded(values.min(), 3)} to {rounded(values.max(), 3)} (median {middle})"
 

@@ -1,7 +1,5 @@
 """Section V.I: F̄ by model order, on four systems of four orders, with unknown and with known inputs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from itertools import product

@@ -1,7 +1,5 @@
 """The report of `mavdem reproduce`: a page with its figures, the numbers, and a recording for Rerun."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The rules of checks are fixed before the numbers are known. Methods run on the w
 place of the paper's, and of recorded ones, in worker processes; what several experiments share is computed once.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor

@@ -3,8 +3,6 @@
 Of methods first what the paired test says of DEM and each other one; of orders the free energy of each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isfinite
 

@@ -1,7 +1,5 @@
 """The condition of a vehicle, which a log has at any rate, and the contents of the log, in sentences and tables."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES

@@ -1,7 +1,5 @@
 """What changed between two states of a vehicle, what is the same, and what cannot be said."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import degrees, hypot
 from pathlib import PurePath

@@ -1,7 +1,5 @@
 """The page of two flights over each other: what differs first, then responses, spectra, margins, motors and wind."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is said of many flights: which vehicles need a look, what was flown, and which logs could not be used."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath

@@ -1,7 +1,5 @@
 """The index of a fleet: what was found in words, each vehicle's figures over its flights, and all flights."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from math import degrees
 from pathlib import PurePath

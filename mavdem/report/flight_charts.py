@@ -1,7 +1,5 @@
 """Charts of a flight: step responses as measured and predicted, loops now and advised, and spectra of the gyro."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -80,7 +78,7 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, 
         response = one.response[:, shown]
         turned = np.unwrap(np.angle(response), axis=1)
         turned -= 2 * np.pi * (turned[:, :1] > 0)
-        drawn = 20 * np.log10(np.abs(response)), np.degrees(turned), 1 / np.abs(1 + response)
+        drawn = 20 * np.log10(abs(response)), np.degrees(turned), 1 / abs(1 + response)
         for values, those in zip(drawn, lines, strict=True):
             those.append(banded(name, colour, one.frequency[shown], values))
         marks.append(Mark(one.crossover, f"{one.phase_margin:.0f}°", colour))
@@ -115,7 +113,7 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> 
     if loop is not None:
         top = min(highest, 0.499 * loop.controller.gyro_rate)
         frequency = np.linspace(0.1, top, BINS)
-        passed = np.maximum(np.abs(gyro_response(loop.controller, frequency)), 1e-4)
+        passed = np.maximum(abs(gyro_response(loop.controller, frequency)), 1e-4)
         decibels = 20 * np.log10(passed)
         filters = Line("filters", COMMAND, frequency, decibels, kind=Kind.DASHES, right=True)
         lines.append(filters)
@@ -151,6 +149,6 @@ def _heat(x: Array, frequency: Array, density: Array) -> Heat:
     hertz, shown = thinned(frequency, density, BINS // 2)
     decibels = 10 * np.log10(np.maximum(shown, np.finfo(np.float64).tiny))
     even = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, BINS)))
-    nearest = np.abs(even[:, None] - x).argmin(axis=1)
+    nearest = abs(even[:, None] - x).argmin(axis=1)
     ends = np.percentile(decibels, (20, 99.8))
     return Heat(even, hertz, np.clip(decibels[nearest], *ends))

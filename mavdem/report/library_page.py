@@ -4,8 +4,6 @@ The page of a flight is that of its folder, with a bar above it. No page has a s
 and those that draw the charts, whose hashes a policy can name.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re

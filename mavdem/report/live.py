@@ -1,7 +1,5 @@
 """What is said of a live flight: how well it was predicted, and what the link brought."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from math import sqrt
 

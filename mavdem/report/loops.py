@@ -1,7 +1,5 @@
 """Loops in words: the verdict, the margins with their intervals, and the gains to set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from mavdem.condition.loop.advice import Advice

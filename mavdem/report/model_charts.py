@@ -3,8 +3,6 @@
 Each function returns charts in degrees; ``learned.plot`` draws them with matplotlib, a page with its script.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mavdem.analysis.findings import known_wind

@@ -1,7 +1,5 @@
 """Numbers and names for people: degrees for angles, as many digits as an interval bears, names with their units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from math import degrees, floor, isfinite, log10
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Each page is the blocks that the screen shows too, charts, and folded chapters, which :func:`document` lays out.
 """
 
-from __future__ import annotations
-
 import platform
 import re
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ Each has a contrast of 3 or more with white and with a dark background (WCAG 2.2
 picture differ also to people with two kinds of cones (Machado, Oliveira and Fernandes, 2009).
 """
 
-from __future__ import annotations
-
 MEASURED = "#7d8694"  # what sensors recorded: thin and neutral, what is computed lies over it
 # one-step predictions, forecasts and the model itself; their bands with ``BAND_OPACITY``
 PREDICTED = "#1f7ad6"

@@ -1,7 +1,5 @@
 """Plans: a vehicle from above with its motors, a wind rose, and the flown path, as pictures of a page."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

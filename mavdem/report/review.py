@@ -1,7 +1,5 @@
 """Review of a log on one screen: what it is of, the headline, eight lights, what happened, and what to do next."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap

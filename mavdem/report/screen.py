@@ -4,8 +4,6 @@
 vehicle. ``detail_blocks`` is what the screen leaves out: the model, its uncertainty and how it was learned.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

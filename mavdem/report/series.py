@@ -1,7 +1,5 @@
 """Series of a learned flight over the boot clock, in the units of the flight: for Rerun, for MCAP, and for the page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Systems: what the axis's command does to a vehicle, over frequency, by its physical parameters or by DEM's model."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

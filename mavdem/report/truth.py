@@ -1,7 +1,5 @@
 """Estimates of a simulated flight beside its truth."""
 
-from __future__ import annotations
-
 from math import isfinite
 
 from mavdem.evaluate.truth import ComparedParameter, TruthComparison

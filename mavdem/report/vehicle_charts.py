@@ -1,7 +1,5 @@
 """Charts of a vehicle over its flights."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from math import degrees
 

@@ -3,8 +3,6 @@
 What a format makes of the twin, and its source, is in its template: vehicle.toml, .json, .params and .sdf beside this.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ for itself, another fact for its sentence without the full stop. Filters format 
 lists as "a, b and c".
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterable
 from functools import cache

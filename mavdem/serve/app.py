@@ -1,7 +1,5 @@
 """The application: what each address of the server answers."""
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 import json

@@ -1,7 +1,5 @@
 """A link that the server is attached to: the page of the session, and its recording in the library at its end."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import UTC, datetime
 from threading import Event, Thread

@@ -6,8 +6,6 @@ there whole or not at all, and an entry is acknowledged when both log and index 
 share a folder: each holds a lock on a file of its own, and what a dead one was doing is given to another.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import hashlib

@@ -1,7 +1,5 @@
 """The description of the interface for programs (OpenAPI 3.1), made of the models of the documents."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from importlib.metadata import version

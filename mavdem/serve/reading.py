@@ -4,8 +4,6 @@ The folder is made beside its place and moved there whole. Meanwhile a file in i
 known of the log so far, for those who watch.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -5,8 +5,6 @@ it owns all flights. With one, derived keys do less than the token itself: a bro
 page changes, and the upload key, which stands in an address given to QGroundControl, uploads.
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import re

@@ -1,7 +1,5 @@
 """Running the server: its address, its workers, and the end of both."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import webbrowser

@@ -1,7 +1,5 @@
 """Search: a line such as ``quad-7 motors:bad wind>5 ATC_RAT_RLL_P>0.1`` as a condition of SQL."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Uploads: logs within a request, written to the disk as they come."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncGenerator
 from pathlib import Path

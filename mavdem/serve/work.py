@@ -1,7 +1,5 @@
 """Work: threads that take logs from the library, and give each to a process within limits or to a cluster."""
 
-from __future__ import annotations
-
 import threading
 
 from mavdem.errors import Refusal, Unreadable

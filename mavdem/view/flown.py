@@ -1,7 +1,5 @@
 """A simulated flight in 3D as a Rerun file, with its wind and motor outputs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import ceil
 

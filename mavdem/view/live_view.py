@@ -4,8 +4,6 @@ A slow or hanging viewer delays neither learning nor a file: rows wait for each 
 oldest, and Rerun is called from the sinks' threads only.
 """
 
-from __future__ import annotations
-
 import threading
 import time as wall
 from collections import deque

@@ -1,7 +1,5 @@
 """Plots: lines, bands and marks over the boot clock in Rerun, and where a recording goes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Recording: one learned flight as a Rerun file, with the blueprint that shows it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -141,7 +139,7 @@ class _Page:
                 f"loops/{axis}",
                 f"{axis} rate loop: sensitivity |S| over Hz",
                 hertz,
-                np.interp(hertz, loop.rate.frequency, 1 / np.abs(1 + loop.rate.response[0])),
+                np.interp(hertz, loop.rate.frequency, 1 / abs(1 + loop.rate.response[0])),
             )
             for axis, loop in identified.items()
         ]

@@ -4,8 +4,6 @@ These run as processes of their own: Rerun's ``serve_grpc`` and ``spawn`` know n
 reach this machine would see the flight; a server in this process would also keep its memory.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -5,8 +5,6 @@ As PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) sent them. Sources: PX4's ``mavlink_
 ``ArduCopter/mode.h`` and ``AP_Arming_Copter.cpp``.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass

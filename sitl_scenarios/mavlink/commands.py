@@ -3,8 +3,6 @@
 Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from enum import IntEnum
 from math import inf, isfinite

@@ -1,7 +1,5 @@
 """A simulated vehicle on the network: sends, receives and obeys a ground station while it flies."""
 
-from __future__ import annotations
-
 import select
 import socket
 from collections import deque

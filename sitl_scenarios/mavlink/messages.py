@@ -5,8 +5,6 @@ rates rad/s, north-east-down m and m/s, PWM µs; parameters travel in PARAM_VALU
 https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 """
 
-from __future__ import annotations
-
 import struct
 from functools import cache
 from typing import Any, NamedTuple

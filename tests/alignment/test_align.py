@@ -136,7 +136,7 @@ def in_landing_mode():
 
 def chopped_after_calm():
     wild = np.where(TIME < 30, 2e-3, 0.5) * np.sin(3 * TIME)
-    chopped = np.where(np.abs(TIME - 35) < 0.5, 1100.0, pulses(FLOWN))
+    chopped = np.where(abs(TIME - 35) < 0.5, 1100.0, pulses(FLOWN))
     return changed(with_pulses(FLOWN, chopped), "ATTITUDE", rollspeed=wild)
 
 
@@ -228,7 +228,7 @@ def test_gaps_and_tumbles_end_a_segment():
         HOVER.telemetry(), lambda time: (time <= gap[0]) | (time >= gap[1]), "SERVO_OUTPUT_RAW"
     )
     roll = telemetry.messages["ATTITUDE"]["roll"].copy()
-    roll[np.abs(telemetry.messages["ATTITUDE"]["time"] - 40) < 0.5] = 2.5
+    roll[abs(telemetry.messages["ATTITUDE"]["time"] - 40) < 0.5] = 2.5
     found = settled_segments(Signals(changed(telemetry, "ATTITUDE", roll=roll)))
     assert [round(segment.duration) for segment in found] == sorted(
         (round(segment.duration) for segment in found), reverse=True
@@ -286,7 +286,7 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     shaken = Signals(changed(telemetry, "ATTITUDE", rollspeed=shaking))
     flight = align(shaken, settled_segments(shaken)[0])
     assert flight.dt == 0.02
-    assert np.abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time)).max() < 0.01 * 0.2
+    assert abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time)).max() < 0.01 * 0.2
     # The filter is flat where the dynamics are.
     assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway)
     assert flight.provenance["resampling"]["attitude"] == str(

@@ -462,7 +462,7 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     assert caution.code is Caution.IMPOSSIBLE_ATTITUDE
     assert (caution.figures["count"], caution.figures["sent"]) == (1, len(values))
     flight = align(Signals(changed(telemetry, "ATTITUDE", **{field: values})), learnability.segment)
-    assert np.abs(flight.outputs).max() < 1
+    assert abs(flight.outputs).max() < 1
 
 
 def test_one_wild_rate_does_not_speak_for_the_whole_and_degrees_are_reported_as_such():

@@ -229,7 +229,7 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
     for motor in range(4):
         made = driven(made, motor, 1100.0)
     time = np.arange(0.0, 40.0, 0.2)
-    state = np.where((time < 6.0) | (np.abs(time - FAILS + 0.3) < 0.15), ON_GROUND, IN_AIR)
+    state = np.where((time < 6.0) | (abs(time - FAILS + 0.3) < 0.15), ON_GROUND, IN_AIR)
     _, ending = judged(changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state)))
     assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
 
@@ -237,7 +237,7 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
 def felt(made, time, most=100.0):
     """Its accelerometers feel so much, m/s², at that time, and the weight at others."""
     at = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 0.04)
-    force = np.where(np.abs(at - time) < 0.03, most, 9.8)
+    force = np.where(abs(at - time) < 0.03, most, 9.8)
     return changed(made, "HIGHRES_IMU", **columns(at, xacc=0 * at, yacc=0 * at, zacc=-force))
 
 

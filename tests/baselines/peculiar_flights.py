@@ -53,4 +53,4 @@ def growing() -> Flight:
 
 def errors_of(forecast: np.ndarray, flight: Flight) -> float:
     """Largest error in units of each output's standard deviation."""
-    return float((np.abs(forecast - flight.outputs) / flight.outputs.std(axis=0)).max())
+    return float((abs(forecast - flight.outputs) / flight.outputs.std(axis=0)).max())

@@ -53,7 +53,7 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
         step = {"s": 1e-5 if "rate" in name else 1e-6, "us": 0.01, "rad": 1e-6}[
             name.rpartition("_")[2]
         ]
-        assert np.abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
+        assert abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("how", ["itself", "by a link", "by a hard link"])

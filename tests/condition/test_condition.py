@@ -125,7 +125,7 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
     pole = np.exp(-1 / (RATE * correlation_seconds)) if correlation_seconds else 0.0
     noise = np.random.default_rng(3).standard_normal((int(1.5 * SECONDS * RATE), SERIES))
     series = lfilter([1.0], [1.0, -pole], noise, axis=0)[-int(SECONDS * RATE) :] + 5.0
-    inside = float((np.abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
+    inside = float((abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
     # Four standard errors of a share of so many series; correlation costs a few per cent.
     assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
 

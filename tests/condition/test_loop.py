@@ -307,11 +307,11 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
         open_loop = back * effect * gain * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
         phase = np.degrees(np.unwrap(np.angle(open_loop))) + 180
         crossing, turning = (
-            np.flatnonzero(np.diff(np.sign(one))) for one in (np.abs(open_loop) - 1, phase)
+            np.flatnonzero(np.diff(np.sign(one))) for one in (abs(open_loop) - 1, phase)
         )
-        bears = -20 * np.log10(np.abs(open_loop[turning]).max(initial=1e-3)) + 0.02
+        bears = -20 * np.log10(abs(open_loop[turning]).max(initial=1e-3)) + 0.02
         have.append(phase[crossing].min() + 0.1 >= least_phase and bears >= least_gain)
-        have[-1] &= np.abs(1 / (1 + open_loop)).max() * 0.999 <= most
+        have[-1] &= abs(1 / (1 + open_loop)).max() * 0.999 <= most
     assert (found.sure >= 0.95) == (factor < 4) and np.mean(have) >= found.sure - 0.01
     steps = [abs(np.log(gain.set / gain.now)) for gain in found.gains.values()]
     assert max(steps) <= np.log(STEP) + 1e-3

@@ -67,11 +67,11 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it():
     gusts = 0.05 * lfilter([1.0], [1.0, -0.95], steered(2, slow=0.0))
     found = measured(flight(lfilter(numerator, denominator, asked) + gusts, asked))
     true = step_of(FREQUENCY, closed, found.time)
-    assert np.mean(np.abs(found.step - true) <= found.step_half) > 0.8
+    assert np.mean(abs(found.step - true) <= found.step_half) > 0.8
     assert found.overshoot.value == approx(true.max() - 1, abs=0.03)
     assert found.overshoot.low <= found.overshoot.value <= found.overshoot.high
-    peak = np.argmax(np.abs(closed))
-    assert found.peak.value == approx(np.abs(closed[peak]), rel=0.1)
+    peak = np.argmax(abs(closed))
+    assert found.peak.value == approx(abs(closed[peak]), rel=0.1)
     assert found.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
     assert found.coherence > 0.8 and found.highest > 15 and found.delay.value < found.settling.value
     assert found.fact.code is StepResponses.STEP_MEASURED
@@ -101,7 +101,7 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     telemetry = flight(rate, asked if is_corrected else ahead, angle, wanted)
     found = measured(telemetry)
     true = step_of(FREQUENCY, closed, found.time)
-    assert np.mean(np.abs(found.step - true) <= found.step_half) > 0.7
+    assert np.mean(abs(found.step - true) <= found.step_half) > 0.7
     assert found.peak_frequency.value == approx(12.0, rel=0.1)
     outer = measured(telemetry, attitude_response)
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)

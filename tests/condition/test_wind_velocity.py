@@ -75,7 +75,7 @@ def test_legs_show_wind_drag_and_lean(seed):
     wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
     assert set(wind.status.values()) == {Status.REPORTED} and not wind.reasons
     assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - coming_from(-3, 4)) < 10
-    assert np.abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1
+    assert abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1
     low, high = wind.drag.interval("linear")
     assert np.all(low < LINEAR) and np.all(high > LINEAR)
 
@@ -84,7 +84,7 @@ def test_band_holds_and_a_jump_is_followed():
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     wind = mavdem.estimate_wind(time, attitude, velocity)
     true = np.column_stack([np.interp(wind.time, time, part) for part in air.T])
-    assert 0.8 < np.mean(np.abs(wind.velocity - true) <= wind.band) <= 1.0
+    assert 0.8 < np.mean(abs(wind.velocity - true) <= wind.band) <= 1.0
     speeds = np.hypot(*wind.velocity.T)
     assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
@@ -118,7 +118,7 @@ def test_hover_takes_the_drag_of_another_flight():
     assert document["speed"] is None and not document["velocity"] and not document["minutes"]
     assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
     assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))
-    assert np.abs(drag.linear / LINEAR - 1).max() < 0.2
+    assert abs(drag.linear / LINEAR - 1).max() < 0.2
     known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
     widths = [np.diff(one.speed_interval)[0] for one in (known, alone)]
     assert abs(known.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
@@ -191,7 +191,7 @@ def test_solo_beside_an_anemometer():
     for seconds, most in ((10, 0.6), (60, 0.4)):
         whole = len(found) // seconds * seconds
         means = np.array([found[:whole], true[second][:whole]]).reshape(2, -1, seconds).mean(axis=2)
-        assert np.sqrt(np.mean(np.diff(np.abs(means), axis=0) ** 2)) < most
+        assert np.sqrt(np.mean(np.diff(abs(means), axis=0) ** 2)) < most
     assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
 
 
@@ -231,7 +231,7 @@ def test_live_rows_are_of_free_flight_only(scale, why):
         live.velocity("LOCAL_POSITION_NED", at, (down, north, east))
         if live.row is not None:
             inside += (
-                np.abs(live.row.velocity - air[time > live.row.time][0]) < live.row.band
+                abs(live.row.velocity - air[time > live.row.time][0]) < live.row.band
             ).tolist()
     assert why in str(live.obstacle or "") and (live.row is None) == bool(why)
     assert why or np.mean(inside) > 0.8

@@ -156,7 +156,7 @@ def m_step(model: GenerativeModel, number: int, squares: Array, lambda_: Array) 
             fisher_information(model, number), lambda_slope(model, number, squares, path[-1])
         )
         path.append(path[-1] + np.clip(step, -LONGEST_STEP, LONGEST_STEP))
-        if np.abs(step).sum() < SHORTEST_STEP:
+        if abs(step).sum() < SHORTEST_STEP:
             break
     return path
 

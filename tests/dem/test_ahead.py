@@ -89,7 +89,7 @@ def test_the_bands_hold_nine_of_ten():
     found, half = predicted(flight)
     for place, horizon in enumerate(HORIZONS):
         rows = np.arange(SETTLED, len(flight) - horizon)
-        inside = np.abs(flight.outputs[rows + horizon] - found[rows, place]) <= half[rows, place]
+        inside = abs(flight.outputs[rows + horizon] - found[rows, place]) <= half[rows, place]
         assert 0.85 < inside.mean() < 0.95
 
 
@@ -109,4 +109,4 @@ def test_no_lag_reaches_across_a_gap():
         if closed:
             ahead.add(memory.blocks[-1])
     assert ahead._prediction is not None
-    assert np.abs(later - far).max() < 10
+    assert abs(later - far).max() < 10

@@ -65,7 +65,7 @@ def gradient(function, at, scale=1e-4):
 
 
 def close(actual, expected, relative=1e-6):
-    assert_allclose(actual, expected, atol=relative * (np.abs(expected).max() + 1))
+    assert_allclose(actual, expected, atol=relative * (abs(expected).max() + 1))
 
 
 @of_any_model
@@ -156,11 +156,11 @@ def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, see
     samples, belief = random_posterior(seed, model)
     of_data, precision = state_slope(model, belief)
     close(precision @ d_step(model, belief), of_data)
-    start_slope = np.abs(theta_slope(model, samples, belief)[0]).max()
+    start_slope = abs(theta_slope(model, samples, belief)[0]).max()
     slope, _ = theta_slope(model, samples, belief._replace(theta=e_step(model, samples, belief)))
-    assert np.abs(slope).max() < 1e-6 * (start_slope + samples.number)
+    assert abs(slope).max() < 1e-6 * (start_slope + samples.number)
     slope, _ = lambda_slope(model, samples, belief._replace(lambda_=m_step(model, samples, belief)))
-    assert np.abs(slope).max() < 1e-5 * samples.number
+    assert abs(slope).max() < 1e-5 * samples.number
 
 
 @of_any_model

@@ -157,7 +157,7 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
             for made in (learnt.known_every, learnt.unknown_every):
                 mean, variance = made(steps, flight.inputs[700:], outputs)
                 inside.append(
-                    (np.abs(outputs - mean) <= learnt.half_widths(variance, 0.9, steps)).mean()
+                    (abs(outputs - mean) <= learnt.half_widths(variance, 0.9, steps)).mean()
                 )
     shares = np.reshape(inside, (8, -1)).mean(axis=0)
     # Of flights that do not change: recorded ones do, for which the bands are a little wider than these need.

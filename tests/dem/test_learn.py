@@ -48,7 +48,7 @@ def test_units_of_the_stream_do_not_matter():
     assert_allclose(two.model.B, np.degrees(one.model.B) * 1000, rtol=1e-6, atol=1e-9)
     forecast = np.degrees(one.forecast(flight[700:].inputs))
     assert_allclose(
-        two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * np.abs(forecast).max()
+        two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * abs(forecast).max()
     )
 
 
@@ -103,7 +103,7 @@ def test_the_band_holds_nine_samples_in_ten():
         ahead = flight[700:]
         half = learned.forecast_band(ahead.inputs)
         assert (half > 0).all()
-        inside.append(np.mean(np.abs(ahead.outputs - learned.forecast(ahead.inputs)) <= half))
+        inside.append(np.mean(abs(ahead.outputs - learned.forecast(ahead.inputs)) <= half))
     # The shares of one flight hang together, those of different flights do not: three standard errors of their mean.
     assert np.mean(inside) == approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
 
@@ -202,7 +202,7 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physica
         states.append(phi @ states[-1] + gamma0 @ now + gamma1 @ following + drift)
     expected = np.array(states) @ learned.model.C.T + learned.model.output_trim
     forecast = learned.forecast(inputs, from_zero=True)
-    assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
+    assert_allclose(forecast, expected, atol=1e-8 * abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
 
 
@@ -224,7 +224,7 @@ def test_predictions_and_noise_belong_to_their_segments():
     outputs[500:] += 1.0
     changed = learned.joint.one_step(replace(record, outputs=outputs))
     assert_array_equal(changed[400:501], ahead[400:501])
-    assert np.abs(changed[501:] - ahead[501:]).max() > 0.1
+    assert abs(changed[501:] - ahead[501:]).max() > 0.1
 
 
 def test_windows_and_folds_are_of_single_segments():

@@ -112,7 +112,7 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     y = rng.standard_normal((40, 2))
     u = rng.standard_normal((40, 2))
     corrected, ahead = textbook.corrected(u, y)
-    scale = np.abs(corrected).max()
+    scale = abs(corrected).max()
     assert_allclose(predictor.one_step(u, y), ahead, atol=1e-8 * scale)
     # The state of the innovation form is the predicted one, less what the sample's own inputs add.
     predicted = [
@@ -124,7 +124,7 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     assert_allclose(predictor.at_end(u, y), states[-1], atol=0)
 
     forecast = textbook.forecast(corrected[9], u[9:])
-    scale = np.abs(forecast).max()
+    scale = abs(forecast).max()
     assert_allclose(predictor.simulated(states[9], u[10:]), forecast, atol=1e-8 * scale)
     from_there = predictor.simulated_from(np.array([10]), 30, states[[9]], u)
     assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
@@ -191,7 +191,7 @@ def test_precision_is_the_inverse_in_any_unit_of_time(order, s):
 def random_gaussian_model(seed, n, k, m, radius=0.9):
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((n, n))
-    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    A *= radius / abs(np.linalg.eigvals(A)).max()
     roots = rng.standard_normal((n, n)), rng.standard_normal((m, m))
     return GaussianModel(
         A,
@@ -254,7 +254,7 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
         )
         states = smoothed(model, start, inputs, outputs)
     means, covariances, log_likelihood = joint(model, start, inputs, outputs)
-    scale = np.abs(means).max() + 1
+    scale = abs(means).max() + 1
     assert_allclose(states.means, means, atol=1e-7 * scale)
     for t in range(samples):
         assert_allclose(states.covariances[t], covariances[t, :, t], atol=1e-7)
@@ -269,7 +269,7 @@ def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     """Of stable and unstable systems, with correlated noises and nearly exact measurements."""
     rng = np.random.default_rng(0)
     A = rng.standard_normal((4, 4))
-    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    A *= radius / abs(np.linalg.eigvals(A)).max()
     C = rng.standard_normal((2, 4))
     root = rng.standard_normal((6, 6))
     root[4:] *= np.sqrt(noise)
@@ -277,14 +277,14 @@ def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     S = joint[:4, 4:]
     gain, P = steady_gain(A, C, joint[:4, :4], joint[4:, 4:], S)
     innovations = C @ P @ C.T + joint[4:, 4:]
-    size = 1e-6 * np.abs(P).max()
+    size = 1e-6 * abs(P).max()
     assert_allclose(gain @ innovations, A @ P @ C.T + S, atol=size)
     following = A @ P @ A.T + joint[:4, :4] - gain @ innovations @ gain.T
     assert_allclose(following, P, atol=size)
     first = np.eye(1, 4)
     gain, P = steady_gain(A, first, joint[:4, :4], joint[4:5, 4:5])
     rows = A[None], first, joint[None, :4, :4], joint[None, 4:5, 4:5]
-    assert_allclose(steady_gain(*rows)[0][0], gain, atol=1e-8 * np.abs(gain).max())
+    assert_allclose(steady_gain(*rows)[0][0], gain, atol=1e-8 * abs(gain).max())
     # A state that grows unseen has none.
     with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

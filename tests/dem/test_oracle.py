@@ -78,7 +78,7 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     published = theirs["theta"].ravel()
     # Measured: 0.0085 from their 20th after 20 rounds, 0.0020 from their 150th after 150.
     for rounds in (20, 150):
-        assert np.abs(beliefs[rounds].theta - theirs["theta_mem"][:, rounds]).max() < 1e-2
+        assert abs(beliefs[rounds].theta - theirs["theta_mem"][:, rounds]).max() < 1e-2
     assert np.linalg.norm(beliefs[-1].theta - truth) < np.linalg.norm(published - truth)
     assert beliefs[-1].lambda_[0] == approx(theirs["h"].ravel()[0], abs=0.1)
     heights = [free_energy_action(model, samples, belief) for belief in beliefs]
@@ -193,7 +193,7 @@ class Iteration:
 
 def equal(actual: Array, theirs: Array) -> None:
     """Within rounding of the largest."""
-    assert_allclose(actual, theirs, rtol=0, atol=ROUNDING * np.abs(theirs).max())
+    assert_allclose(actual, theirs, rtol=0, atol=ROUNDING * abs(theirs).max())
 
 
 def equal_by_unit(actual: Array, theirs: Array) -> None:
@@ -221,8 +221,8 @@ def test_embedding_is_theirs():
     data = load("case_a_data")
     # A derivative is a sum of samples whose weights grow with its order and cancel: so does what rounding leaves.
     of_y, of_u = (
-        np.abs(samples).max()
-        * np.abs(taylor_weights(order, data["dt"].item(), order + 1, order // 2)).sum(axis=1)
+        abs(samples).max()
+        * abs(taylor_weights(order, data["dt"].item(), order + 1, order // 2)).sum(axis=1)
         for samples, order in ((data["y"], 6), (data["u"], 2))
     )
     size = np.append(np.repeat(of_y, 4), of_u)
@@ -245,7 +245,7 @@ def test_sums_slopes_and_curvatures_are_theirs(number):
     theirs = it.log("dFdp") / 10 - T * it.log("dWdp")
     equal(slope[AB], theirs[AB])
     # Theirs is the difference of two numbers of this size.
-    size = np.abs(prior.theta_precision @ it.theta).max()
+    size = abs(prior.theta_precision @ it.theta).max()
     assert_allclose(slope[C], theirs[C], rtol=0, atol=2 * np.spacing(size))
 
 

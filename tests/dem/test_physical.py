@@ -188,7 +188,7 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
 
     # A constant acceleration is solved for with all samples, so that all of them change a little.
     before, after = (model.innovations(theta[None], of)[0][0, 0] for of in (windows, changed))
-    change = np.abs(after - before)
+    change = abs(after - before)
     first = at - len(rate[0]) + len(change)
     assert change[: first + 1].max() < 0.02 * change[first + 1 :].max()
 
@@ -215,7 +215,7 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
     for place, slope in enumerate(about.slope):
         step = 1e-5 * np.eye(len(start))[place]
         ends = [objective.value(start + side * step)[0] for side in (-1, 1)]
-        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * np.abs(about.slope).max())
+        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.slope).max())
 
 
 @pytest.mark.slow
@@ -232,9 +232,9 @@ def test_a_steered_flight_gives_the_truth_back(directions):
     assert found.status == dict.fromkeys(PARAMETERS, "reported")
     assert found.caution is None
     half = found.interval(0.99)
-    assert np.all(np.abs(found.effect - MOTORS) < half.effect)
+    assert np.all(abs(found.effect - MOTORS) < half.effect)
     mean, of_mean = found.mean_effect(0.99)
-    assert abs(mean - np.abs(MOTORS).mean()) < of_mean < half.effect.mean()
+    assert abs(mean - abs(MOTORS).mean()) < of_mean < half.effect.mean()
     assert abs(found.damping - DAMPING) < half.damping
     assert abs(found.lag - LAG) < half.lag
     assert repr(found).startswith("<Physical: mean effect ")
@@ -391,7 +391,7 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
 
 def test_uncertain_parameters_widen_it_to_first_order():
     record = Record.of(flown(0, steering=0.5))
-    sd = 0.03 * np.abs(MOTORS)
+    sd = 0.03 * abs(MOTORS)
     covariance = np.zeros((7, 7))
     covariance[:4, :4] = np.outer(sd, sd)
     uncertain = simulated(TRUE._replace(covariance=covariance), record, 1500 + DOUBLET).variance
@@ -428,7 +428,7 @@ def test_bands_hold_commanded_flights():
         learned = mavdem.learn(train, SETTINGS)
         assert learned.physical is not None and learned.physical.identifiable
         ahead = learned.simulate(test.inputs)
-        inside.append(np.mean(np.abs(ahead - test.outputs) <= learned.simulate_band(test.inputs)))
+        inside.append(np.mean(abs(ahead - test.outputs) <= learned.simulate_band(test.inputs)))
         errors.append(
             np.mean((ahead - test.outputs) ** 2)
             / np.mean((test.outputs - train.outputs.mean(axis=0)) ** 2)

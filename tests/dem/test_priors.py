@@ -95,7 +95,7 @@ def test_unknown_inputs_are_process_noise_of_the_filter():
     expected = filter_gain(A, C, DT, np.full(2, of_z), process, 0.3)
     # A Riccati equation is solved to rounding relative to the whole matrix, not to an element that is 5e-5 of it.
     expected = expm(A * DT) @ expected
-    assert_allclose(learned.predictor.K, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    assert_allclose(learned.predictor.K, expected, rtol=0, atol=1e-9 * abs(expected).max())
     # Nothing is known of inputs to come, whatever is handed in.
     assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
 

@@ -68,11 +68,11 @@ def test_slopes_and_curvature_are_those_of_the_height():
         return climb.value(at)[0]
 
     here = climb.quadratic(free, climb.errors(free[None])[0])
-    steps = 1e-4 * np.maximum(1.0, np.abs(free))
+    steps = 1e-4 * np.maximum(1.0, abs(free))
     by_differences = [
         (height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)
     ]
-    assert_allclose(here.slope, by_differences, rtol=1e-3, atol=1e-4 * np.abs(here.slope).max())
+    assert_allclose(here.slope, by_differences, rtol=1e-3, atol=1e-4 * abs(here.slope).max())
     assert np.linalg.eigvalsh(here.curvature).min() > 0
 
 
@@ -95,7 +95,7 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
         flight = simulated(wind=1.0, seed=seed)
         learned = learn(flight[:700], Settings(order=2, window=9, parameter_precision=0.01))
         half = learned.model_interval(0.9).B[1]
-        inside.append(np.abs(learned.model.B[1] - GAIN) <= half)
+        inside.append(abs(learned.model.B[1] - GAIN) <= half)
     share = np.mean(inside)
     # The four motors of one flight err together, so the flights are what is counted.
     assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
@@ -189,7 +189,7 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     )
     assert_allclose(known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
     assert_allclose(known.theta, inferred.theta, atol=1e-4)
-    assert np.abs(other.theta - inferred.theta).max() > 1e-2
+    assert abs(other.theta - inferred.theta).max() > 1e-2
 
 
 @pytest.mark.parametrize("wrong", [np.ones(3), np.full(4, np.nan)])

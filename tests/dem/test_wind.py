@@ -107,7 +107,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     means, covariances, _ = joint(model, start, pushes, rate[:, None], steady)
     mean = means @ of.wind
     variance = np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
-    assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
+    assert_allclose(found.mean, mean, atol=1e-8 * abs(mean).max())
     assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
 
@@ -120,7 +120,7 @@ def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
     assert found.sd == approx(torque.std(), rel=0.05)
     assert found.mean == approx(torque.mean(), abs=0.02)
     assert found.resolved
-    assert np.mean(np.abs(found.torque - torque) <= found.band) > 0.9
+    assert np.mean(abs(found.torque - torque) <= found.band) > 0.9
 
 
 def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_common_is_no_torque():
@@ -133,7 +133,7 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
         ).torque
 
     shift = torque(20 * np.sign(EFFECT), known) - torque(np.zeros(4), known)
-    assert_allclose(shift, -20 * np.abs(EFFECT).sum(), atol=1e-6)
+    assert_allclose(shift, -20 * abs(EFFECT).sum(), atol=1e-6)
     uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
     assert_allclose(torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6)
 
@@ -209,7 +209,7 @@ def test_a_motors_step_is_no_wind():
     sample, size = wind(known, record).step
     assert (sample, size) == (
         approx(3000, abs=50),
-        approx(-20 * np.abs(EFFECT).sum(), rel=0.1),
+        approx(-20 * abs(EFFECT).sum(), rel=0.1),
     )
     assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
 
@@ -289,11 +289,11 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
 
     effect = of.physical.effect
     sure = torques(effect, np.zeros(4))
-    for step in 0.05 * np.abs(effect).max() * np.eye(4):
+    for step in 0.05 * abs(effect).max() * np.eye(4):
         by_slope = np.sqrt(np.diff(np.square([sure, torques(effect, step**2)])[..., 1], axis=0)[0])
         exact = torques(effect + step, np.zeros(4))[:, 0] - sure[:, 0]
-        close = 0.1 * np.abs(exact).max()
-        assert_allclose(by_slope / quantile(), np.abs(exact), atol=close)
+        close = 0.1 * abs(exact).max()
+        assert_allclose(by_slope / quantile(), abs(exact), atol=close)
 
 
 @pytest.mark.slow
@@ -313,7 +313,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     doublets = followed(online, memory, steering)[BEGINS + 1 :]
     for torque, band in (hover.T, doublets.T):
         assert (
-            np.mean(np.abs(torque) <= band) > 0.85
+            np.mean(abs(torque) <= band) > 0.85
             and not gusts(torque, band, record_of(len(torque))).found
         )
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
@@ -321,7 +321,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     told = Flight(steering.time, steering.inputs * [1.25, 1, 1, 1], steering.outputs)
     for weak, (least, most) in ((steering.inputs, (0.85, 1.0)), (told.inputs, (0.0, 0.2))):
         torque, band = followed(online, memory, told, weak)[BEGINS + 1 :].T
-        assert least <= np.mean(np.abs(torque) <= band) <= most
+        assert least <= np.mean(abs(torque) <= band) <= most
         assert band.min() > 2 * abs(of.physical.effect[0])
     assert online.filter is of, "nothing is fitted to weak motors"
 

@@ -211,7 +211,7 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     outcome = predicted.outcomes[1][0]
     model = learn(window.train)
     assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
-    inside = np.abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
+    inside = abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
     expected = [inside[:steps].mean() for steps in HORIZONS]
     assert outcome.scores[UNKNOWN].inside == approx(expected)
     # Hold needs no inputs: it is the same with and without.

@@ -129,7 +129,7 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
     monkeypatch.setattr(module, "learn_forecasts", once)
     some = held_out_windows([FLIGHT], QUICK, STEPS)
     lost = int(np.isnan(some.band[:, 0, 0]).sum())
-    inside = np.abs(held_out.measured - held_out.forecasts["forecast"]) <= held_out.band
+    inside = abs(held_out.measured - held_out.forecasts["forecast"]) <= held_out.band
     assert 0 < lost < len(some) and some.coverage == approx(inside[lost:].mean())
 
 

@@ -78,7 +78,7 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
         "roll_effect"
     ].tolist()
     mean = by_name["mean effect"]
-    assert mean.truth == approx(np.abs(known["roll_effect"]).mean())
+    assert mean.truth == approx(abs(known["roll_effect"]).mean())
     assert (mean.estimate, mean.half_width) == learned.physical.mean_effect() and mean.inside
     assert by_name["damping"].truth == -known["roll_A"][1, 1]
     assert by_name["lag of the motors"].truth == known["lag"][0]
@@ -88,7 +88,7 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
     assert found.wind.true_sd == true.std() and found.wind.mean.truth == true.mean()
     assert found.wind.correlation == np.corrcoef(learned.wind_torque.torque, true)[0, 1] > 0.5
     assert found.wind.inside == np.mean(
-        np.abs(true - learned.wind_torque.torque) <= learned.wind_torque.band
+        abs(true - learned.wind_torque.torque) <= learned.wind_torque.band
     )
     document = Truth.model_validate(found).as_dict()
     assert document["parameters"][0]["truth"] == known["roll_effect"][0]

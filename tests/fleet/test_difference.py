@@ -60,7 +60,7 @@ def flight(
                 trim_share=tuple(shares / shares.mean()),
                 trim_share_interval=(half,) * 4,
                 effect=tuple(effects),
-                effect_interval=tuple(Z90 * 0.03 * np.abs(effects)),
+                effect_interval=tuple(Z90 * 0.03 * abs(effects)),
                 damping=0.6 + (0.2 / Z90) * rng.normal() + BETWEEN["damping"] * rng.normal(),
                 lag=0.04 + (0.01 / Z90) * rng.normal() + BETWEEN["lag"] * rng.normal(),
                 **changed,

@@ -64,7 +64,7 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
         )
         assert found.lean == approx(lean.mean(axis=0), abs=1e-3)
     # Standard scores: their mean is 0 and their size 1, within what 60 flights show (3 standard errors).
-    assert np.abs(np.mean(away, axis=0)).max() < 3 / np.sqrt(60) * 1.2
+    assert abs(np.mean(away, axis=0)).max() < 3 / np.sqrt(60) * 1.2
     assert np.std(away, axis=0).max() < 1.5
     assert np.std(away, axis=0).min() > 0.6
     # The battery does not change it.

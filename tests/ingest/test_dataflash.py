@@ -144,7 +144,7 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
         return
     yaw = vehicle.messages["ATTITUDE"]["yaw"]
     turned = np.exp(1j * np.radians(read["ANG"]["Yaw"]))
-    assert np.allclose(np.exp(1j * yaw), turned, atol=1e-12) and np.abs(yaw).max() <= np.pi
+    assert np.allclose(np.exp(1j * yaw), turned, atol=1e-12) and abs(yaw).max() <= np.pi
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     demands = [read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")]
     assert np.array_equal(controls[:, :4], np.column_stack(demands))

@@ -133,7 +133,7 @@ def test_recorded_logs_of_old_versions(name, notes):
     assert len(noted) == notes
     # Integrated, the rates are the angles: they have the right unit.
     steps = np.diff(attitude.time)
-    usual = (steps < 0.15) & (np.abs(attitude.angle[1:]) < 1)
+    usual = (steps < 0.15) & (abs(attitude.angle[1:]) < 1)
     change = np.diff(attitude.angle)[usual]
     assert 0.7 < np.polyfit((attitude.slope[1:] * steps)[usual], change, 1)[0] < 1.3
 

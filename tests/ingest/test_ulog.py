@@ -97,7 +97,7 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
         np.allclose(np.diff(time)[np.diff(time) < 0.1], 0.02)
         and not ((time > 2.001) & (time < 2.499)).any()
     )
-    angle = 2 * np.arctan2(messages["q2"] * np.sign(messages["q1"]), np.abs(messages["q1"]))
+    angle = 2 * np.arctan2(messages["q2"] * np.sign(messages["q1"]), abs(messages["q1"]))
     assert np.allclose(angle, time / 2, atol=1e-4) and np.allclose(messages["yawspeed"], 0.1)
     # One too slow keeps its stamps.
     pieces = [data("vehicle_attitude", 20 + 0.5 * row, 1, 0, 0, 0, 0) for row in range(20)]

@@ -48,7 +48,7 @@ def coverage():
         data = independent_samples(truth, rng)
         belief = ascend(model, SufficientStatistics.of(data), ITERATIONS).belief
         half = half_width(belief.theta_covariance.diagonal(), LEVEL)
-        inside.append((np.abs(belief.theta - truth.theta) <= half)[truth.free])
+        inside.append((abs(belief.theta - truth.theta) <= half)[truth.free])
     return float(np.mean(inside))
 
 

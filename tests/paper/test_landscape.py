@@ -52,4 +52,4 @@ def test_these_settings_end_at_the_truth():
     distances = np.einsum("ni,nij,nj->n", errors, precisions, errors)
     assert (distances < -2 * np.log(0.05)).sum() > len(ends) / 2
     deviation = np.sqrt(np.diag(ends[0].theta_covariance)[:2])
-    assert (np.abs(errors.mean(axis=0)) < deviation).all()
+    assert (abs(errors.mean(axis=0)) < deviation).all()

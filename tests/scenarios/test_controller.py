@@ -97,7 +97,7 @@ def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
         round(20 / CYCLE) : round(30 / CYCLE)
     ]
     assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
-    power = np.abs(np.fft.rfft(demands, axis=0)) > 1e-6
+    power = abs(np.fft.rfft(demands, axis=0)) > 1e-6
     assert power.sum(0).tolist() == [16, 15, 15]
     assert power.sum(1).max() == 1
 
@@ -110,7 +110,7 @@ def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
     assert len(demands) * CYCLE == approx(587, abs=0.5)
     # 587 s hold about 587/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
     assert demands.std(0) == approx([4, 4, 4], rel=0.11)
-    assert np.abs(np.corrcoef(demands.T) - np.eye(3)).max() < 0.16
+    assert abs(np.corrcoef(demands.T) - np.eye(3)).max() < 0.16
     # The derivative of Gaussian-kernel noise has the standard deviation 1/(√2 s).
     assert (np.diff(demands, axis=0) / CYCLE).std(0) == approx(
         4 / (2**0.5 * 0.25) * np.ones(3), rel=0.11
@@ -127,7 +127,7 @@ def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
     )
     assert_array_equal(first, again)
     assert not np.array_equal(first, other)
-    assert np.abs(first[:, 0]).max() == FULL_STICK[0]
+    assert abs(first[:, 0]).max() == FULL_STICK[0]
 
 
 @pytest.mark.slow

@@ -73,7 +73,7 @@ def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(
     begin = np.flatnonzero(known["weak"])[0]
     assert motion.time[begin] == approx(20.0, abs=0.01) and known["weak"][begin:].all()
     # The effect of a motor about roll: its thrust by its arm.
-    arms = np.abs(np.array(frame("x", IRIS.arm).right) - condition.centre[1])
+    arms = abs(np.array(frame("x", IRIS.arm).right) - condition.centre[1])
     left = np.multiply(condition.thrust, condition.speed)
     speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
     effects = known["roll_effect_weak"] / known["roll_effect"]
@@ -105,7 +105,7 @@ def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(
     # what the autopilot takes it for
     assert name == "oscillating_gains" or vehicle.parameters["FRAME_TYPE"] == 0
     hover = (motion.landed_state == 2) & (motion.time > 12)
-    assert np.abs(motion.position[hover, 2] + scenario.height).max() < 3
+    assert abs(motion.position[hover, 2] + scenario.height).max() < 3
     flown_well, vehicle = logged(brief(name, 30.0, **sound), tmp_path)
     assert condition_of(Signals(vehicle)).oscillation is None
     assert not np.any((flown_well.outputs >= 2000) & (flown_well.landed_state == 2)[:, None])

@@ -45,13 +45,13 @@ def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_own_freq
     speed = airframe(scenario.vehicle).hover_speed
     felt = np.array([noise.at((speed,) * 4) for _ in range(8000)])
     hertz = np.fft.rfftfreq(8000, 1e-3)
-    power = np.abs(np.fft.rfft(felt[:, 0] * np.hanning(8000)))
+    power = abs(np.fft.rfft(felt[:, 0] * np.hanning(8000)))
     for multiple in (1, 2):
-        near = np.abs(hertz - multiple * speed / (2 * np.pi)) < 3
+        near = abs(hertz - multiple * speed / (2 * np.pi)) < 3
         assert power[near].max() > 20 * np.median(power)
     # What the axes have apart is the frame's.
     assert np.std(felt[:, 0] - felt[:, 1]) == approx(2**0.5 * 0.02, rel=0.2)
-    difference = np.abs(np.fft.rfft((felt[:, 0] - felt[:, 1]) * np.hanning(8000)))
+    difference = abs(np.fft.rfft((felt[:, 0] - felt[:, 1]) * np.hanning(8000)))
     assert hertz[np.argmax(difference)] == approx(75.0, rel=0.05)
     assert RotorNoise(flight({}), 1e-3).at((speed,) * 4) == (0.0, 0.0, 0.0)
 
@@ -80,17 +80,17 @@ def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_pa
     other = fly(again)
     size = 2048
     hertz = np.fft.rfftfreq(size, 1e-3)
-    near = np.abs(hertz - turns) < 10
+    near = abs(hertz - turns) < 10
     left = []
     for one in (motion, other):
         rates = one.known_rates[flown, 0]
         windows = np.lib.stride_tricks.sliding_window_view(rates, size)[:: size // 2]
-        power = np.abs(np.fft.rfft(np.hanning(size) * windows, axis=1)) ** 2
+        power = abs(np.fft.rfft(np.hanning(size) * windows, axis=1)) ** 2
         left.append(power.mean(axis=0)[near].sum())
     assert left[1] < 0.2 * left[0]
     # The margin of the true loop falls by the cost, at the crossover of before.
     after = truth(again, other)
-    here = int(np.argmin(np.abs(known["loop_frequency"] - crossover)))
+    here = int(np.argmin(abs(known["loop_frequency"] - crossover)))
     phases = [np.angle(one["roll_rate_loop"][here]) for one in (known, after)]
     assert fact.figures["phase_cost"] == approx(np.degrees(phases[0] - phases[1]), abs=2.0)
     assert (

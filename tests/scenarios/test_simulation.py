@@ -52,10 +52,10 @@ def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert flight.landed_state[-1] == 1
     assert flight.time[1:][np.diff(flight.armed.astype(int)) != 0] == approx([2, 22])
     hovering = (flight.landed_state == 2) & (flight.time > 9)
-    assert np.abs(flight.position[hovering] - [0, 0, -5]).max() < 0.5
+    assert abs(flight.position[hovering] - [0, 0, -5]).max() < 0.5
     assert flight.position[flight.time > 21.5, 2] == approx(0)
     assert not flight.rotor_speeds[-1].any() or flight.rotor_speeds[-1].max() < 1e-3
-    assert np.abs(flight.position[-1, :2]).max() < 1
+    assert abs(flight.position[-1, :2]).max() < 1
     standing = flight.landed_state == 1
     assert not any(
         columns[standing].any() for columns in (flight.velocity, flight.force, flight.moment)
@@ -84,9 +84,9 @@ def test_every_scenario_is_flown_to_its_end(name):
     )
     motion = fly(scenario)
     hovering = (motion.landed_state == 2) & (motion.time > 10)
-    assert np.abs(roll(motion)).max() < 50
-    assert np.abs(motion.position[hovering, 2] + scenario.height).max() < 1.5
-    assert np.abs(motion.position[:, :2]).max() < 4
+    assert abs(roll(motion)).max() < 50
+    assert abs(motion.position[hovering, 2] + scenario.height).max() < 1.5
+    assert abs(motion.position[:, :2]).max() < 4
     assert motion.landed_state[-1] == 1
     assert not motion.armed[-1]
     assert abs(motion.position[-1, 2]) < 1e-9
@@ -111,7 +111,7 @@ def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
     flying = motion.landed_state == 2
     assert np.hypot(*motion.velocity[flying, :2].T).max() == approx(6.6, abs=0.6)
     assert euler(motion.attitude[-1].tolist())[2] == approx(-np.pi / 2, abs=0.05)
-    assert np.abs(motion.position[-1]).max() < 1 and motion.landed_state[-1] == 1
+    assert abs(motion.position[-1]).max() < 1 and motion.landed_state[-1] == 1
     read, true = (way[flying][0].tolist() for way in (motion.known_attitude, motion.attitude))
     assert np.degrees(np.subtract(euler(read), euler(true)))[:2] == approx([2, -1], abs=0.3)
 
@@ -140,6 +140,6 @@ def test_a_heading_that_goes_round_is_followed_the_short_way():
     heading = np.unwrap([euler(each)[2] for each in motion.attitude.tolist()])
     turned = np.cumsum(motion.sticks[:, 2]) * 0.004
     flying = motion.landed_state >= 2
-    assert np.abs(turned).max() > np.pi
-    assert np.abs(heading - turned)[flying].max() < np.radians(20)
-    assert np.abs(motion.rates_setpoint[:, 2] - motion.sticks[:, 2]).max() < np.radians(20)
+    assert abs(turned).max() > np.pi
+    assert abs(heading - turned)[flying].max() < np.radians(20)
+    assert abs(motion.rates_setpoint[:, 2] - motion.sticks[:, 2]).max() < np.radians(20)

@@ -98,22 +98,22 @@ def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     fitted = np.linalg.lstsq(table, accelerations, rcond=None)[0][:4].T
     roll, pitch, yaw = (known[f"{axis}_effect"] for axis in ("roll", "pitch", "yaw"))
     assert_allclose(fitted[2], yaw, rtol=0.02)
-    assert np.abs(fitted[2] / known["yaw_B"][0] - 1).min() > 0.04
+    assert abs(fitted[2] / known["yaw_B"][0] - 1).min() > 0.04
     # Thrust is hardly excited: what all motors of a side do together is determined.
     signs = np.sign([roll, pitch])
     pairs = [(signs[axis] * fitted[axis]).sum() for axis in (0, 1)]
-    assert pairs == approx([np.abs(roll).sum(), np.abs(pitch).sum()], rel=0.015)
-    assert pairs[0] != approx(np.abs(known["roll_B"][1]).sum(), rel=0.015)
+    assert pairs == approx([abs(roll).sum(), abs(pitch).sum()], rel=0.015)
+    assert pairs[0] != approx(abs(known["roll_B"][1]).sum(), rel=0.015)
 
 
 @pytest.mark.slow
 def test_effects_follow_from_voltage_inertia_and_thrust_curve():
     plain = VehicleSpec()
-    base = np.abs(effect(plain))
-    assert np.abs(effect(VehicleSpec(inertia_scale=2.0))) == approx(base / 2, rel=0.01)
+    base = abs(effect(plain))
+    assert abs(effect(VehicleSpec(inertia_scale=2.0))) == approx(base / 2, rel=0.01)
     # Thrust 5.84e-6 ω², 1100 rad/s at 2000 µs: linear, every µs is a thousandth of it, at 0.22 m.
     linear = 5.84e-6 * 1100**2 / 1000 * 0.22 / 0.029125
-    assert np.abs(effect(VehicleSpec(quadratic_thrust=0.0))) == approx(4 * [linear], rel=0.01)
+    assert abs(effect(VehicleSpec(quadratic_thrust=0.0))) == approx(4 * [linear], rel=0.01)
 
 
 def effect(vehicle):

@@ -282,9 +282,9 @@ class Stationary:
         k = np.arange(-pairs + 1, pairs)
 
         def rho(at: Array) -> Array:
-            return self.autocorrelation(np.abs(at) * self.dt)
+            return self.autocorrelation(abs(at) * self.dt)
 
-        terms = (1 - np.abs(k) / pairs) * (rho(k) ** 2 + rho(k + lag) * rho(k - lag))
+        terms = (1 - abs(k) / pairs) * (rho(k) ** 2 + rho(k + lag) * rho(k - lag))
         margin = norm.isf(FALSE_ALARM / 2) * np.sqrt(terms.sum() / (count * pairs))
         expected = float(rho(np.array([lag]))[0])
         estimate = float(np.mean(self.series[:, : n - lag] * self.series[:, lag:]))

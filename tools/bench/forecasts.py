@@ -9,8 +9,6 @@ flights of the medians over windows, as `mavdem compare` has them.
 Usage: tools/bench/forecasts.py [--windows N] [--preset paper] [--settings JSON]
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

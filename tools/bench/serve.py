@@ -6,8 +6,6 @@ Usage: tools/bench/serve.py list             # 10,000 flights listed and searche
        tools/bench/serve.py kill LOG         # kill -9 twenty times in mid-upload and mid-work
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import random

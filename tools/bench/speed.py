@@ -6,8 +6,6 @@ Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
        tools/bench/speed.py live
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

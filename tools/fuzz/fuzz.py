@@ -18,8 +18,6 @@ atheris 3.0 keeps the result of every traced comparison of arrays, so memory gro
 with ``-max_total_time=100`` and one corpus do more than one long run.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import tempfile

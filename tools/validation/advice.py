@@ -8,8 +8,6 @@ gains advised over those of the log, in the median: of all loops, and of those t
 Usage: tools/validation/advice.py [--half NAME] [--rate HZ] [--margins NAME] [--flights N] [--jobs N]
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial

@@ -13,8 +13,6 @@ Usage: tools/validation/alarms.py [--rate HZ of the motors] [--flights N of each
        tools/validation/alarms.py [--jobs N] RECORDING.tlog ...
 """
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -141,7 +139,7 @@ def replayed(recording: Path) -> list[Values]:
     )
     row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
     row["torque known"] = share(finite)
-    holds = np.abs(torque[finite]) <= band[finite]
+    holds = abs(torque[finite]) <= band[finite]
     row["0 in band"] = share(holds)
     return [row]
 

@@ -10,8 +10,6 @@ about two minutes on two processors.
 Usage: tools/validation/failures.py [--flights N] [--jobs N]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulated flights to validate on, drawn by tables and judged in processes; and tables of what came of them."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor

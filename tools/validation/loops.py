@@ -7,8 +7,6 @@ ones, of the half to choose a method on or of the half to report; they are flown
 margins in dB and degrees; "inside": of 90 % intervals that hold the truth.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -9,8 +9,6 @@ flights in ten have another thrust curve, lag, inertia and battery.
 Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K] [--jobs N]
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from dataclasses import replace
@@ -153,7 +151,7 @@ def judged(case: Case) -> list[Values]:
         row["of"] = "flights" if window is None else "7 s"
         for name in PARAMETERS:
             value, half = estimate_of(plant, name)
-            true = float(np.abs(truths[name]).mean())
+            true = float(abs(truths[name]).mean())
             error = value / true - 1
             row |= {f"{name} status": plant.status[name], f"{name} error": error}
             row[f"{name} inside"] = abs(value - true) <= half
@@ -169,7 +167,7 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
     if not torque.resolved:
         return {}
     half = quantile(LEVEL) * torque.scale_error * torque.sd
-    in_band = np.abs(torque.torque - true) <= torque.band
+    in_band = abs(torque.torque - true) <= torque.band
     return {
         "standard deviation inside": abs(torque.sd - true.std()) <= half,
         "mean inside": abs(torque.mean - true.mean()) <= torque.mean_band,

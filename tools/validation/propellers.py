@@ -8,8 +8,6 @@ faults that name the motor.
 Usage: tools/validation/propellers.py [--flights 40]
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show

@@ -8,8 +8,6 @@ processors.
 Usage: tools/validation/step_response.py [--flights N] [--first N] [--jobs N]
 """
 
-from __future__ import annotations
-
 import numpy as np
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
 
@@ -47,11 +45,11 @@ def judged(number: int) -> list[Values]:
             row["why not"] = measured.code.name
         else:
             step = step_of(frequency, closed[loop], measured.time)
-            held = np.abs(step - measured.step) <= measured.step_half
+            held = abs(step - measured.step) <= measured.step_half
             overshoot = 100 * measured.overshoot.value
             row |= {"inside, %": 100 * held.mean(), "overshoot, %": overshoot}
             row |= {"true": 100 * (step.max() - 1), "peak": measured.peak.value}
-            row["true peak"] = np.abs(closed[loop]).max()
+            row["true peak"] = abs(closed[loop]).max()
         rows.append(row)
     return rows
 

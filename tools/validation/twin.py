@@ -8,8 +8,6 @@ where the vehicle oscillates. A LOG and a HOT flight with 3.2 times its gains ar
 Usage: tools/validation/twin.py [--seed N] [--vehicles N] [--jobs N] [LOG HOT]
 """
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from pathlib import Path
@@ -74,7 +72,7 @@ def oscillation(rates: Array, dt: float) -> tuple[float, float]:
     strongest = powers.max(axis=1).argmax()
     power = powers[strongest]
     peak = frequency[power.argmax()]
-    power *= np.abs(frequency - peak) < 1.5
+    power *= abs(frequency - peak) < 1.5
     variance = power.sum() * frequency[1]
     size = np.degrees(np.sqrt(variance))
     mean = power @ frequency / power.sum()

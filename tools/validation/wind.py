@@ -7,8 +7,6 @@ flight with legs of the same vehicle. (Of a recorded flight, `mavdem wind LOG` p
 Usage: tools/validation/wind.py [--seed N] [--flights N of each kind: five take three minutes] [--jobs N]
 """
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import product
 from pathlib import Path

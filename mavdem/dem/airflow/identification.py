@@ -79,7 +79,7 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
     stamps = stamps[usable]
     angles = angles[usable]
     speeds = speeds[usable]
-    if np.abs(angles[:, :2]).max() > np.pi:
+    if abs(angles[:, :2]).max() > np.pi:
         raise ValueError("attitude seems to be in degrees: give rad")
     if (interval := float(np.median(np.diff(stamps)))) <= FAST_SECONDS:
         # Where samples are slower, gusts and the position loop come between tilt and velocity.
@@ -160,7 +160,7 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
         covariance = np.linalg.inv(precision + kept @ information + np.outer(faster, faster))
         step = covariance @ (kept @ (counted * slope) + expected - precision @ (mean - prior))
         mean = np.clip(mean + np.clip(step, -LARGEST, LARGEST), prior - farthest, prior + farthest)
-        if np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
+        if np.all(abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
             break
     return mean, (covariance + covariance.T) / 2, steered
 

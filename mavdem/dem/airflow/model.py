@@ -172,7 +172,7 @@ class Drag:
         """Returns it; ``ValueError`` where no vehicle can have it."""
         if np.shape(self.mean) != (6,):
             raise ValueError(f"a drag has a mean of 6 numbers, not {np.shape(self.mean)}")
-        if not (np.abs(self.mean - np.append(POPULATION, np.zeros(2))) <= FARTHEST).all():
+        if not (abs(self.mean - np.append(POPULATION, np.zeros(2))) <= FARTHEST).all():
             raise ValueError("no vehicle has such a drag")
         require_positive_definite(self.covariance, "covariance", 6)
         return self
@@ -258,7 +258,7 @@ def motion(
     # Thrust carries the weight, and so much of it pushes to the side.
     level = faster[:, :2] + (GRAVITY - faster[:, 2:]) * middle[:, 7:9]
     force = np.einsum("tij,tj->ti", axes[:, :, :2], level)
-    force[~(np.abs(force) < MAX_FORCE).all(axis=1)] = np.nan
+    force[~(abs(force) < MAX_FORCE).all(axis=1)] = np.nan
     doubt = np.sqrt(
         ((LAG * GRAVITY * change[:, 7:9]) ** 2 + (SCALE_ERROR * faster[:, :2]) ** 2).sum(axis=1)
     )

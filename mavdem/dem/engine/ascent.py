@@ -219,7 +219,7 @@ def _d_step(
 
 def _m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
     lambda_ = steps.m_step(model, samples, belief)
-    if not np.abs(lambda_).max() < LARGEST_LAMBDA:
+    if not abs(lambda_).max() < LARGEST_LAMBDA:
         raise LinAlgError("a noise precision diverges")
     return lambda_
 

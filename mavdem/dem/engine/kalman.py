@@ -51,7 +51,7 @@ def steady_gain(
             seen = seen + step @ solved[..., n:] @ _transposed(step)
             step = step @ solved[..., :n]
             P = P + more
-            sizes = (np.abs(part).max(axis=(-1, -2)) for part in (more, P))
+            sizes = (abs(part).max(axis=(-1, -2)) for part in (more, P))
             if np.all(np.divide(*sizes) <= STEADY):
                 gain = A @ P @ _transposed(C) + crossed
                 return gain @ np.linalg.inv(C @ P @ _transposed(C) + R), P
@@ -149,7 +149,7 @@ class KalmanFilter(NamedTuple):
                 kept = A - gain @ C
                 after = kept @ P @ kept.T + Q + (gain @ R - 2 * S) @ gain.T
                 covariances.append((after + after.T) / 2)
-                if np.abs(covariances[-1] - P).max() <= STEADY * np.abs(P).max():
+                if abs(covariances[-1] - P).max() <= STEADY * abs(P).max():
                     break
         return cls(A, C, np.array(covariances), np.array(gains), np.array(weights))
 

@@ -83,7 +83,7 @@ def logdet(matrix: Array) -> float:
 
 def _scaled(matrix: Array) -> Pair:
     # A diagonal that is not positive stays so, and the factorization fails: a check here would cost as much.
-    unit = 1.0 / np.sqrt(np.abs(matrix.diagonal()) + SMALLEST)
+    unit = 1.0 / np.sqrt(abs(matrix.diagonal()) + SMALLEST)
     return unit, matrix * unit * unit[:, None]
 
 
@@ -98,7 +98,7 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name} must be finite")
-    if np.abs(matrix - matrix.T).max(initial=0.0) > ROUNDING * np.abs(matrix).max(initial=0.0):
+    if abs(matrix - matrix.T).max(initial=0.0) > ROUNDING * abs(matrix).max(initial=0.0):
         raise ValueError(f"{name} must be symmetric")
     if size:
         try:

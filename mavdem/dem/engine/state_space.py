@@ -59,7 +59,7 @@ class StateSpace:
     @property
     def spectral_radius(self) -> float:
         """The largest magnitude among the eigenvalues of A; 0 of a model without states."""
-        return float(np.abs(np.linalg.eigvals(self.A)).max(initial=0.0))
+        return float(abs(np.linalg.eigvals(self.A)).max(initial=0.0))
 
     def second(self, inputs: Array, outputs: Array) -> Array:
         """(n,) the state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""

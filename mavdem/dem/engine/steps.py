@@ -88,7 +88,7 @@ def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief
     for _ in range(MAX_STEPS):
         gradient, precision = of_lambda.slope(lambda_)
         step = np.clip(solve(precision, gradient), -LONGEST_STEP, LONGEST_STEP)
-        while (raised := of_lambda.value(lambda_ + step)) < value and np.abs(
+        while (raised := of_lambda.value(lambda_ + step)) < value and abs(
             step
         ).max() > SHORTEST_STEP:
             step = step / 2
@@ -96,7 +96,7 @@ def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief
             break
         lambda_ = lambda_ + step
         value = raised
-        if np.abs(step).max() <= SHORTEST_STEP:
+        if abs(step).max() <= SHORTEST_STEP:
             break
     return lambda_
 

@@ -222,7 +222,7 @@ class SimulationError:
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """Slope and Gauss-Newton curvature, the posterior precision, by differences of the errors ``residuals``."""
-        steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
+        steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
         beside = self.errors(at + np.diag(steps))
         jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
         mse = _mean_square(residuals)

@@ -251,7 +251,7 @@ class Var(NamedTuple):
         k, width = self.across.shape
         companion = np.eye(width, k=-k)
         companion[:k] = self.across
-        return float(np.abs(np.linalg.eigvals(companion)).max())
+        return float(abs(np.linalg.eigvals(companion)).max())
 
     def past(self, record: Record) -> Array:
         """Returns (lags, k), the last samples of a record."""

@@ -65,7 +65,7 @@ def _mixer(record: Record) -> Array | None:
     if record.effect_directions is not None or record.inputs.shape[1] < FEWEST_MOTORS:
         return record.effect_directions
     turning = turning_combinations(record)[:, 0]
-    sizes = np.abs(turning[turning != 0])
+    sizes = abs(turning[turning != 0])
     return turning if np.ptp(sizes) < ROUNDING else None
 
 
@@ -123,7 +123,7 @@ def _values(parameters: Parameters, theta: Array, dt: float) -> Array:
 
 def _logarithms(values: Array) -> Array:
     """(3,) of mean effect, damping and lag."""
-    return np.log([np.abs(values[:-3]).mean(), *values[-3:-1]])
+    return np.log([abs(values[:-3]).mean(), *values[-3:-1]])
 
 
 def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) -> Physical:
@@ -142,7 +142,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     slopes = slopes_of(values_at, theta, values).T
     covariance = slopes @ inverse(whole.curvature) @ slopes.T
     relative = np.zeros((3, r + 3))
-    relative[0, :r] = np.sign(effect) / np.abs(effect).sum()
+    relative[0, :r] = np.sign(effect) / abs(effect).sum()
     relative[1, r] = 1 / damping
     relative[2, r + 1] = 1 / lag
     sd = errors.own * np.sqrt(np.diag(relative @ covariance @ relative.T))
@@ -227,5 +227,5 @@ def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -
     """The share of the commands' variance above half of the Nyquist frequency, each window without its mean."""
     commands = windows.inputs @ parameters.effect(theta)
     commands = commands - commands.mean(axis=1, keepdims=True)
-    power = np.abs(np.fft.rfft(commands * np.hanning(commands.shape[1]), axis=1)) ** 2
+    power = abs(np.fft.rfft(commands * np.hanning(commands.shape[1]), axis=1)) ** 2
     return float(power[:, power.shape[1] // 2 :].sum() / power.sum())

@@ -73,7 +73,7 @@ class LogJoint(NamedTuple):
         """To second order, by differences, all at once; ``LinAlgError`` if no filter is steady."""
         del residuals
         mean, sd = self.parameters.prior
-        steps = RELATIVE_STEP * np.maximum(0.01, np.abs(at))
+        steps = RELATIVE_STEP * np.maximum(0.01, abs(at))
         value = self._log_prior(at)
         slope = (mean - at) / sd**2
         curvature = np.diag(sd**-2.0)
@@ -92,7 +92,7 @@ class LogJoint(NamedTuple):
     def limited(self, step: Array) -> Array:
         """A step that changes no logarithm by more than ``LONGEST_STEP``."""
         return np.asarray(
-            step * min(1.0, LONGEST_STEP / np.abs(step[self.parameters.logarithms]).max())
+            step * min(1.0, LONGEST_STEP / abs(step[self.parameters.logarithms]).max())
         )
 
     def innovations(self, points: Array) -> Iterator[Pair]:
@@ -154,7 +154,7 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     effect = np.linalg.solve(gram + ridge, slopes.T @ target)
     directions = effect if effect_directions is None else effect_directions
     deviation = UNLIKE if effect_directions is None else ALIKE
-    directions = directions / np.abs(directions).mean()
+    directions = directions / abs(directions).mean()
     along = float(directions @ gram @ effect) / float(directions @ gram @ directions + ridge[0, 0])
     # The autopilot's parameters may count turns the other way round.
     directions = directions if along >= 0 else -directions

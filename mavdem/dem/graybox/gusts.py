@@ -74,19 +74,19 @@ def gusts(
     parts = np.split(torque, record.starts[1:])
     levels = [median_filter(part, min(len(part), width) | 1) for part in parts]
     away = torque - np.concatenate(levels)
-    sd = float(np.median(np.abs(away))) / quantile(0.5)
+    sd = float(np.median(abs(away))) / quantile(0.5)
     if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
         return Gusts((), THRESHOLD * sd, 0.0)
     # Likewise by the median, so that gusts and gaps do not count.
-    slope = float(np.median(np.abs(np.diff(away)))) / quantile(0.5) / record.dt
+    slope = float(np.median(abs(np.diff(away)))) / quantile(0.5) / record.dt
     false = 2 * 60 * slope / sd / (2 * np.pi) * float(np.exp(-(THRESHOLD**2) / 2))
     # A change of sign ends a gust, and so does a gap.
-    signs = np.sign(away) * (np.abs(away) > END * THRESHOLD * sd)
+    signs = np.sign(away) * (abs(away) > END * THRESHOLD * sd)
     changes = 1 + np.flatnonzero(np.diff(signs))
     edges = sorted({0, len(away), *changes.tolist(), *record.starts.tolist()})
     detected = []
     for start, stop in pairwise(edges):
-        peak = start + int(np.argmax(np.abs(away[start:stop])))
+        peak = start + int(np.argmax(abs(away[start:stop])))
         length = (stop - start) * record.dt
         high = abs(away[peak]) > max(THRESHOLD * sd, CERTAIN * band[peak])
         if high and length >= shortest and not _stays(torque, start, stop, width // 2, sd, record):

@@ -236,7 +236,7 @@ class Parameters(NamedTuple):
         steady = np.cumsum(effects[:, 0] + effects[:, 1], axis=1) + effects[:, 4]
         settled = round(SETTLING_SECONDS / windows.dt)
         # What rounding hides is left out, so that transforms are short.
-        sizes = np.abs(effects[:, :4]).max(axis=(0, 1))
+        sizes = abs(effects[:, :4]).max(axis=(0, 1))
         hidden = sizes <= np.finfo(np.float64).eps * sizes.max()
         lasting = number - int(hidden[::-1].argmin())
         length = next_fast_len(number + lasting, real=True)

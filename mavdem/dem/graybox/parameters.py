@@ -144,7 +144,7 @@ def wind_density(physical: Physical, frequency: Array) -> Array:
 
 def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:
     """Returns (k, …) the slopes of a ``function`` at θ (k,), where its ``value`` is known, by differences."""
-    nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
+    nudges = RELATIVE_STEP * np.maximum(abs(theta), RELATIVE_STEP)
     return np.array([(function(theta + nudge) - value) / nudge.sum() for nudge in np.diag(nudges)])
 
 

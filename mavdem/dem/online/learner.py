@@ -316,7 +316,7 @@ class OnlineLearner:
         self._tracker = tracker
         before = self._ahead.combinations
         now = tracker.learned.joint.combinations
-        if before is None or np.abs(np.sum(before * now, axis=0)).min() < ALIKE:
+        if before is None or abs(np.sum(before * now, axis=0)).min() < ALIKE:
             self._ahead.begin_with(self._memory.blocks, now)
 
     def _put_off(self, error: BaseException) -> None:

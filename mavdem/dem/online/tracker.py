@@ -163,7 +163,7 @@ class ErrorBands:
     def update(self) -> None:
         """Computes the half widths again; done once a block, since it takes all errors."""
         # infinity and NaN last
-        sizes = np.sort(np.abs(self._errors))
+        sizes = np.sort(abs(self._errors))
         number = np.isfinite(sizes).sum(axis=-1, keepdims=True)
         # The next error is below the k-th of n with probability k/(n + 1).
         places = (
@@ -253,5 +253,5 @@ def _limit(peaks: Array) -> float:
     middle = float(np.median(peaks))
     far = np.log(np.log(2)) - np.log(-np.log(1 - PEAK_SECONDS / FALSE_MARK_SECONDS))
     # Gumbel's median deviation is 0.767
-    scale = max(float(np.median(np.abs(peaks - middle))) / 0.767, MIN_SPREAD)
+    scale = max(float(np.median(abs(peaks - middle))) / 0.767, MIN_SPREAD)
     return middle + float(np.sqrt(1 + 1 / number) * far) * scale

@@ -8,8 +8,6 @@ Source: ArduPilot ``libraries/AP_Logger/LogStructure.h`` and
 https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from array import array

@@ -6,8 +6,6 @@ binary log; a line that does not match its definition is left out. pymavlink's r
 that is not UTF-8 or after a thousand lines that it does not know.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ filters. Of an autopilot that logs both, instances behind the filters count on f
 ``BatchSampler`` and ``log_gyro_raw`` of https://github.com/ArduPilot/ardupilot.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mavdem.heading import Names

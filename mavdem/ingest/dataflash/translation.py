@@ -15,8 +15,6 @@ event also gives the state before it. Where that is not the state after the even
 logged, and the landed state is undefined, as it is after the last. A boot without events has neither message.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
@@ -366,7 +364,7 @@ def _attitude(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
     speeds = _onto(base, rates, speeds)
     # To one turn about zero, as MAVLink has it.
     angles_rad = np.where(
-        np.abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad
+        abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad
     )
     fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
     turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
@@ -481,7 +479,7 @@ def _demands(tables: Tables) -> tuple[Columns | None, Facts]:
     thrust = having(tables, "RATE", ("AOut",))
     controls[:, 3] = np.nan if thrust is None else thrust["AOut"]
     notes: Facts = ()
-    demanded = np.abs(controls[:, :3])
+    demanded = abs(controls[:, :3])
     demanded = demanded[demanded > 0]
     if len(demanded) and np.percentile(demanded, 75) > MAX_DEMAND:
         controls[:, :3] /= OLD_DEMAND

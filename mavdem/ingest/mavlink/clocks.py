@@ -6,8 +6,6 @@ reboots and outliers; all other stamps are compared with it, which undoes their 
 ``time_usec`` may also be UNIX time: a type whose stamps lie on another epoch is moved as a whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -34,14 +32,14 @@ def far_off(values: Times, window: int, limit: float | Times) -> Flags:
         return np.zeros(0, dtype=np.bool_)
     half = window // 2
     medians = median_filter(np.pad(values, half, mode="reflect"), window)[half : half + len(values)]
-    return np.abs(values - medians) > limit
+    return abs(values - medians) > limit
 
 
 def outliers(seconds: Times) -> Flags:
     """Stamps far from the median of the five around them: one or two messages, not a lasting change of the clock."""
     if len(seconds) < 3:
         return np.zeros(len(seconds), dtype=np.bool_)
-    return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(np.abs(np.diff(seconds)))))
+    return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(abs(np.diff(seconds)))))
 
 
 REFERENCES = (
@@ -214,7 +212,7 @@ def _placed_against(
             off[of_boot] -= shift
         repairs += repair(Repair.CLOCK_MOVED, name=kind.message, offset=typical)
     outlier = outliers(off)
-    if abs(typical) <= OTHER_EPOCH and (np.abs(time - seconds)[~outlier] > kind.period / 2).any():
+    if abs(typical) <= OTHER_EPOCH and (abs(time - seconds)[~outlier] > kind.period / 2).any():
         repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
     ignored = np.count_nonzero(outlier)
     repairs += repair(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
@@ -235,7 +233,7 @@ def _read_against(
     by_later = _unwrapped(seconds, period, later)
     off_earlier = by_earlier - np.where(same_boot, np.clip(by_earlier, earlier, later), earlier)
     off_later = by_later - np.where(same_boot, np.clip(by_later, earlier, later), later)
-    first = np.abs(off_earlier) <= np.abs(off_later)
+    first = abs(off_earlier) <= abs(off_later)
     boot = np.where(first, reference.boot[before], reference.boot[after])
     return np.where(first, by_earlier, by_later), np.where(first, off_earlier, off_later), boot
 

@@ -5,8 +5,6 @@ it has PX4's newer messages too. Field order on the wire, truncation and extensi
 https://mavlink.io/en/guide/serialization.html.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache, lru_cache
 from math import isfinite

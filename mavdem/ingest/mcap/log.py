@@ -13,8 +13,6 @@ characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the
 (https://github.com/mavlink/rust-mavlink, ``serde`` feature), which BlueOS records.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -9,8 +9,6 @@ with the receive stamp as log time. BlueOS's JSON topics, ``mavlink/{system}/{co
 viewers; numbers that JSON lacks are null there.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import struct

@@ -11,8 +11,6 @@ are the autopilot's, moved to the companion's clock (``lib/uas_timesync.cpp``), 
 were never compared.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections import Counter
@@ -362,7 +360,7 @@ def _start(stamps: Integers) -> tuple[int, Facts]:
     if middle < 10**9 * SECOND:  # the year 2001: no autopilot runs for so long
         return 0, ()
     # Stamps a month away are not of the same recording.
-    first = int(stamps[np.abs(stamps - middle) < 30 * 86400 * SECOND].min()) // SECOND - 1
+    first = int(stamps[abs(stamps - middle) < 30 * 86400 * SECOND].min()) // SECOND - 1
     return first * SECOND, repair(Repair.UNIX_TIME_MOVED, origin=first)
 
 

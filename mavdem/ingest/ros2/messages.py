@@ -4,8 +4,6 @@ Definitions: https://mcap.dev/spec/registry#ros2msg (the text with the definitio
 Layout of messages: https://www.omg.org/spec/DDSI-RTPS, section 10 (CDR; the four bytes before each message).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

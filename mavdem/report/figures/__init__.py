@@ -1,7 +1,5 @@
 """Figures: the charts of a model drawn by matplotlib, without ``pyplot``; ``learned.plot`` has them as methods."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

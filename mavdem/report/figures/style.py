@@ -4,8 +4,6 @@ A figure is drawn in the colours of ``mavdem.report.palette``, with angles in de
 shows it decides what it stands on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO, StringIO
