@@ -125,12 +125,27 @@ class Controller:
     def per_demand(self, shares: Sequence[float]) -> Numbers:
         """Returns (4,) how far a demand of 1 moves outputs that are at ``shares`` of their range, as such shares."""
         begin, end = self.spin
-        lift = (np.asarray(shares) - begin) / (end - begin)
-        thrust = np.clip(lift, 0.0, 1.0)
+        thrust = self._thrust(np.asarray(shares))
         # The curve is nowhere flatter than a tenth of the straight one.
         steepness = 1 - self.expo + 2 * self.expo * thrust
         slopes = (end - begin) / np.maximum(steepness, 0.1)
         return tuple((slopes * self.mixer).tolist())
+
+    def demanded(self, shares: Array) -> Array:
+        """Returns (T,) the demand, up to a constant, that brings outputs to ``shares`` (T, r) of their range.
+
+        By the curve that the autopilot undoes: a straight one takes demands about other axes for some about this one.
+        """
+        if shares.shape[1] == 1:
+            return 2 * shares[:, 0]  # from -1 to 1
+        thrust = self._thrust(shares)
+        mixer = np.array(self.mixer)
+        return np.asarray((1 - self.expo + self.expo * thrust) * thrust @ mixer / (mixer @ mixer))
+
+    def _thrust(self, shares: Array) -> Array:
+        """As a straight curve has it."""
+        begin, end = self.spin
+        return np.clip((shares - begin) / (end - begin), 0.0, 1.0)
 
     def limited(self, shares: Array, stop: float = 1.0) -> Flags:
         """Returns (T,) whether some output, at ``shares`` (T, r) of the range, is within 0.5 % of its end or stop."""

@@ -125,8 +125,8 @@ def _streams(
         rows = stream.boot == boot
         return Messages(stream.time[rows], values[rows])
 
-    share = directions / (directions @ directions)
-    demand = here(drive, (drive.outputs - record.inputs.mean(axis=0)) @ share)
+    shares = drive.scale.fraction(drive.outputs)
+    demand = here(drive, controller.demanded(shares))
     angle = here(attitude, attitude.angle)
     asked = {one.unit: here(one.signal, one.signal.values) for one in signals.setpoints}
     asked = {unit: one for unit, one in asked.items() if np.diff(one.values).any()}
@@ -142,7 +142,7 @@ def _streams(
     streams = [here(attitude, attitude.rate), demand]
     for values in candidates:
         streams += [Messages(setpoint.time, one) for one in (values, values + turned)]
-    limited = controller.limited(drive.scale.fraction(drive.outputs), drive.scale.stop)
+    limited = controller.limited(shares, drive.scale.stop)
     rounding = drive.scale.step / float(np.linalg.norm(directions))
     return streams, here(drive, limited.astype(np.float64)), rounding
 
