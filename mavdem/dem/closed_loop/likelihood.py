@@ -59,7 +59,7 @@ class Prior(NamedTuple):
 
 PRIORS = {
     "effect": Prior(np.log(300.0), 2.0),
-    "damping": Prior(np.log(2.0), 1.0),
+    "damping": Prior(0.0, 1.5),
     "lag": Prior(np.log(0.03), 0.5),
     "delay": Prior(np.log(0.006), 0.6),
     "controller": Prior(0.0, 0.1),
