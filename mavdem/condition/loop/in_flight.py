@@ -42,7 +42,7 @@ from mavdem.flight import Flight
 
 FEWEST_WINDOWS = 4
 MOST_LIMITED = 0.1  # of a window's outputs, at a limit
-MODEL_ERRORS = {"effect": 0.08, "damping": 0.3, "lag": 0.08, "delay": 0.12}
+MODEL_ERRORS = {"effect": 0.04, "damping": 0.3, "lag": 0.06, "delay": 0.08}
 """Standard deviations of the logarithm of each parameter, beside the likelihood's: rotors spin up faster than they slow
 down, and what is sampled does not change evenly between its stamps. Chosen on half of the flights of
 ``tools/validation/loops.py``."""
@@ -208,13 +208,12 @@ def _physical(found: Identified, directions: Array) -> Physical:
     slopes = np.zeros((len(motors) + 3, 4))
     slopes[:-3, 0] = motors
     slopes[-3:, 1:] = np.diag([damping, lag, delay])
-    errors = np.diag(np.square(list(MODEL_ERRORS.values())))
-    whole = slopes @ (found.covariance[np.ix_(PLANT, PLANT)] + errors) @ slopes.T
-    unseen = BETWEEN * found.axis.between
+    whole = slopes @ found.covariance[np.ix_(PLANT, PLANT)] @ slopes.T
     # a longer lag with a shorter delay is made up for by more effect
-    traded = unseen * np.concatenate([motors / lag, [0.0, 1.0, -1.0]])
-    whole += np.outer(traded, traded)
-    whole[-1, -1] += unseen**2
+    slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
+    unseen = BETWEEN * found.axis.between / np.array([np.inf, np.inf, lag, delay])
+    errors = np.square(list(MODEL_ERRORS.values())) + unseen**2
+    whole += slopes * errors @ slopes.T
     plant = Physical(
         effect=motors,
         damping=damping,
