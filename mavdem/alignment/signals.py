@@ -430,7 +430,9 @@ class Signals(VehicleSignals):
         is_own = self.telemetry.autopilot == "ARDUPILOTMEGA" and self.axis in TILT_AXES
         if columns is None or not is_own:
             return None
-        return series(columns, np.radians(floats(columns, f"nav_{self.axis}")))
+        angles = np.radians(floats(columns, f"nav_{self.axis}"))
+        angles[abs(angles) > MAX_ANGLE] = np.nan
+        return series(columns, angles)
 
     @cached_property
     def injected(self) -> tuple[Injected, ...]:
@@ -456,6 +458,7 @@ class Signals(VehicleSignals):
         columns = self.telemetry.messages.get(TUNING_MESSAGE)
         if columns is not None:
             pair = np.column_stack([floats(columns, "achieved"), floats(columns, "desired")])
+            pair[abs(pair) > np.degrees(MAX_BODY_RATE)] = np.nan
             own = series(columns, pair, columns["axis"] == 1 + AXES.index(self.axis))
             if self.attitude is None or len(own.time) > len(self.attitude.time):
                 values = own.values

@@ -37,7 +37,7 @@ from mavdem.files import AnyPath
 from mavdem.heading import Names, Numbers
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
-from mavdem.ingest.telemetry import Array
+from mavdem.ingest.telemetry import Array, rows_by
 
 
 @dataclass(frozen=True)
@@ -365,8 +365,11 @@ def vibration_of(signals: Signals) -> MeasuredVibration | None:
     counted = np.column_stack([floats(columns, name) for name in CLIPS])
     measured = series(columns, np.column_stack([columns.get("levels", first), counted]))
     levels, counts = np.split(measured.values, [-len(CLIPS)], axis=1)
-    # The counts are of the boot so far.
-    rises = np.clip(np.diff(counts, axis=0, prepend=counts[:1]), 0, None)
+    rises = np.zeros_like(counts)
+    for rows in rows_by(measured.boot).values():
+        # The counts are of the boot so far: one that a later one is below was damaged.
+        sound = np.minimum.accumulate(counts[rows[::-1]])[::-1]
+        rises[rows] = np.diff(sound, axis=0, prepend=sound[:1])
     axes = ("",) if len(names) == 1 else tuple("xyz")
     # A firmware may send zeros.
     vibration = MeasuredVibration(axes, replace(measured, values=levels), rises)

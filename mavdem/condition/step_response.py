@@ -261,7 +261,8 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
             left = seen[:, taps:] - explained
             whitening = _autoregression(left)
             spread = _filtered(left, whitening).std(axis=1)
-            scale = np.maximum(spread, TINY)[:, None]
+            # A window of nothing but repeated samples leaves nothing, and would count for all the others.
+            scale = np.maximum(spread, spread.max() / 1e3 + TINY)[:, None]
             r, p, z = (_filtered(series, whitening) / scale for series in (asked, seen, driver))
             fit = _step(r, p, z, taps)
             weights = fit.weights

@@ -47,7 +47,7 @@ def uneven(rate):
     telemetry = changed(telemetry, "SYS_STATUS", **columns(beat, **power))
     shaking = {"vibration_x": np.full_like(beat, 2.0), "vibration_y": np.full_like(beat, 3.0)}
     clips = {
-        "clipping_0": np.where(beat > 30, 4, 1),
+        "clipping_0": np.where(beat > 30, 4, 1) + np.where(beat.round() == 20, 1e9, 0),  # damaged
         "clipping_1": np.zeros_like(beat),
         "clipping_2": np.zeros_like(beat),
     }
