@@ -108,7 +108,7 @@ def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flo
 def test_the_densities_are_those_of_the_flight():
     """Whitened by the model, the spectra of rate and output are one."""
     found = identified(axis(FLOWN, 4))
-    model = found.axis.densities(found.theta)
+    model = found.axis.densities(found.theta[None])[0]
     for quantity in (0, 1):
         ratio = found.axis.spectra.mean[:, quantity, quantity] / model[:, quantity, quantity]
         assert np.mean(ratio.real) == approx(1.0, abs=0.1)
@@ -118,7 +118,7 @@ def test_the_slopes_are_those_of_the_value():
     one = axis(FLOWN, 4)
     theta = MEAN.copy()
     theta[list(PLANT)] = list(TRUE.values())
-    score, information = one.scores(theta, 1e-4 * SD)
+    _, score, information = one.scores(theta, 1e-4 * SD)
     for k, name in enumerate(NAMES):
         step = np.eye(len(NAMES))[k] * 1e-4 * SD[k]
         slope = (one.value(theta + step) - one.value(theta - step)) / (2 * step[k])

@@ -59,14 +59,14 @@ class _LogJoint(NamedTuple):
 
     def value(self, at: Array) -> tuple[float, Array]:
         """The value; of residuals there is no use."""
-        return self.axis.value(at) - 0.5 * float(np.sum(((at - MEAN) / SD) ** 2)), at
+        return self.axis.value(at) + _log_prior(at), at
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """To second order, the information for the curvature."""
         del residuals
-        slope, information = self.axis.scores(at, RELATIVE_STEP * SD)
+        value, slope, information = self.axis.scores(at, RELATIVE_STEP * SD)
         curvature = information + np.diag(SD**-2.0)
-        return Quadratic(at, self.value(at)[0], slope - (at - MEAN) / SD**2, curvature)
+        return Quadratic(at, value + _log_prior(at), slope - (at - MEAN) / SD**2, curvature)
 
     def ascended(self, start: Quadratic, steps: int) -> Quadratic:
         """After so many damped steps, or where there is nothing to gain."""
@@ -84,3 +84,7 @@ class _LogJoint(NamedTuple):
         """A step that changes no parameter by more than ``LONGEST_STEP``."""
         longest = np.minimum(SD, LONGEST_STEP)
         return step / max(1.0, float(np.abs(step / longest).max()))
+
+
+def _log_prior(at: Array) -> float:
+    return -0.5 * float(np.sum(((at - MEAN) / SD) ** 2))

@@ -128,15 +128,21 @@ class Axis:
         self.between = max(1 / spectra.rate - known.cycle, 0.0)
         self.step = self.inside / (1 - np.exp(-2j * np.pi * self.frequency * known.cycle))
 
-    def densities(self, theta: Array, is_asked: bool = True) -> Complex:
-        """Returns (J, C, C) of parameters (k,); of a vehicle of which something ``is_asked``, or nothing."""
-        values = dict(zip(NAMES, np.exp(theta), strict=True))
+    def densities(self, thetas: Array, is_asked: bool = True) -> Complex:
+        """Returns (b, J, C, C) of parameters (b, k); of a vehicle of which something ``is_asked``, or nothing.
+
+        They are of one plant: alike in ``NAMES`` up to the controller.
+        """
+        values = dict(zip(NAMES, np.exp(thetas.T)[..., None, None], strict=True))
+        damping, lag, delay, controller = (
+            values[name][0] for name in ("damping", "lag", "delay", "controller")
+        )
         s = 2j * np.pi * self.frequency
-        turned = 1 / (s + values["damping"])
-        effect = values["effect"] / (values["lag"] * s + 1)
-        acted = effect * np.exp(-s * values["delay"]) * turned
-        forward = values["controller"] * self.forward
-        back = values["controller"] * self.back
+        turned = 1 / (s + damping)
+        effect = values["effect"][0] / (lag * s + 1)
+        acted = effect * np.exp(-s * delay) * turned
+        forward = controller * self.forward
+        back = controller * self.back
         corrects = self.known.angle / s
         # The loop, opened at the true rate; and what each source makes of the rate: what was asked, wind, noise before
         # and behind the gyro's filters, the angle's, and what the output did besides.
@@ -161,7 +167,9 @@ class Axis:
         wind += MODEL_SHARE**2 * np.abs(effect) ** 2 * self.output
         steps, late = (values[name] / (1 + values[name]) for name in ("steps", "step_time"))
         noise = self.asked_noise * values["angle_noise"] ** 2
-        size = is_asked * _without(self.asked_seen, noise / self.spectra.rate) * steps
+        size = (
+            is_asked * _without(self.asked_seen, noise[..., 0] / self.spectra.rate) * steps[..., 0]
+        )
         white = np.full_like(turn, self.known.cycle)
         sources = np.array(
             [
@@ -175,29 +183,39 @@ class Axis:
         step = self.step * np.exp(self.turns * late * self.between)
         step /= step.sum(axis=-1, keepdims=True)
         of_steps = [(one[0] * step) @ at for one, at in zip(seen, self.stamps.T, strict=True)]
-        whole = np.empty((len(size), len(seen), len(seen)), complex)
+        number, bands, _ = step.shape
+        by_band = np.moveaxis(sources, (2, 1), (0, 1)).reshape(bands, number, -1)
+        whole = np.empty((number, bands, len(seen), len(seen)), complex)
         for i, one in enumerate(seen):
-            weighted = one * sources
             for t, other in enumerate(seen[: i + 1]):
-                pair = np.einsum("sjk,sjk->jk", weighted, other.conj()) @ self.turned[:, i, t]
-                whole[:, i, t] = pair + size * of_steps[i] * of_steps[t].conj()
-                whole[:, t, i] = whole[:, i, t].conj()
+                folded = np.moveaxis(one * other.conj() * self.turned[:, i, t], 1, 0)
+                # Matrices of real numbers: of complex ones NumPy would make the sources complex.
+                parts = folded.reshape(bands, -1, 1).view(np.float64)
+                pair = (by_band @ parts).view(np.complex128)[..., 0].T
+                whole[..., i, t] = pair + size * of_steps[i] * of_steps[t].conj()
+                whole[..., t, i] = whole[..., i, t].conj()
         diagonal = np.arange(len(seen))
         whole[..., diagonal, diagonal] += self.read.T
         return np.asarray(whole)
 
     def value(self, theta: Array) -> float:
         """Returns the log likelihood, up to a constant; minus infinity where there is none."""
-        model = self.densities(theta)
+        return self._log_likelihood(self.densities(theta[None])[0])
+
+    def _log_likelihood(self, model: Complex) -> float:
         sign, size = np.linalg.slogdet(model)
         if not (np.isfinite(size).all() and (sign.real > 0).all()):
             return -np.inf
         unlike = np.einsum("jab,jba->j", np.linalg.inv(model), self.seen).real
         return -float(self.weights @ (size + unlike))
 
-    def scores(self, theta: Array, steps: Array) -> tuple[Array, Array]:
-        """Returns the slope (k,) of the log likelihood, and Fisher's information (k, k)."""
-        here, *there = map(self.densities, [theta, *(theta + np.diag(steps))])
+    def scores(self, theta: Array, steps: Array) -> tuple[float, Array, Array]:
+        """Returns the log likelihood as ``value`` does, its slope (k,), and Fisher's information (k, k)."""
+        near = theta + np.diag(steps)
+        # What acts on a plant is changed at once, the plant itself one parameter after the other.
+        acting = self.densities(np.vstack([theta, near[CONTROLLER + 1 :]]))
+        here = acting[0]
+        there = np.concatenate([*map(self.densities, near[: CONTROLLER + 1, None]), acting[1:]])
         inverse = np.linalg.inv(here)
         slopes = inverse @ ((there - here) / steps[:, None, None, None])
         unlike = inverse @ self.seen - np.eye(inverse.shape[-1])
@@ -205,12 +223,13 @@ class Axis:
         weighted = slopes * self.weights[:, None, None]
         flat = weighted.reshape(len(steps), -1)
         other = np.swapaxes(slopes, 2, 3).reshape(len(steps), -1)
-        return score, (flat @ other.T).real
+        return self._log_likelihood(here), score, (flat @ other.T).real
 
     def steered_share(self, theta: Array) -> float:
         """Returns the share of the rate's variance that follows what was asked, by parameters θ."""
         whole, unasked = (
-            self.densities(theta, is_asked)[:, RATE, RATE].real for is_asked in (True, False)
+            self.densities(theta[None], is_asked)[0, :, RATE, RATE].real
+            for is_asked in (True, False)
         )
         width = np.gradient(self.spectra.frequency)
         return 1 - float(width @ unasked) / float(width @ whole)
