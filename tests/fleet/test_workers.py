@@ -88,6 +88,7 @@ def test_no_log_stops_a_run(tmp_path):
 
 
 RUN = """
+import signal
 import sys
 from functools import partial
 from standin_logs import LIMITS, READ
@@ -97,6 +98,8 @@ from mavdem.cli.output import unwind_when_terminated
 from mavdem.fleet.workers import WorkerPool
 if __name__ == "__main__":
     track.WorkerPool = partial(WorkerPool, read=READ)
+    # a shell in the background starts programs that ignore it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     unwind_when_terminated()
     sys.exit(main(["track", sys.argv[1], "--out", sys.argv[2], "--jobs", "2"]))
 """
@@ -126,8 +129,6 @@ def hanging(tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
-            # a shell in the background starts programs that ignore it
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
     with open(reader) as names:
         hanging = (name for name in names if "hang" in name)
