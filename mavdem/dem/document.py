@@ -3,8 +3,6 @@
 pydantic reads and writes it by the types of the records' fields.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from functools import cache

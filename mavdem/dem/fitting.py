@@ -1,7 +1,5 @@
 """One fit, from a record and complete settings to an ascent and its predictor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The order of a model by its free energy (Algorithm ``extended_DEM``), over one or several flights."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

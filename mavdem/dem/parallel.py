@@ -3,8 +3,6 @@
 The processes started here end with their work, also when a signal ends this process.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Truth: physical parameters and wind torque of a simulated flight, beside what was learned of it."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Gauss-Newton: maximises a function that is nearly quadratic, by damped steps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 

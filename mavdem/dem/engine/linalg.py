@@ -4,8 +4,6 @@ Matrices are first scaled to a unit diagonal: derivatives of different orders di
 LAPACK is called directly, since SciPy's wrappers would cost more than the work.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

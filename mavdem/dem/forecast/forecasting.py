@@ -1,7 +1,5 @@
 """What all models of a record answer alike, once they can forecast from every so many samples on."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """The most probable parameters of the gray-box model, by Fisher's scoring over all windows of a flight."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

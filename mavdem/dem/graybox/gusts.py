@@ -3,8 +3,6 @@
 They last as long as the estimate resolves. A step that stays, as of a motor that weakens, is none.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Simulation: what commanded motors would do, by the physical parameters: the plant alone, no autopilot answers."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 

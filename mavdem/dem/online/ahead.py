@@ -4,8 +4,6 @@ Sums over the samples are forgotten exponentially, and every half second the joi
 the past and prior that F̄ chooses, of which each time one other is tried. Before the first fit the last sample is held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from contextlib import suppress
 from itertools import cycle

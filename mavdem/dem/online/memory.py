@@ -1,7 +1,5 @@
 """Memory: the latest samples of a stream, in blocks that are remembered and forgotten together."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from itertools import islice

@@ -5,8 +5,6 @@ smoother of a recorded flight runs over the latest samples whenever a block of t
 next block bring what it says of those a delay before them.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
