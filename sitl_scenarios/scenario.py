@@ -11,6 +11,7 @@ from math import cos, inf, log, radians, sin
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.random import Generator, default_rng
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -486,9 +487,9 @@ class Scenario(Section):
     propeller: Propeller = Propeller()
     load: Load = Load()
 
-    def random(self, *purpose: int) -> np.random.Generator:
+    def random(self, *purpose: int) -> Generator:
         """The random numbers for one purpose; what others draw does not change them."""
-        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=purpose))
+        return default_rng(np.random.SeedSequence(self.seed, spawn_key=purpose))
 
     @model_validator(mode="after")
     def _fits_together(self) -> Scenario:

@@ -6,6 +6,7 @@ from math import cos, exp, pi, radians, sin, sqrt
 from operator import add
 
 import numpy as np
+from numpy.random import Generator
 
 from sitl_scenarios.dynamics import Four, State, Three, turned, unit
 from sitl_scenarios.scenario import SHAKING, Scenario, Sensors
@@ -63,7 +64,7 @@ class RotorNoise:
 class Sensing:
     """The way from states to what is known: an exact delay, between cycles, and noise, white from cycle to cycle."""
 
-    def __init__(self, sensors: Sensors, cycle: float, noise: np.random.Generator) -> None:
+    def __init__(self, sensors: Sensors, cycle: float, noise: Generator) -> None:
         late = sensors.delay / cycle
         self._whole = int(late)
         self._share = late - self._whole

@@ -18,6 +18,7 @@ from math import ceil, cos, exp, fsum, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import fftconvolve, lfilter
 from scipy.special import gamma, gammainc, kv
@@ -38,7 +39,7 @@ from sitl_scenarios.scenario import (
 from sitl_scenarios.vehicles import airframe
 
 
-def gaussian_noise(s: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+def gaussian_noise(s: float, dt: float, samples: int, noise: Generator) -> Array:
     """Returns (samples,) of white noise through the kernel exp(−t²/2s²), s > 0 in seconds, of variance 1 at any ``dt``.
 
     Its autocorrelation is exp(−τ²/4s²), and its derivative has standard deviation 1/(√2 s): s is the width of the
@@ -97,7 +98,7 @@ def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
     )
 
 
-def first_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+def first_order(constant: float, dt: float, samples: int, noise: Generator) -> Array:
     """Returns (samples,) of Dryden's process along the wind, variance 1; T = L/V is ``constant``, s.
 
     White noise of unit intensity through H_u(s) = √(2T) / (1 + Ts) (MIL-F-8785C, 3.7.1.2, whose √(2L/πV) belongs to
@@ -109,7 +110,7 @@ def first_order(constant: float, dt: float, samples: int, noise: np.random.Gener
     return _lag(keeps, drive)
 
 
-def second_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+def second_order(constant: float, dt: float, samples: int, noise: Generator) -> Array:
     """Returns (samples,) of Dryden's process across the wind and down, of variance 1.
 
     H_v(s) = √T (1 + √3 Ts) / (1 + Ts)², whose autocorrelation is (1 − τ/2T) exp(−τ/T). With x₁ = n/(1 + Ts) and
@@ -165,7 +166,7 @@ def across(time: Array) -> Array:
 
 
 def von_karman_noise(
-    transverse: bool, constant: float, dt: float, samples: int, noise: np.random.Generator
+    transverse: bool, constant: float, dt: float, samples: int, noise: Generator
 ) -> Array:
     """Returns (samples,) of von Kármán's turbulence along the wind, or ``transverse``, variance 1; L/V ``constant``, s.
 
@@ -300,7 +301,7 @@ class Weather:
 
 
 def _turbulent(
-    wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: np.random.Generator
+    wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: Generator
 ) -> Array:
     """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
     places = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from frames import geometry
+from numpy.random import default_rng
 from refusals import prose
 
 from mavdem.analysis.figures import LogAnalysis
@@ -69,7 +70,7 @@ def physical(share=None, **status):
 
 def model(parameters, **wind):
     """A learned model as reports read it, with other figures of the ``wind``."""
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     record = SimpleNamespace(
         inputs=rng.normal(size=(900, 4)),
         outputs=rng.normal(size=(900, 2)),

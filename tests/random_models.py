@@ -2,6 +2,7 @@
 
 import numpy as np
 from hypothesis import strategies as st
+from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.free_energy import Belief
@@ -36,7 +37,7 @@ def random_model(
 
     ``bounded``: whether something is known of x before it is seen.
     """
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     # Without the highest order's dynamics there must be another's, and outputs must reach every state.
     drop = drop and p > 0 and n <= m * (p + 1)
     k = n * n + n * r + m * n
@@ -65,13 +66,13 @@ def random_model(
 
 
 def random_samples(seed, model):
-    rng = np.random.default_rng(seed + 1)
+    rng = default_rng(seed + 1)
     return SufficientStatistics.of(rng.standard_normal((40, model.hidden.start)))
 
 
 def random_belief(seed, model, samples):
     """Anything a belief may be, not only what the steps arrive at; and the linear map its X comes of."""
-    rng = np.random.default_rng(seed + 2)
+    rng = default_rng(seed + 2)
     k = len(model.prior.theta_mean)
     g = len(model.prior.lambda_mean)
     size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start

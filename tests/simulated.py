@@ -1,6 +1,7 @@
 """Made-up roll axes: driven by its motors, and flown by an autopilot that answers what it measures."""
 
 import numpy as np
+from numpy.random import default_rng
 from scipy.ndimage import gaussian_filter1d
 
 from mavdem import Flight
@@ -13,7 +14,7 @@ GAIN = np.array([0.08, -0.08, -0.08, 0.08])
 
 def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
     """A roll axis with damping, driven by four motors and, with ``wind``, by coloured moments (rad/s²)."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     fine = 10
     motors = gaussian_filter1d(rng.standard_normal((samples, 4)), 8, axis=0) * 40
     commands = [float(GAIN @ motor) for motor in motors]
@@ -36,7 +37,7 @@ def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
 
 def in_closed_loop(samples=1000, seed=0, windy=10.0):
     """Roll and rate answered 0.03 s late through four motors; the wind decays over 0.5 s."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     fine = 5
     roll = rate = torque = wind = command = 0.0
     motors = np.empty((samples, 4))

@@ -2,6 +2,7 @@ import pickle
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_array_equal
 from pytest import approx
 
@@ -118,7 +119,7 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
 )
 def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, slip, recwarn):
     """Effects would be 57 times too large, without a word. The flight is one of 6°, with noise on both outputs."""
-    noise = np.random.default_rng(3)
+    noise = default_rng(3)
     t = np.arange(800) / 100
     turning = np.column_stack([0.1 * np.sin(6 * t), 0.6 * np.cos(6 * t)]) + noise.normal(
         0, (0.001, 0.02), (800, 2)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from numpy.random import default_rng
 
 from mavdem.alignment.drive import AXES
 from mavdem.cli.options import (
@@ -146,7 +147,7 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
     try:
         scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
         for seed in range(FLIGHTS):
-            noise = np.random.default_rng(seed)
+            noise = default_rng(seed)
             blown = np.zeros((samples, len(AXES)))
             for axis in again:
                 blown[:, AXES.index(axis)] = torque(loops[axis], samples, noise)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
 from scipy.linalg import solve_toeplitz
 from scipy.special import softmax
 
@@ -398,9 +399,7 @@ def _described(
     # Setpoints of the angle may come without stamps of their own.
     highest = HIGHEST * sampled / (2 if loop == "rate" else 4)
     hertz = np.linspace(0.5, highest, 2 * taps)
-    drawn = np.random.default_rng(31).multivariate_normal(
-        fit.weights, fit.covariance, DRAWS, method="eigh"
-    )
+    drawn = default_rng(31).multivariate_normal(fit.weights, fit.covariance, DRAWS, method="eigh")
     every = np.vstack([fit.weights, drawn])
     # By Euler and Maclaurin: between two values the response is not straight.
     slopes = np.eye(taps, k=-1) - np.eye(taps, k=1)

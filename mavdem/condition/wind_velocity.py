@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
 
 from mavdem.confidence import ENOUGH_SAMPLES, Interval, quantile
 from mavdem.dem.airflow.identification import (
@@ -305,7 +306,7 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
     means = winds.mean(axis=0)
     # By the draws of drag and lean, which are common to all steps; what noise does averages out.
     count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
-    noise = np.random.default_rng(2).standard_normal((50, len(means), 2))
+    noise = default_rng(2).standard_normal((50, len(means), 2))
     spread = np.sqrt(variances.mean(axis=0) / count)
     samples = (means + noise * spread).reshape(-1, 2)
     speeds = np.hypot(*samples.T)

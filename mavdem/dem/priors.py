@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import default_rng
 from scipy.integrate import cumulative_trapezoid
 
 from mavdem.dem.engine.linalg import Array, Indices, Pair
@@ -162,7 +163,7 @@ def uniform_prior(
 ) -> Pair:
     """η drawn from U[−1, 1] and P = ``parameter_precision``·I for every parameter (the paper, ``alg_settings``)."""
     k = n * n + n * r + m * n
-    mean = np.random.default_rng(settings.seed).uniform(-1, 1, k)
+    mean = default_rng(settings.seed).uniform(-1, 1, k)
     return mean, np.eye(k) * settings.parameter_precision
 
 

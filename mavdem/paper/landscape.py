@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.ascent import plain_rounds
@@ -53,7 +54,7 @@ class ScalarWorld:
 
     def signals(self, seed: int) -> Pair:
         """Returns exact y and v at every sample, (T, 1) each."""
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         number = round(self.duration / self.step)
         # At half a kernel width a step, e^-39 of the noise's power lies beyond what the steps can hold.
         finer = ceil(2 * self.step / self.smoothness)
@@ -71,7 +72,7 @@ class ScalarWorld:
 
 
 def _harmonics(
-    rng: np.random.Generator, omega: Array, smoothness: float, deviation: float
+    rng: Generator, omega: Array, smoothness: float, deviation: float
 ) -> NDArray[np.complex128]:
     """Random harmonics, up to the Nyquist frequency, of a noise whose power is that of a Gaussian kernel."""
     power = np.exp(-((omega * smoothness) ** 2))
@@ -231,7 +232,7 @@ def run(runner: Runner) -> Result:
 
 def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[list[Belief]]:
     """Returns the beliefs after each iteration, from each prior of the circle."""
-    angles = np.random.default_rng(0).uniform(0, 2 * np.pi, PRIORS)
+    angles = default_rng(0).uniform(0, 2 * np.pi, PRIORS)
     priors = CENTRE + RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
     models = [replace(settings, theta_mean=(a, b, 1.0)).model() for a, b in priors.tolist()]
     return [plain_rounds(model, samples, ROUNDS) for model in models]

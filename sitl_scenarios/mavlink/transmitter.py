@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
@@ -286,7 +287,7 @@ class LossyLink:
         self._faults = faults
         # The key sets it apart from everything else that begins with the seed of the flight.
         sequence = np.random.SeedSequence(seed, spawn_key=(0x6C696E6B,))
-        self._random = np.random.default_rng(sequence)
+        self._random = default_rng(sequence)
         self._latest = -np.inf
         self._held: Batch | None = None
 

@@ -15,6 +15,7 @@ from hover import (
     with_demand,
     with_pulses,
 )
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from recorded_flights import recorded
@@ -111,7 +112,7 @@ def landed(motors, rate=None):
     ground = time > GROUNDED.landed
     telemetry = GROUNDED.telemetry(time, time, without=("LOCAL_POSITION_NED",))
     outputs = np.where(ground[:, None], motors, GROUNDED.motors(time))
-    outputs += 3.0 * np.random.default_rng(1).standard_normal(outputs.shape)
+    outputs += 3.0 * default_rng(1).standard_normal(outputs.shape)
     telemetry = with_pulses(telemetry, outputs.T)
     turning = np.where(
         ground, 1e-3 * np.sin(90 * time) if rate is None else rate(time), GROUNDED.roll_rate(time)
@@ -295,7 +296,7 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
 
 
 def test_lost_messages_and_jitter_part_nothing():
-    random = np.random.default_rng(5)
+    random = default_rng(5)
     lossy = np.sort(random.permutation(HOVER.stamps(50.0))[: round(HOVER.end * 40)])
     shaky = HOVER.stamps(MINIMUM_RATE) + random.uniform(
         -0.004, 0.004, round(HOVER.end * MINIMUM_RATE)

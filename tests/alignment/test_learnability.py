@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns, disarmed, only, pulses, with_demand, with_pulses
+from numpy.random import default_rng
 from pytest import approx
 
 from mavdem.alignment.align import align, settled_segments
@@ -316,9 +317,7 @@ def test_another_vehicle_is_named_only_where_there_is_one():
 def rounded(hover):
     telemetry = hover.telemetry()
     motors = pulses(telemetry)
-    return with_pulses(
-        telemetry, np.round(motors + np.random.default_rng(2).normal(0, 3, motors.shape[1]))
-    )
+    return with_pulses(telemetry, np.round(motors + default_rng(2).normal(0, 3, motors.shape[1])))
 
 
 def test_a_command_at_the_floor_of_the_stream_is_refused():
@@ -343,7 +342,7 @@ def random_stamps(random, end):
 @pytest.mark.parametrize("seed", range(40))
 def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     """Whatever is missing, shuffled, repeated or not a number, it is judged, and every segment makes a Flight."""
-    random = np.random.default_rng(seed)
+    random = default_rng(seed)
     hover = Hover(hovering=random.uniform(0, 20))
     streams = [random_stamps(random, hover.end) for _ in range(2)]
     telemetry = hover.telemetry(
@@ -399,7 +398,7 @@ def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
 
 def test_held_values_are_seen_through_losses_and_a_rate_that_does_not_divide():
     telemetry = HOVER.telemetry()
-    random = np.random.default_rng(4)
+    random = default_rng(4)
     table = telemetry.messages["ATTITUDE"]
     source = np.floor(np.arange(len(table["time"])) / 6.7).astype(int) * 67 // 10
     kept = np.sort(random.permutation(len(source))[: round(0.9 * len(source))])

@@ -15,6 +15,7 @@ from hover import (
     with_demand,
     with_pulses,
 )
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from scipy.spatial.transform import Rotation
@@ -83,7 +84,7 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     telemetry = HOVER.telemetry()
     table = telemetry.messages["ATTITUDE"]
-    order = np.random.default_rng(0).permutation(len(table["time"]))
+    order = default_rng(0).permutation(len(table["time"]))
     order = np.concatenate([order, order[:500]])
     shuffled = {name: column[order].copy() for name, column in table.items()}
     lost = shuffled["time"][7]

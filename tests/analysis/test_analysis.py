@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up_analysis import held_out
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 from recorded_flights import LOGS, shared
@@ -69,7 +70,7 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     ],
 )
 def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, windows, spread, kept):
-    errors = np.sqrt(ratio * np.exp(spread * np.random.default_rng(1).standard_normal(windows)))
+    errors = np.sqrt(ratio * np.exp(spread * default_rng(1).standard_normal(windows)))
     judged = held_out(last=1.2, count=windows)
     judged.forecasts["forecast"] = np.broadcast_to(errors[:, None, None], judged.measured.shape)
     refusal = slow_motion_refusal(judged)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, evidence_of, with_pulses
+from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import LOGS, recorded
 from scipy.signal import lfilter
@@ -36,7 +37,7 @@ def evidence(telemetry, **known):
 
 def noise(seed=1):
     """White below 30 Hz."""
-    values = np.random.default_rng(seed).standard_normal(len(TIME))
+    values = default_rng(seed).standard_normal(len(TIME))
     return lfilter([0.2, 0.4, 0.2], [1.0, -0.3, 0.1], values)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hover import X_QUAD_PARAMETERS, Hover, evidence_of, with_pulses
+from numpy.random import default_rng
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
@@ -23,7 +24,7 @@ def evidence(pulses=lambda time: 0.0, **known):
     """Of a hover in which the motors' pulses are so much more, µs: (4, N) or a number."""
     telemetry = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    noise = np.random.default_rng(3).normal(scale=3.0, size=(4, len(time)))
+    noise = default_rng(3).normal(scale=3.0, size=(4, len(time)))
     flying = (time >= 6.0) & (time < HOVER.landed)
     sent = np.where(flying, 1500.0 + noise + pulses(time), 1000.0)
     signals = Signals(with_pulses(telemetry, sent), inputs="motors")

@@ -1,6 +1,7 @@
 """Flights that are hard to learn from, and what must hold of every method on them."""
 
 import numpy as np
+from numpy.random import default_rng
 from simulated import simulated
 
 from mavdem import Flight
@@ -8,11 +9,7 @@ from mavdem import Flight
 
 def measured(flight: Flight) -> Flight:
     """As sensors and autopilots have it: outputs with noise of a thousandth of their size, motors in whole numbers."""
-    noise = (
-        1e-3
-        * flight.outputs.std(axis=0)
-        * np.random.default_rng(0).standard_normal(flight.outputs.shape)
-    )
+    noise = 1e-3 * flight.outputs.std(axis=0) * default_rng(0).standard_normal(flight.outputs.shape)
     return Flight(flight.time, np.round(flight.inputs), flight.outputs + noise)
 
 
@@ -44,7 +41,7 @@ NOTHING_NEW = {
 
 def growing() -> Flight:
     """Motion that doubles in a second, under noise."""
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     y = np.zeros((700, 1))
     for t in range(1, 700):
         y[t] = 1.007 * y[t - 1] + 0.1 * rng.standard_normal()

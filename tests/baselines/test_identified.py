@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from peculiar_flights import (
@@ -107,7 +108,7 @@ def noisy_system(order):
 
 def flown_with_noise(model, seed, samples, feedback=None):
     """Inputs and outputs of a Gaussian model under white inputs, which with ``feedback`` answer the outputs too."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     inputs = rng.standard_normal((samples, model.B.shape[1]))
     state = rng.standard_normal(len(model.A))
     outputs = np.empty((samples, len(model.C)))
@@ -299,7 +300,7 @@ DT = 0.01
 
 def random_system(seed: int, order: int, noise: float = 0.1) -> StateSpace:
     """Stable with a stable predictor, modes between 0.3 and 0.95; trims off zero. Innovations are to be of size 1."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     modes = np.zeros((order, order))
     for i in range(0, order - 1, 2):
         radius = rng.uniform(0.6, 0.95)
@@ -340,7 +341,7 @@ def flown(
 
     With ``feedback`` (r, m) inputs also answer the outputs of the same sample, whose noise they thus know (D = 0).
     """
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     (n, r) = system.B.shape
     m = len(system.C)
     pushes = push * rng.standard_normal((samples, r))

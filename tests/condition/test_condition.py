@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, disarmed, only, with_pulses, with_texts
+from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import recorded
 from scipy.signal import lfilter
@@ -30,7 +31,7 @@ SERIES = 1000
 
 def uneven(rate):
     """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° to the right; a battery, and vibration."""
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
     telemetry = HOVER.telemetry(attitude_time=rate, motor_time=rate)
     attitude = telemetry.messages["ATTITUDE"]
     motors = telemetry.messages["SERVO_OUTPUT_RAW"]
@@ -123,7 +124,7 @@ def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
 @pytest.mark.parametrize("correlation_seconds", [0.0, 1.0])
 def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_seconds):
     pole = np.exp(-1 / (RATE * correlation_seconds)) if correlation_seconds else 0.0
-    noise = np.random.default_rng(3).standard_normal((int(1.5 * SECONDS * RATE), SERIES))
+    noise = default_rng(3).standard_normal((int(1.5 * SECONDS * RATE), SERIES))
     series = lfilter([1.0], [1.0, -pole], noise, axis=0)[-int(SECONDS * RATE) :] + 5.0
     inside = float((abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
     # Four standard errors of a share of so many series; correlation costs a few per cent.
@@ -141,7 +142,7 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
 def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop, parameters, low):
     telemetry = HOVER.telemetry(parameters=parameters)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     wanted = np.where(
         (time > 6) & (time < HOVER.landed), 1650.0 + 100 * rng.standard_normal((4, len(time))), low
     )
@@ -318,7 +319,7 @@ def stamps_of_8_and_12():
 
 @pytest.mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
 def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
-    random = np.random.default_rng(3)
+    random = default_rng(3)
     telemetry = LONG.telemetry(*stamps)
     telemetry = only(telemetry, lambda time: random.random(len(time)) > 0.1)
     assert told(telemetry)["speakers"][0]["missing_share"] == approx(0.1, abs=0.02)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hover import columns
 from known_gains import ARDUPILOT
+from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import recorded
 
@@ -32,7 +33,7 @@ def flown(where):
     time = CYCLE * np.arange(24000)
     chirp = np.sin(2 * np.pi * (time + 29 * time**2 / 120))
     chirp *= 0.05 if where is Injection.DEMAND else 0.5
-    torque, noise = np.random.default_rng(5).normal(size=(2, len(time)))
+    torque, noise = default_rng(5).normal(size=(2, len(time)))
     frequency = np.fft.rfftfreq(len(time), CYCLE).clip(1e-6)
     plant, back = responses(frequency)
     late = np.exp(-2j * np.pi * frequency * CYCLE)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hover import Hover, changed, columns
 from known_gains import ARDUPILOT, PX4, X_ROLL
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from scipy.signal import lfilter
@@ -266,7 +267,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
 
 def made_up(factor=1.0):
     """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     status = dict.fromkeys(("effect", "damping", "lag"), "reported")
     rate = rng.normal(0, 0.01, 2000)
     inputs = 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
@@ -495,7 +496,7 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
 def test_a_response_that_is_not_the_predicted_one_says_how(by_wind, factor, code, agrees):
     """A rate that follows its setpoint by the closed loop, or ``factor`` times as far, and wind."""
     sound = made_up()
-    rng = np.random.default_rng(8)
+    rng = default_rng(8)
     dt = sound.record.dt
     samples = 12000
     frequency = np.fft.rfftfreq(samples, dt)

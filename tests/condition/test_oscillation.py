@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, with_pulses
+from numpy.random import default_rng
 from pytest import approx
 from scipy.signal import lfilter
 
@@ -34,7 +35,7 @@ def gusts(size, hertz=1.5, damping=0.4):
     def series(time):
         step = time[1] - time[0]
         pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * 2 * np.pi * hertz * step)
-        noise = np.random.default_rng(1).standard_normal(len(time))
+        noise = default_rng(1).standard_normal(len(time))
         values = lfilter([1.0, -1.0], [1.0, -2 * pole.real, abs(pole) ** 2], noise)
         return size * values / values.std()
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, with_pulses
+from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import recorded
 
@@ -41,7 +42,7 @@ def throttle(time):
 
 def shaken(rate=1000.0, speed=0.0, frame=0.0, steady=0.0):
     """A hover with gyro samples at a ``rate``: noise, and lines of motors, Hz at half throttle, and of the frame."""
-    draw = np.random.default_rng(7)
+    draw = default_rng(7)
     time = HOVER.stamps(rate)
     share = throttle(time)
     phase = 2 * np.pi * np.cumsum(speed * np.sqrt(share / 0.5)) / rate

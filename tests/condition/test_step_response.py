@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hover import Hover, changed, columns, only
+from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import recorded
 from scipy.signal import lfilter
@@ -34,7 +35,7 @@ def loop(hertz=12.0, damping=0.25):
 
 def steered(seed=1, slow=0.9):
     """What a pilot asks for: noise below a few Hz."""
-    values = np.random.default_rng(seed).standard_normal(len(TIME))
+    values = default_rng(seed).standard_normal(len(TIME))
     return lfilter([1 - slow], [1.0, -slow], values)
 
 
@@ -89,9 +90,7 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
 def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
     """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
     numerator, denominator, closed = loop()
-    wanted = 0.6 * lfilter(
-        [0.01], [1.0, -0.99], np.random.default_rng(3).standard_normal(len(TIME))
-    )
+    wanted = 0.6 * lfilter([0.01], [1.0, -0.99], default_rng(3).standard_normal(len(TIME)))
     ahead = 200 * np.gradient(wanted)
     wind = 0.5 * lfilter([0.05], [1.0, -0.95], steered(4, slow=0.0))
     angle, rate, asked = np.zeros((3, len(TIME)))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hover import changed
+from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import recorded, shared
 
@@ -42,7 +43,7 @@ def flight(
     seconds=120,
 ):
     """Time, attitude, velocity and wind at 10 Hz of legs of 10 s there and back, in gusts of 3 s."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     time = np.arange(0, seconds, 0.1)
     white = rng.standard_normal((2, len(time) + 200))
     kernel = np.exp(-np.arange(0, 20, 0.1) / 3)
@@ -94,14 +95,14 @@ def test_band_holds_and_a_jump_is_followed():
 def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_body_changes(legs):
     time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity)
-    torque = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0) + np.random.default_rng(
-        0
-    ).normal(size=len(time))
+    torque = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0) + default_rng(0).normal(
+        size=len(time)
+    )
     explained = torque_explained(wind, time, torque)
     share = explained.figures["share"]
     assert explained.code is (WindShare.SHARE_KNOWN if legs else WindShare.SHARE_UNKNOWN)
     assert share == (approx(0.98, abs=0.02) if legs else None)
-    chance = torque_explained(wind, time, np.random.default_rng(1).normal(size=len(time)))
+    chance = torque_explained(wind, time, default_rng(1).normal(size=len(time)))
     assert not chance.figures["share"]
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from simulated import SIGNS, in_closed_loop
 
 from mavdem import Flight
@@ -61,7 +62,7 @@ def ratios(flight: Flight, found: np.ndarray, horizons: tuple[int, ...] = HORIZO
 
 def aimless(walking: bool) -> Flight:
     """White, of which only the mean can be predicted; or a walk, of which only the last sample can."""
-    values = np.random.default_rng(0).standard_normal((3500, 6))
+    values = default_rng(0).standard_normal((3500, 6))
     values = values.cumsum(axis=0) if walking else values
     time = 0.01 * np.arange(3500)
     return Flight(time, values[:, 2:], values[:, :2], effect_directions=[1, 1, -1, -1])

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
 from mavdem.dem.parallel import AHEAD, FEW
@@ -20,7 +21,7 @@ from mavdem.errors import NotLearnable
 
 def walk(seed: int) -> Flight:
     """Random walks: there is something to fit, quickly; what it is does not matter here."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     motors, motion = (rng.standard_normal((100, columns)).cumsum(axis=0) for columns in (2, 2))
     return Flight(0.01 * np.arange(100), motors, motion)
 

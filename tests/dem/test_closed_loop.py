@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from pytest import approx
 from scipy.signal import cont2discrete
 
@@ -29,7 +30,7 @@ class Flown(NamedTuple):
 
 def fly(seed, steered=1.0, in_time=1):
     """Rate, output, setpoint and what was asked of a plant in turbulence that steps are asked of."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     count = round(SECONDS / CYCLE)
     A = np.array([[0, 1, 0], [0, -DAMPING, 1], [0, 0, -1 / LAG]])
     B = np.array([[0, 0], [0, 1], [EFFECT / LAG, 0]])
@@ -137,7 +138,7 @@ def test_messages_of_several_rates_count_at_the_slowest():
     streams = [Messages(STAMPS[::4], FLOWN.rate[::4]), Messages(STAMPS[::10], FLOWN.output[::10])]
     found = spectra(streams, STARTS)
     assert found.rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
-    kept = np.random.default_rng(1).random(len(STAMPS[::4])) > 0.2
+    kept = default_rng(1).random(len(STAMPS[::4])) > 0.2
     lossy = spectra([Messages(STAMPS[::4][kept], FLOWN.rate[::4][kept])], STARTS)
     whole = spectra([Messages(STAMPS[::4], FLOWN.rate[::4])], STARTS)
     few = min(len(lossy.frequency), len(whole.frequency), 10)

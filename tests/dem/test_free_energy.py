@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 from random_models import models, random_belief, random_model, random_samples
@@ -70,7 +71,7 @@ def close(actual, expected, relative=1e-6):
 
 @of_any_model
 def test_the_samples_free_energies_sum_to_the_action(model, seed):
-    data = np.random.default_rng(seed).standard_normal((6, model.hidden.start))
+    data = default_rng(seed).standard_normal((6, model.hidden.start))
     samples = SufficientStatistics.of(data)
     state_map, belief = random_belief(seed, model, samples)
     by_sample = free_energy(model, data, data @ state_map.T, belief)
@@ -88,7 +89,7 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
 @of_any_model
 def test_gradients_are_those_of_the_free_energy(model, seed):
     """Of F in X, and of the action in θ and λ, at any belief, mean-field terms included."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     data = rng.standard_normal((5, model.hidden.start))
     samples = SufficientStatistics.of(data)
     state_map, belief = random_belief(seed, model, samples)
@@ -180,7 +181,7 @@ def test_optimal_precisions_cannot_be_improved(model, seed):
     samples, belief = random_posterior(seed, model)
     best = with_optimal_precisions(model, belief)
     height = free_energy_action(model, samples, best)
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     for name in ("state_covariance", "theta_covariance", "lambda_covariance"):
         covariance = getattr(best, name)
         bend = 0.02 * rng.standard_normal(covariance.shape)
@@ -194,7 +195,7 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
     """F̄ᵒ is ln p(ỹ | ṽ) with the same constant for every n, where something is known of x before it is seen."""
     model = random_model(n, n, 1, 2, 3, 2, drop=True, groups=True, bounded=True)
     assert model.q == model.p - 1
-    rng = np.random.default_rng(n)
+    rng = default_rng(n)
     certain = 1e12
     prior = model.prior._replace(
         theta_precision=certain * np.eye(len(model.prior.theta_mean)),
@@ -231,7 +232,7 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
 @of_any_model
 def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     """Sample by sample, with Ã, B̃, C̃, D and Π̃ as Eqs. ``generative_process`` and ``free_E`` write them."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     n = model.n
     r = model.r
     m = model.m
@@ -273,7 +274,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
 @given(model=models, seed=seeds)
 @settings(max_examples=30)
 def test_a_climb_never_falls(model, seed):
-    data = np.random.default_rng(seed).standard_normal((40, model.hidden.start))
+    data = default_rng(seed).standard_normal((40, model.hidden.start))
     climb = ascend(model, SufficientStatistics.of(data), 12)
     assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.learning.theta).all()
     assert (

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from simulated import in_closed_loop
@@ -24,7 +25,7 @@ FLIGHT = replace(in_closed_loop(1000), effect_directions=X_FRAME)
 CHANNELS = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ X_FRAME[:, None]])
 TRAIN = Record.of(FLIGHT[:700])
 AHEAD = (FLIGHT.inputs[700:], FLIGHT.outputs[700:])
-WALK = np.random.default_rng(0).standard_normal((40, K)).cumsum(axis=0) / 5 + [1.0, -2.0]
+WALK = default_rng(0).standard_normal((40, K)).cumsum(axis=0) / 5 + [1.0, -2.0]
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +109,7 @@ def test_predictions_are_the_process_s(model):
 
 def turned_by(direction, samples=6000):
     """A roll axis held by motors, each with an error of its own; the ``direction`` of them turns it."""
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     rotors = len(direction)
     rows = np.empty((samples, 2 + len(direction)))
     errors = np.zeros(rotors)

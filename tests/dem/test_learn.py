@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from scipy.ndimage import gaussian_filter1d
@@ -83,7 +84,7 @@ def test_process_noise_is_the_moment_of_the_wind():
     flight = simulated(3, wind=0.5)
     learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01))
     places, noise = learned.process_noise()
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     rng.standard_normal((850, 4))
     moment = (
         0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi))
@@ -111,7 +112,7 @@ def test_the_band_holds_nine_samples_in_ten():
 def test_unstable_models_are_said_to_be():
     time = DT * np.arange(400)
     growing = 1e-3 * np.exp(2 * time)
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     outputs = np.stack([growing, 2 * growing], axis=1) + 1e-6 * rng.standard_normal((400, 2))
     flight = Flight(time, rng.standard_normal((400, 1)), outputs)
     learned = learn(flight, Settings(order=2, parameter_precision=0.01, window=3))
@@ -162,7 +163,7 @@ def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt():
 
 def test_derivative_pairs_are_found_whatever_their_places_and_noise():
     outputs = simulated(wind=1.0).outputs
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     assert derivative_pairs(alone(outputs)) == ((0, 1),)
     assert derivative_pairs(alone(outputs[:, ::-1])) == ((1, 0),)
     assert derivative_pairs(alone(outputs + rng.standard_normal(outputs.shape) * [2e-3, 2e-2])) == (

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import hermite
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from random_models import positive_definite
@@ -40,7 +41,7 @@ def test_parameters_are_the_rows_of_a_then_b_then_c():
 
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 4), r=st.integers(1, 3))
 def test_first_order_hold_agrees_with_scipy(seed, n, r):
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     A = rng.standard_normal((n, n))
     B = rng.standard_normal((n, r))
     dt = 0.05
@@ -53,7 +54,7 @@ def test_first_order_hold_agrees_with_scipy(seed, n, r):
 
 @given(seed=st.integers(0, 10**6), size=st.integers(1, 8))
 def test_agrees_with_numpy_whatever_the_units(seed, size):
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     matrix = positive_definite(rng, size)
     right = rng.standard_normal((size, 3))
     assert_allclose(solve(matrix, right), np.linalg.solve(matrix, right), atol=1e-10)
@@ -84,7 +85,7 @@ GROWING = np.array([[1.01, 1.0, 0.0], [0.0, 1.01, 1.0], [0.0, 0.0, 0.9]])
 @pytest.mark.parametrize("F", [DEFECTIVE, FORGETTING, GROWING])
 def test_defective_dynamics_run_as_sample_by_sample(F, samples):
     assert np.linalg.cond(np.linalg.eig(F)[1]) > WORST_MODES
-    pushes = np.random.default_rng(0).standard_normal((samples, 3))
+    pushes = default_rng(0).standard_normal((samples, 3))
     states = recursion(F, pushes, np.ones(3))
     expected = []
     state = np.ones(3)
@@ -95,7 +96,7 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
 
 
 def random_filter(seed, n=3, r=2, m=2, dt=0.02):
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     A = rng.standard_normal((n, n)) * 3 - 2 * np.eye(n)
     B = rng.standard_normal((n, r))
     C = np.eye(m, n)
@@ -108,7 +109,7 @@ def random_filter(seed, n=3, r=2, m=2, dt=0.02):
 def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     textbook = random_filter(seed)
     predictor = textbook.predictor
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     y = rng.standard_normal((40, 2))
     u = rng.standard_normal((40, 2))
     corrected, ahead = textbook.corrected(u, y)
@@ -189,7 +190,7 @@ def test_precision_is_the_inverse_in_any_unit_of_time(order, s):
 
 
 def random_gaussian_model(seed, n, k, m, radius=0.9):
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     A = rng.standard_normal((n, n))
     A *= radius / abs(np.linalg.eigvals(A)).max()
     roots = rng.standard_normal((n, n)), rng.standard_normal((m, m))
@@ -247,7 +248,7 @@ def joint(model, start, inputs, outputs, spread=None):
 def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(kalman, "STEADY", stands_still)
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         model = random_gaussian_model(seed, n, k, m, radius)
         start, inputs, outputs = (
             rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m))
@@ -267,7 +268,7 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
 @pytest.mark.parametrize("radius", [0.5, 0.999, 1.2])
 def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     """Of stable and unstable systems, with correlated noises and nearly exact measurements."""
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     A = rng.standard_normal((4, 4))
     A *= radius / abs(np.linalg.eigvals(A)).max()
     C = rng.standard_normal((2, 4))

@@ -7,6 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from numpy.random import Generator, default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from recorded_flights import shared
@@ -224,7 +225,7 @@ def fed(bands: ErrorBands, errors: np.ndarray, block: int = 10) -> np.ndarray:
 
 
 def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
-    errors = np.random.default_rng(0).standard_normal(3000)
+    errors = default_rng(0).standard_normal(3000)
     errors[1000:1200] *= 1e6
     half = fed(ErrorBands(1, 1, DT), errors)
     assert half[1000:].max() < 20
@@ -271,18 +272,18 @@ def test_a_new_model_brings_the_past_of_its_own_free_energy():
 
 
 def test_surprise_is_in_units_of_the_lowest_twentieth():
-    surprise = Surprise(DT, np.random.default_rng(0).standard_normal(10_000))
+    surprise = Surprise(DT, default_rng(0).standard_normal(10_000))
     assert surprise.add(norm.ppf(0.05)) == approx(1.0, abs=0.15)
     assert surprise.add(2.0) < 0
     # After a free energy that did not vary a drop is still a number.
     assert 1e6 < Surprise(DT, np.full(300, 5.0)).add(-1e5) < np.inf
     # A failure that lasts does not hide the next.
-    values = np.random.default_rng(0).standard_normal(1400)
+    values = default_rng(0).standard_normal(1400)
     values[1000:1200] -= 1e4
     assert Surprise(DT, values).add(-1e4) > 1e3
 
 
-def surprises(rng: np.random.Generator, seconds: float, alike: int = 10) -> np.ndarray:
+def surprises(rng: Generator, seconds: float, alike: int = 10) -> np.ndarray:
     """Of F(t) with a long lower tail, ``alike`` for so many samples, in the unit of surprise."""
     low = rng.gamma(1.0, size=round(seconds / DT / alike)).repeat(alike)
     return (low - np.log(2.0)) / (np.log(20.0) - np.log(2.0))
@@ -296,7 +297,7 @@ def marked(marks: AnomalyMarks, surprise: np.ndarray) -> np.ndarray:
 def test_marks_without_a_change_are_as_rare_as_stated():
     """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for two hours; four deviations of what is expected."""
     for size, alike in ((0.0, 10), (15.0, 10), (0.0, 100)):
-        surprise = surprises(np.random.default_rng(1), 7200.0, alike)
+        surprise = surprises(default_rng(1), 7200.0, alike)
         for start in range(0, len(surprise), 600):
             surprise[start : start + 30] += size
         expected = 7200.0 / FALSE_MARK_SECONDS
@@ -304,7 +305,7 @@ def test_marks_without_a_change_are_as_rare_as_stated():
 
 
 def test_a_change_is_marked_promptly_and_so_is_the_next():
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     surprise = surprises(rng, 120.0)
     failures = np.array([40.0, 80.0])
     for at in failures:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 from scipy.fft import rfft
@@ -58,7 +59,7 @@ def flown(
 
     The last samples have motors that are ``commanded`` (H, 4), whatever the vehicle does.
     """
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
     angle = rate = torque = drift = 0.0
     keeps = float(np.exp(-DT / FINE / 0.5))
@@ -119,7 +120,7 @@ def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, e
 @pytest.mark.parametrize("wind", WINDS, ids=["turbulence", "turbulence and gusts", "gusts"])
 def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind):
     model = Parameters(np.ones(1), 0.1, wind, least_noise=0.0)
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     samples = 4000
     theta = model.prior[0].copy()
     theta[0], theta[2] = np.log(3.0), np.log(1.5)
@@ -149,7 +150,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
 
 
 def test_convolution_with_responses_is_the_recursion_step_by_step():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     step = 0.4 * rng.standard_normal((2, 3, 3))
     gains = rng.standard_normal((2, 3, 2))
     inputs = rng.standard_normal((2, 2, 4, 30))
@@ -174,7 +175,7 @@ def test_commands_act_as_late_as_they_are(steps):
 @pytest.mark.parametrize("delay", [0.0, 0.003, 0.014])
 def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
     """White noise in the commands, of which all or nothing answers the rate at the same sample."""
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     model = Parameters(np.ones(1), 0.1, WINDS[0], least_noise=0.0)
     theta = model.prior[0].copy()
     at = 150
@@ -195,7 +196,7 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
 
 @pytest.mark.parametrize("gain", [0.0, 3.0])
 def test_what_answers_a_sample_is_found(gain):
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     rate = np.cumsum(rng.standard_normal((3, 600)), axis=1)
     new = np.diff(rate, axis=1, prepend=0.0)
     slow = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
@@ -373,7 +374,7 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
     record = Record.of(flown(0, steering=0.5))
     flights = 400
     variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     fine = 10
     step = DT / fine
     keeps = np.exp(-step / 0.5)

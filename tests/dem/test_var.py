@@ -3,6 +3,7 @@
 from itertools import product
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 
 from mavdem.dem.forecast.var import (
@@ -24,7 +25,7 @@ CHANNELS = OUTPUTS + INPUTS
 
 
 def model(scale: float = 0.12, seed: int = 0) -> Var:
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     root = rng.standard_normal((CHANNELS, CHANNELS))
     return Var(
         coefficients=scale * rng.standard_normal((LAGS, CHANNELS, CHANNELS)),
@@ -35,7 +36,7 @@ def model(scale: float = 0.12, seed: int = 0) -> Var:
 
 
 def run(true: Var, samples: int, seed: int = 1) -> np.ndarray:
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     root = np.linalg.cholesky(true.covariance)
     channels = np.zeros((samples, CHANNELS))
     for t in range(true.lags, samples):
@@ -127,7 +128,7 @@ def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_la
     mixed = samples[:, 2:4] @ [[1.0], [-1.0]]
     more = np.hstack([samples, constant, copy, mixed])
     found, _ = fitted([more])
-    ahead = np.random.default_rng(3).standard_normal((40, INPUTS))
+    ahead = default_rng(3).standard_normal((40, INPUTS))
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], ahead[:, :2] @ [[1.0], [-1.0]]])
     for smooth in (False, True):
         expected = plain.infer(samples[-LAGS:], ahead, smooth)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 from scipy.stats import binom
@@ -58,7 +59,7 @@ def flown(
     seed: int, samples: int, known: Parameters, steady: float = 0.0
 ) -> tuple[Flight, np.ndarray]:
     """A flight of exactly that plant, whose controller answers what it measures; and the wind's torque (T,)."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     of = plant(known.damping, known.lag, known.components, DT)
     root = root_of(of.process)
     state = np.zeros(len(of.wind))
@@ -86,7 +87,7 @@ def flown(
     "components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123"
 )
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     commanded = rng.standard_normal(90)
     rate = 0.2 * rng.standard_normal(90)
     noise = 0.02
@@ -159,7 +160,7 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
 
 
 def turbulent(seed: int, samples: int) -> np.ndarray:
-    return gaussian_noise(0.05, DT, samples, np.random.default_rng(seed))
+    return gaussian_noise(0.05, DT, samples, default_rng(seed))
 
 
 def record_of(samples: int) -> Record:

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from scipy.stats import wilcoxon
@@ -16,7 +17,7 @@ from mavdem.evaluate.scores import KNOWN, Scores
 from mavdem.evaluate.window import Window, disjoint, windows
 from mavdem.facts.forecasts import TestResult
 
-RNG = np.random.default_rng(0)
+RNG = default_rng(0)
 WALK = RNG.standard_normal((850, 2)).cumsum(axis=0) * [1, 10]
 FLIGHT = Flight(0.01 * np.arange(850), RNG.standard_normal((850, 2)), WALK)
 TRAIN = FLIGHT[:700]
@@ -101,7 +102,7 @@ def test_windows_that_overlap_are_not_tested_together():
 
 
 def test_the_test_is_wilcoxons_on_log_ratios():
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     ours, theirs = rng.lognormal(size=(2, 15))
     found = paired(ours, theirs, overlapping(15))
     assert found.p_value == wilcoxon(np.log(ours / theirs)[::2]).pvalue

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fleet_rows import flight_row
+from numpy.random import Generator, default_rng
 from pytest import approx
 
 from mavdem.documents import whole
@@ -31,13 +32,13 @@ EFFECTS = np.array([-40.0, 40.0, 41.0, -39.0])
 
 
 def flight(
-    number: int, rng: np.random.Generator | None = None, share=0.0, effect=0.0, motor=2, **changed
+    number: int, rng: Generator | None = None, share=0.0, effect=0.0, motor=2, **changed
 ) -> list[FlightRow]:
     """A flight of two axes whose errors have the size that its intervals say, and flights differ as assumed.
 
     The motor's share is larger by ``share``, and its effect by the factor 1 + ``effect``.
     """
-    rng = rng or np.random.default_rng(number)
+    rng = rng or default_rng(number)
     own = np.eye(4)[motor]
     half = 0.01
     shares = (
@@ -70,13 +71,13 @@ def flight(
 
 
 def state(numbers, seed=0, **changed):
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     return [row for number in numbers for row in flight(number, rng, **changed)]
 
 
 @pytest.mark.slow
 def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     pairs = 150
     changed = sum(
         bool(vehicle_difference(flight(0, rng), flight(1, rng)).of(Outcome.CHANGED))

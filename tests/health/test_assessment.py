@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 from frames import geometry
+from numpy.random import default_rng
 from pytest import approx
 
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
@@ -44,7 +45,7 @@ class MadeUpVehicle:
     """Flights differ by ``scatter`` in the balance on each axis, and lean by 3° and more in the wind of their day."""
 
     def __init__(self, seed, scatter=0.008, motors=MOTORS):
-        self.rng = np.random.default_rng(seed)
+        self.rng = default_rng(seed)
         self.scatter = scatter
         self.motors = motors
         self.flown = 0

@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 from frames import geometry
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 from recorded_flights import shared
@@ -39,7 +40,7 @@ def gusts(rng, samples):
 
 
 def flown(seed, seconds=60.0, noise=0.02):
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     time = np.arange(0.0, seconds, 0.02)
     lean = np.array([0.05, -0.03]) + gusts(rng, len(time))
     balance = MEAN + (lean - lean.mean(axis=0)) @ EFFECT.T

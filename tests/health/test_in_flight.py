@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from frames import FRAMES, geometry
+from numpy.random import default_rng
 from pytest import approx
 from scipy.signal import lfilter
 
@@ -34,7 +35,7 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
     """Times (N,) and commands (N, k) of a sound vehicle in wind, about 0.6 of the range."""
     time = np.arange(round(seconds * RATE)) / RATE + 100.0
     keeps = np.exp(-1 / (RATE * coloured_by))
-    draws = np.random.default_rng(seed).standard_normal((len(time), 4))
+    draws = default_rng(seed).standard_normal((len(time), 4))
     noise = lfilter([np.sqrt(1 - keeps**2)], [1.0, -keeps], draws, axis=0)
     return time, 0.6 * (1 + sd * noise @ MIXERS[motors].T)
 
@@ -200,7 +201,7 @@ def watched(rise, rate=10.0, watch=None, begins=0.0, **known):
     """The watch of a flight in which motors' commands rise (4,) at 25 s."""
     watch = watch or MotorWatch(geometry(**known))
     time = np.arange(0.0, 45.0, 1 / rate)
-    noise = np.random.default_rng(2).normal(scale=0.004, size=(len(time), 4))
+    noise = default_rng(2).normal(scale=0.004, size=(len(time), 4))
     for at, row in zip(time.tolist(), 0.5 + noise + 0.5 * np.outer(time > 25.0, rise), strict=True):
         watch.take(begins + at, row)
     return watch
@@ -218,7 +219,7 @@ def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
 
 def test_a_bad_link_hides_no_fault_and_no_recovery():
     """A fifth is lost, a tenth doubled or overtaken, and every 25 s it is silent for 2.5 s."""
-    draw = np.random.default_rng(8)
+    draw = default_rng(8)
     time, commands = flight(6, 70.0, 0.005)
     commands[(time >= 120.0) & (time < 145.0)] *= [1.2, 1.0, 1.0, 1.0]
     kept = np.flatnonzero((draw.random(len(time)) > 0.2) & ((time - 100.0) % 27.5 < 25.0))

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from pytest import approx
 
 from mavdem.facts.session import Session
@@ -14,7 +15,7 @@ DT = 0.02
 
 @pytest.mark.parametrize("changed", [False, True])
 def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
-    torque = np.random.default_rng(1).uniform(-1.0, 1.0, size=2500)
+    torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
     torque[1600:1625] = 20.0
     torque[1625:1690] = np.where(changed, np.nan, torque[1625:1690])  # as after a motor's alarm
     live = LiveGusts(DT)

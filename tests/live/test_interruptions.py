@@ -7,6 +7,7 @@ import pytest
 from hover import Hover
 from live_hover import Flight, Replay, Timed, differences, offline, replay
 from mavlink_streams import message
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 
@@ -76,7 +77,7 @@ def test_another_rate_in_flight_decides_the_step_anew():
 
 def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     """200 Hz asked of a loop of 4 ms: steps of 4, 8 and 12 ms come, of 8.5 ms in the mean."""
-    steps = np.random.default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
+    steps = default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
     fast = Flight(hover=FLIGHT.hover, attitude=250.0, motors=250.0).frames(end=18.0)
     sent = set(np.cumsum(steps).tolist())
     frames = [

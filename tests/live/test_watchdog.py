@@ -10,6 +10,7 @@ import pytest
 from hover import Hover
 from live_hover import Flight, replay
 from mavlink_streams import message
+from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import shared
 from rich.console import Console
@@ -194,7 +195,7 @@ def test_what_is_kept_is_bounded():
 def test_a_recorded_limit_cycle_is_said_at_once(damaged):
     """A fifth of the messages lost, a twentieth overtaken."""
     path = shared("sitl_loops/ap_t_hot.tlog.xz")
-    draw = np.random.default_rng(3)
+    draw = default_rng(3)
     frames = [frame for _, frame in read_stream(path).stamped_frames()][:12000]
     if damaged:
         frames = [frame for frame in frames if draw.random() > 0.2]
@@ -214,7 +215,7 @@ def test_a_recorded_limit_cycle_is_said_at_once(damaged):
 @pytest.mark.slow
 def test_a_bad_link_hides_no_weak_motor():
     """A fifth lost, a twentieth doubled, one overtaken, and 2.5 s of silence every 25 s."""
-    draw = np.random.default_rng(2)
+    draw = default_rng(2)
     stamped = list(read_stream(shared("sitl_loops/ap_motor.tlog.xz")).stamped_frames())
     first = stamped[0][0]
     kept = [

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from dem_posterior import Embedding, generative_model, roll
 from joint_gaussian import ParameterPrior
+from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL, half_width
@@ -43,7 +44,7 @@ def coverage():
     model = replace(model, prior=model.prior._replace(lambda_precision=of_noise))
     inside = []
     for seed in range(SYSTEMS):
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         truth = axis.at(VEHICLE + SPREAD * rng.standard_normal(3))
         data = independent_samples(truth, rng)
         belief = ascend(model, SufficientStatistics.of(data), ITERATIONS).belief

@@ -1,6 +1,7 @@
 """Flights of random systems of known order, with smooth inputs."""
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 from scipy.signal import lsim
@@ -31,7 +32,7 @@ def random_flight(order, channels, seed):
     """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise."""
     samples = 1000
     dt = 0.05
-    rng = np.random.default_rng([order, channels, seed])
+    rng = default_rng([order, channels, seed])
     A, B, C = random_system(order, channels, rng)
     step = dt / SUBSTEPS
     number = (samples + WARM_UP_SAMPLES) * SUBSTEPS

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click import Command, Context
+from numpy.random import default_rng
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
@@ -40,7 +41,7 @@ def holds(checks):
 
 def noises(draw, colour):
     """Five series of 1000 values, white where ``colour`` is 0, else of that kernel width in samples."""
-    series = [draw(np.random.default_rng(seed)) for seed in range(5)]
+    series = [draw(default_rng(seed)) for seed in range(5)]
     return [
         noise.analyse_noise(gaussian_filter1d(one, colour) if colour else one, overlap=3)
         for one in series

@@ -3,6 +3,7 @@
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
+from numpy.random import default_rng
 
 from mavdem.fleet.row import FlightRow
 
@@ -52,7 +53,7 @@ def flight_row(vehicle, number, axis="roll", **changed):
 
 def fleet_rows(flights, seed=1):
     """So many flights of two axes each of five vehicles, of which the second has a fault at its end; 3 refused logs."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     rows = []
     for number in range(flights):
         vehicle = number % 5

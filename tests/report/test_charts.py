@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import control
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 
@@ -97,7 +98,7 @@ def response():
 
 def spectrum(name):
     frequency = np.linspace(0, 500, 513)
-    density = np.random.default_rng(1).random((40, 3, 513)) + 100 * (abs(frequency - 140) < 5)
+    density = default_rng(1).random((40, 3, 513)) + 100 * (abs(frequency - 140) < 5)
     time = np.arange(40.0)
     return Spectrum(name, "rad/s", "GYR", frequency, time, density, 0.4 + time / 100, time + 50)
 
@@ -219,7 +220,7 @@ def test_the_physical_response_begins_at_effect_over_damping_and_turns_by_its_de
 
 
 def test_a_correlation_is_found_at_its_lag():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     noise = rng.standard_normal(5000)
     values = correlation(noise, np.roll(noise, 7) + rng.standard_normal(5000), 20)
     assert values.argmax() == 7 and values[7] == approx(0.5**0.5, abs=0.03)

@@ -4,6 +4,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
@@ -11,9 +12,7 @@ from mavdem.report.screen import detail_blocks, poles_of
 
 pytestmark = pytest.mark.slow
 DT = 0.01
-MOTORS = 1500 + 50 * gaussian_filter1d(
-    np.random.default_rng(0).standard_normal((500, 2)), 6, axis=0
-)
+MOTORS = 1500 + 50 * gaussian_filter1d(default_rng(0).standard_normal((500, 2)), 6, axis=0)
 RATE = np.cumsum((MOTORS - 1500) @ [0.02, -0.02]) * DT
 NAMES = {
     "input_units": ("µs", "µs"),

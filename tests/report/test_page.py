@@ -10,6 +10,7 @@ import pytest
 from browser import FITS, HOSTILE, shown
 from live_rows import flown
 from made_up_analysis import assessment, physical
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 
@@ -63,7 +64,7 @@ class Balanced(HTMLParser):
 
 def page(name="flight.tlog"):
     time = np.linspace(0, 60, 20_000)
-    values = np.sin(time) + 0.1 * np.random.default_rng(1).normal(size=len(time))
+    values = np.sin(time) + 0.1 * default_rng(1).normal(size=len(time))
     lines = (Line(name, PREDICTED, time, values, values - 0.3, values + 0.3),)
     charts = [Chart(name, TIME, Axis(name), lines, (0.0,), (Mark(3.0, name),)) for _ in range(2)]
     group = Group.of(charts, name)

@@ -4,6 +4,7 @@ from math import radians
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 
@@ -36,7 +37,7 @@ def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
 
 
 def sensed(sensors, states):
-    sensing = Sensing(sensors, CYCLE, np.random.default_rng(0))
+    sensing = Sensing(sensors, CYCLE, default_rng(0))
     return [sensing.estimate(state) for state in states]
 
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from pytest import approx
 
 from mavdem.condition.loop.filters import gyro_response
@@ -73,7 +74,7 @@ def test_the_mixers_leave_demands_alone_that_fit(mix):
 
 @pytest.mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
 def test_the_mixers_do_not_climb_to_turn(mix):
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     for demands in rng.uniform((-1, -1, -1, 0.1), 1, (200, 4)).tolist():
         thrusts = np.array(mix(HALVES, tuple(demands)))
         assert thrusts.min() > -1e-9 and thrusts.max() < 1 + 1e-9

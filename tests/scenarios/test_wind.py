@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.typing import NDArray
 from pytest import approx
 from scipy.integrate import quad
@@ -190,7 +191,7 @@ MODELS = {
 
 
 def drawn(draw, dt):
-    return np.array([draw(dt, SAMPLES, np.random.default_rng([0, i])) for i in range(SERIES)])
+    return np.array([draw(dt, SAMPLES, default_rng([0, i])) for i in range(SERIES)])
 
 
 @pytest.mark.slow

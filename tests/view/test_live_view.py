@@ -16,6 +16,7 @@ import numpy as np
 import psutil
 import pytest
 import rerun as rr
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
 from refusals import prose
@@ -50,12 +51,12 @@ LATE = 0.04  # Seconds from the centre of a window to its end
 
 def model(seed):
     sizes = (3, 3), (3, 4), (2, 3), (3,), (4,), (2,)
-    return LinearModel(*(np.random.default_rng(seed).uniform(0.1, 1.0, size) for size in sizes))
+    return LinearModel(*(default_rng(seed).uniform(0.1, 1.0, size) for size in sizes))
 
 
 def estimate(i, time):
     """All its numbers differ, and differ from those of other samples."""
-    rng = np.random.default_rng(i)
+    rng = default_rng(i)
     return Estimate(
         time=time,
         seen=time - LATE,
@@ -78,8 +79,8 @@ def estimate(i, time):
 
 MODELS = [model(seed) for seed in range(40)]
 TIME = 50.0 + DT * np.arange(300)
-OUTPUTS = np.random.default_rng(1).normal(size=(300, 2))
-INPUTS = np.random.default_rng(2).uniform(1000, 2000, size=(300, 4))
+OUTPUTS = default_rng(1).normal(size=(300, 2))
+INPUTS = default_rng(2).uniform(1000, 2000, size=(300, 4))
 ESTIMATES = [None if i < 20 else estimate(i, t) for i, t in enumerate(TIME)]
 TOLD = ESTIMATES[20:]
 WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))

@@ -22,6 +22,7 @@ import click
 import numpy as np
 import pandas as pd
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show, telemetry_of
+from numpy.random import default_rng
 
 import mavdem.live.session
 from mavdem.alignment.phases import settled
@@ -52,7 +53,7 @@ SHIFT = (0.05, 0.14)  # of the arm
 def scenario(kind: str, number: int, rate: float) -> Scenario:
     """The flight of a kind and number, its motors at ``rate``, Hz."""
     kind_number = list(KINDS).index(kind)
-    rng = np.random.default_rng([kind_number, number])
+    rng = default_rng([kind_number, number])
     length, flights = (200.0, 3) if kind == SOUND else (50.0, 1)
     values = drawn(TABLES["alarms"], rng) | {"seed": number, "duration": length, "flights": flights}
     if kind != HOVER:

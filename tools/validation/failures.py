@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
+from numpy.random import default_rng
 
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.ending import ending_of
@@ -50,7 +51,7 @@ def to_the_ground(flight: Scenario, begin: float) -> tuple[Motion, bool]:
 
 def judged(number: int) -> list[Values]:
     """A row: what the flight of that number was, what was said of it, and how right that is."""
-    rng = np.random.default_rng([41, number])
+    rng = default_rng([41, number])
     values = drawn(TABLES["failures"], rng) | {"seed": number}
     kept = NOTHING_LEFT if rng.random() < 0.5 else rng.uniform(0.3, 0.7)
     begin = rng.uniform(18.0, 22.0)

@@ -9,6 +9,7 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
@@ -38,7 +39,7 @@ def command(usage: str, **defaults: float) -> Callable[[Main], click.Command]:
     return made
 
 
-def drawn(table: Any, rng: np.random.Generator) -> Any:
+def drawn(table: Any, rng: Generator) -> Any:
     """The values of a table, where it has ranges and choices one of each."""
     match table:
         case {"from": low, "to": high}:

@@ -20,6 +20,7 @@ import click
 import numpy as np
 import pandas as pd
 from flights import JOBS, Values, rows_of, share, show
+from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 from physical import Case, scenario, varied
 
@@ -66,7 +67,7 @@ Truth = dict[str, dict[str, float]]
 """Figures by axis and name."""
 
 
-def drawn(seed: int, rng: np.random.Generator) -> Scenario:
+def drawn(seed: int, rng: Generator) -> Scenario:
     """Draws a scenario whose gains have the proportions of the autopilot's defaults, and margins that are drawn."""
 
     def one(name: str) -> float:
@@ -153,7 +154,7 @@ def flown(seed: int, cache: Path) -> Path:
     if (folder / "truth.json").exists():
         return folder
     folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     limited = np.ones(1)
     while limited.mean() > AT_LIMIT:
         of = drawn(seed, rng)

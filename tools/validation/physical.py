@@ -20,6 +20,7 @@ import click
 import numpy as np
 import pandas as pd
 from flights import TABLES, Values, command, flight_of, rows_of, share, show
+from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from mavdem import Flight
@@ -59,7 +60,7 @@ class Case(NamedTuple):
 
 def cases(seed: int, every: int = 1) -> list[Case]:
     """Every vehicle in every wind with every steering, or one of ``every`` so many drawn by seed."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     places = list(product(TABLES["scales"]["wind"], FLOWN["winds"]))
     kept = len(places) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
@@ -77,7 +78,7 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     return bank
 
 
-def varied(rng: np.random.Generator) -> dict[str, float]:
+def varied(rng: Generator) -> dict[str, float]:
     """Thrust curve, lag, inertia and battery that are not the published ones."""
     up = float(rng.uniform(0.015, 0.06))
     return {

@@ -11,6 +11,7 @@ Usage: tools/validation/propellers.py [--flights 40]
 import numpy as np
 import pandas as pd
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show
+from numpy.random import default_rng
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment.drive import MotorGeometry
@@ -34,7 +35,7 @@ def judged(case: tuple[str, int]) -> list[Values]:
     """A row: the balance of a flight of a kind, in conditions of its own, and the motor that is at fault."""
     kind, number = case
     kind_number = KINDS.index(kind)
-    rng = np.random.default_rng([20, kind_number, number])
+    rng = default_rng([20, kind_number, number])
     motor = int(rng.integers(1, 5))
     values = drawn(TABLES["propellers"], rng) | {"seed": int(rng.integers(1 << 30))}
     if kind in THRUSTS:
@@ -68,7 +69,7 @@ def main(flights: int, jobs: int) -> None:
     found = []
     for flight in flown.itertuples():
         for draw in range(DRAWS):
-            rng = np.random.default_rng([flight.number, draw])
+            rng = default_rng([flight.number, draw])
             order = rng.permutation(flights)
             others = order[order != flight.number]
             baseline = healthy.iloc[others[:3]].tolist()

@@ -10,6 +10,7 @@ Usage: tools/validation/step_response.py [--flights N] [--first N] [--jobs N]
 
 import numpy as np
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
+from numpy.random import default_rng
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import settled_parts
@@ -22,7 +23,7 @@ from sitl_scenarios.truth import truth
 
 def judged(number: int) -> list[Values]:
     """A row of the rate and one of the attitude loop of roll, in the flight of that number."""
-    rng = np.random.default_rng([43, number])
+    rng = default_rng([43, number])
     values = drawn(TABLES["step_response"], rng) | {"seed": number}
     flight = flight_of(values, "ATTITUDE_TARGET")
     motion = fly(flight)

@@ -17,6 +17,7 @@ import click
 import numpy as np
 from click.testing import CliRunner
 from flights import JOBS, TABLES, Values, drawn, flight_of, rows_of, show
+from numpy.random import default_rng
 from scipy.signal import spectrogram
 
 from mavdem.alignment.read import choose_vehicle
@@ -38,7 +39,7 @@ FILTERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
 
 def vehicle(seed: int, number: int) -> Scenario:
     """Returns a flight of a vehicle of its own, all axes excited."""
-    rng = np.random.default_rng([seed, number])
+    rng = default_rng([seed, number])
     values = drawn(TABLES["twin"], rng) | {"seed": number}
     known = load("iris_identification").model_dump(mode="json")
     name = FILTERS[values["stream"]["autopilot"]]

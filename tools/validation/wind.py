@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pandas as pd
 from flights import TABLES, Values, command, drawn, rows_of, share, show
+from numpy.random import Generator, default_rng
 
 from mavdem import Drag, wind
 from mavdem.condition.wind_velocity import coming_from
@@ -29,7 +30,7 @@ SHARES = ("speed inside", "direction inside", "band")
 COUNTS = ("speed reported", "speed right", "direction reported", "direction right")
 
 
-def scenario(name: str, vehicle: Values, rng: np.random.Generator) -> Scenario:
+def scenario(name: str, vehicle: Values, rng: Generator) -> Scenario:
     """A scenario with another vehicle, in other wind."""
     values = load(f"wind_{name}").model_dump(mode="json") | {"vehicle": vehicle}
     factor = rng.uniform(0.4, 1.7)
@@ -81,7 +82,7 @@ def judged(case: tuple[int, str], seed: int) -> list[Values]:
     """Rows of the flights of one vehicle."""
     number, name = case
     name_number = NAMES.index(name)
-    rng = np.random.default_rng([seed, number, name_number])
+    rng = default_rng([seed, number, name_number])
     lowest = np.log([0.12, 0.003])
     highest = np.log([0.7, 0.04])
     linear, quadratic = np.exp(rng.uniform(lowest, highest))

@@ -17,6 +17,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
@@ -396,7 +397,7 @@ def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
 
 def drawn(mean: Array, covariance: Array, number: int) -> Array:
     """Returns a ``number`` of Gaussian draws whose own ``mean`` and ``covariance`` are these; the same every time."""
-    half = np.linalg.qr(np.random.default_rng(1).standard_normal((number // 2, len(mean))))[
-        0
-    ] * np.sqrt(number / 2)
+    half = np.linalg.qr(default_rng(1).standard_normal((number // 2, len(mean))))[0] * np.sqrt(
+        number / 2
+    )
     return np.asarray(mean + np.vstack([half, -half]) @ np.linalg.cholesky(covariance).T)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
 
 from mavdem.confidence import LEVEL, SURE_DEVIATIONS, Interval, half_width
 from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
@@ -112,7 +113,7 @@ class Physical(NamedTuple):
         theta = np.array([*self.effect, self.damping, self.lag, self.delay])
         # it may be singular
         values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         spread = vectors * np.sqrt(values.clip(0))
         drawn = theta + rng.standard_normal((number, len(theta))) @ spread.T
         drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
