@@ -2,16 +2,12 @@
 
 import json
 import sys
-from pathlib import Path
 
 from mavdem.cli.commands import main
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
 # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 PATIENCE = 300.0
-LOGS = Path(__file__).parents[1] / "logs"
-FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
-SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
 def strict_json(text):

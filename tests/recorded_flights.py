@@ -8,6 +8,8 @@ import pytest
 from mavdem.ingest import read_log
 
 LOGS = Path(__file__).parents[1] / "logs"
+FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
+SLOW = LOGS / "ardupilot_default_rates.tlog"
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[2] / "shared/data"))
 
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded_flights import FLIGHT
 from simulated import simulated
 
 import mavdem
@@ -210,7 +211,6 @@ def test_arguments_and_attributes_are_mentioned():
     } == {}
 
 
-LOG = Path(__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog"
 ROOMS = ("", "baselines", "dem", "evaluate", "ingest")
 """Modules whose public names may have examples; ``mavdem`` itself first."""
 
@@ -241,7 +241,7 @@ def learned():
 def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
     """In a folder with a log, ``flight.tlog``; of a method of ``Learned``, on ``learned``, of 700 samples."""
     monkeypatch.chdir(tmp_path)
-    os.symlink(LOG, "flight.tlog")
+    os.symlink(FLIGHT, "flight.tlog")
     test = EXAMPLES[name]
     if any("train" in example.source for example in test.examples):
         test.globs |= {"train": simulated(wind=1.0)[:300], "test": simulated(wind=1.0)[300:400]}
@@ -258,7 +258,7 @@ def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
     assert runner.run(test, out=said.append).failed == 0, "".join(said)
 
 
-NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ipynb"))
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
 def outputs(source, names):

@@ -1,7 +1,6 @@
 """The analysis of a log at each tier: what is learnt, what is withheld, and why."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from made_up_analysis import held_out
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
-from recorded_flights import LOGS, shared
+from recorded_flights import FLIGHT, LOGS, shared
 from simulated import simulated
 
 import mavdem
@@ -28,13 +27,11 @@ from mavdem.ingest.telemetry import selected
 from mavdem.report.blocks import text_of
 from mavdem.report.screen import analysis_blocks
 
-SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
-
 
 @pytest.fixture(scope="module")
 def slow():
     """A flight at 100 Hz as a link of 10 Hz would send it."""
-    whole = read_log(SAMPLE)
+    whole = read_log(FLIGHT)
     (vehicle,) = whole.vehicles
     streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
     messages = {
@@ -106,8 +103,7 @@ def test_every_log_says_something_or_why_not(name, tier):
     assert (found.condition.hover is not None) == (tier is not None)
 
 
-FLIGHT = LOGS / "px4_wind5_steps.tlog"
-SLOW = LOGS / "ardupilot_default_rates.tlog"
+PX4 = LOGS / "px4_wind5_steps.tlog"
 
 
 @pytest.mark.slow
@@ -133,11 +129,11 @@ def test_the_figures_of_a_model_put_the_best_first():
 
 @pytest.mark.slow
 def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it():
-    log = read_log(FLIGHT)
+    log = read_log(PX4)
     found = assess(log)
     axes = found.analysis.axes
     assert list(axes) == ["roll", "pitch", "yaw"]
-    alone = physical(mavdem.read_segments(FLIGHT, axis="yaw"))
+    alone = physical(mavdem.read_segments(PX4, axis="yaw"))
     assert_allclose(axes["yaw"].physical.effect, alone.effect)
     assert axes["yaw"].physical.status == alone.status
     pitch = found.with_axis("pitch").analyses["pitch"].learned

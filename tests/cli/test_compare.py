@@ -5,7 +5,8 @@ import multiprocessing
 
 import numpy as np
 import pytest
-from command_line import FLIGHT, SLOW, run, strict_json
+from command_line import run, strict_json
+from recorded_flights import FLIGHT, SLOW
 
 from mavdem import baselines
 from mavdem.evaluate.comparison import METHODS, Method

@@ -5,8 +5,9 @@ import json
 
 import numpy as np
 import pytest
-from command_line import FLIGHT, LOGS, refused, run
+from command_line import refused, run
 from pytest import approx
+from recorded_flights import FLIGHT, LOGS
 
 from mavdem import read_flight
 

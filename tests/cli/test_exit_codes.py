@@ -9,7 +9,8 @@ from unittest.mock import Mock
 
 import click
 import pytest
-from command_line import FLIGHT, LOGS, MAVDEM, PATIENCE, refused, run
+from command_line import MAVDEM, PATIENCE, refused, run
+from recorded_flights import FLIGHT, LOGS
 
 from mavdem import read_flight
 from mavdem.cli import commands as command_line

@@ -2,8 +2,9 @@
 
 import json
 
-from command_line import LOGS, run
+from command_line import run
 from pytest import approx
+from recorded_flights import LOGS
 
 
 def test_a_sample_flight_can_be_learnt_from(capsys):

@@ -6,9 +6,10 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from command_line import FLIGHT, SLOW, run, strict_json
+from command_line import run, strict_json
 from numpy.testing import assert_allclose
 from pytest import approx
+from recorded_flights import FLIGHT, SLOW
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model

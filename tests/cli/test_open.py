@@ -4,7 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from command_line import LOGS, PATIENCE, run
+from command_line import PATIENCE, run
+from recorded_flights import LOGS
 from rerun.chunk import RrdReader
 
 from mavdem.cli.open import INCOMPATIBLE, load

@@ -1,6 +1,7 @@
 """``mavdem review`` and ``mavdem LOG``: one screen, one document and a page for every log that can be read."""
 
-from command_line import LOGS, SLOW, run, strict_json
+from command_line import run, strict_json
+from recorded_flights import LOGS, SLOW
 
 import mavdem
 from mavdem.facts import Level

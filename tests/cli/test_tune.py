@@ -1,8 +1,8 @@
 """``mavdem tune``: margins and gains of a simulated flight, its files, and refusals."""
 
 import pytest
-from command_line import FLIGHT, SLOW, refused, run, strict_json
-from recorded_flights import shared
+from command_line import refused, run, strict_json
+from recorded_flights import FLIGHT, SLOW, shared
 
 
 @pytest.mark.slow

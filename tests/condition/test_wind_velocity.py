@@ -1,14 +1,13 @@
 """The wind in m/s: simulated flights with known drag, recorded ones beside an anemometer, and what is no flight."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hover import changed
 from numpy.random import default_rng
 from pytest import approx
-from recorded_flights import recorded, shared
+from recorded_flights import LOGS, recorded, shared
 
 import mavdem
 from mavdem.alignment.drive import Signal
@@ -25,8 +24,6 @@ from mavdem.ingest import read_log
 from mavdem.live.stream import LiveStream
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
-
-LOGS = Path(__file__).parents[2] / "logs"
 
 LINEAR = np.array([0.3, 0.24])
 QUADRATIC = np.array([0.01, 0.016])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from numpy.testing import assert_allclose, assert_array_equal
+from recorded_flights import FLIGHT
 from simulated import simulated
 
 import mavdem
@@ -17,12 +18,10 @@ from mavdem.export.conversion import columns, write_channels
 from mavdem.flight import Flight
 from mavdem.report.series import series_of
 
-LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
-
 
 @pytest.fixture(scope="module")
 def flight():
-    return mavdem.read_flight(LOG)
+    return mavdem.read_flight(FLIGHT)
 
 
 @pytest.fixture(scope="module")

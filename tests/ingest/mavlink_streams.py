@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
-from recorded_flights import SHARED
+from recorded_flights import LOGS, SHARED
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Code
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import Frames, concatenated, find_frames
 
-SAMPLES = Path(__file__).parents[2] / "logs"
 NOW = 1_700_000_000_000_000
 ANOTHER_FLIGHT_OF_THE_SAME = {
     "sitl_ardupilot": ("calm", "doublets", "gustmoment", "turb", "gusts"),
@@ -31,7 +30,7 @@ ANOTHER_FLIGHT_OF_THE_SAME = {
 
 def real_logs() -> list[Path]:
     """A telemetry log of every autopilot, link and recorder, as far as this machine has them."""
-    logs = [*SAMPLES.glob("*.tlog"), *SHARED.rglob("*.tlog")]
+    logs = [*LOGS.glob("*.tlog"), *SHARED.rglob("*.tlog")]
     alike = ANOTHER_FLIGHT_OF_THE_SAME
     return sorted(
         log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ()))

@@ -10,11 +10,12 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import NOW, SAMPLES, beginning, flight, heartbeat, refused, tlog
+from mavlink_streams import NOW, beginning, flight, heartbeat, refused, tlog
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_files import Recorder, converted, json_only, spoil
 from pytest import approx
+from recorded_flights import LOGS
 from ros2_files import TIMES as SHORT
 from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
 
@@ -28,7 +29,7 @@ from mavdem.ingest.tlog import write_tlog
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 COMPRESSIONS = list(CompressionType)
-SAMPLE_LOGS = sorted(SAMPLES.glob("*.tlog"))
+SAMPLE_LOGS = sorted(LOGS.glob("*.tlog"))
 
 
 def assert_same(one: Log, other: Log, unknown: frozenset[str]) -> None:

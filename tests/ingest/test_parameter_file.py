@@ -1,7 +1,8 @@
 """Parameter files of QGroundControl and Mission Planner, and what a log takes of them."""
 
 import pytest
-from command_line import FLIGHT, refused
+from command_line import refused
+from recorded_flights import FLIGHT
 
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Source

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 from live_hover import Flight, Timed, cut, differences, offline, replay
-from mavlink_streams import SAMPLES, SHARED
 from numpy.testing import assert_array_equal
-from recorded_flights import shared
+from recorded_flights import LOGS, SHARED, shared
 
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
@@ -21,7 +20,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.stream import REVIEW_SECONDS
 
 RECORDED = (
-    sorted(SAMPLES.glob("*.tlog"))
+    sorted(LOGS.glob("*.tlog"))
     + sorted(SHARED.glob("sitl_*/*.tlog"))
     + sorted(SHARED.glob("logs/*.tlog"))
 )
@@ -166,7 +165,7 @@ def hold_against_offline(path, vehicle: str | None = None) -> None:
     [
         path
         for path in RECORDED
-        if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER) or path.parent == SAMPLES
+        if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER) or path.parent == LOGS
     ],
     ids=lambda path: path.stem,
 )

@@ -4,7 +4,6 @@ import html
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import groupby
-from pathlib import Path
 from typing import Any, Self
 from unittest.mock import Mock
 
@@ -15,6 +14,7 @@ from mavlink_streams import message
 from numpy.testing import assert_allclose, assert_array_equal
 from pymavlink.dialects.v20 import all as dialect
 from pytest import approx
+from recorded_flights import FLIGHT
 
 import mavdem
 from mavdem.dem import Estimate, Settings
@@ -37,9 +37,8 @@ from mavdem.report.numbers import plus_minus
 from sitl_scenarios.files import load, scenario_of
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
-LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
-FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(LOG).stamped_frames()]
+FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(FLIGHT).stamped_frames()]
 FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]))
 """Of ATTITUDE; the parameters come before."""
 
@@ -129,7 +128,7 @@ def run(one: LiveSession) -> None:
 def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     one, screen, _ = session_of(batches(12.0))
     run(one)
-    flight = mavdem.read_flight(LOG)
+    flight = mavdem.read_flight(FLIGHT)
     learnt = one.learner._memory.record()
     (row,) = np.flatnonzero(np.all(flight.outputs == learnt.outputs[0], axis=1))
     same = slice(row, row + len(learnt.outputs))
@@ -234,7 +233,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     one, *_ = session_of(batches(8.0))
     run(one)
-    late = mavdem.read_flight(LOG)[2000:4000]
+    late = mavdem.read_flight(FLIGHT)[2000:4000]
     known = mavdem.learn(late, COMPLETE).physical
     # As fitted in flight, to more than the model's own samples.
     one._estimate = one._estimate._replace(physical=known)

@@ -4,7 +4,6 @@ import subprocess
 import sys
 from base64 import b64decode
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import control
@@ -13,6 +12,7 @@ import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
+from recorded_flights import FLIGHT
 
 import mavdem
 from mavdem.analysis.residuals import correlation
@@ -33,7 +33,6 @@ from mavdem.report.flight_page import responses_chapter
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.systems import model_response, plant_response
 
-LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
 GAINS = {
     f"MC_ROLLRATE_{name}": value
@@ -140,7 +139,7 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
 def test_no_command_that_writes_a_page_loads_matplotlib(tmp_path):
     said = (
         "import sys, mavdem\nfrom mavdem.cli.commands import main\n"
-        f"main(['review', {str(LOG)!r}, '--out', {str(tmp_path / 'out')!r}])\n"
+        f"main(['review', {str(FLIGHT)!r}, '--out', {str(tmp_path / 'out')!r}])\n"
         "import mavdem.serve.app\nsys.exit('matplotlib' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", said], capture_output=True).returncode == 0
@@ -149,7 +148,7 @@ def test_no_command_that_writes_a_page_loads_matplotlib(tmp_path):
 
 @pytest.fixture(scope="module")
 def flight():
-    return mavdem.read_flight(LOG)[:1200]
+    return mavdem.read_flight(FLIGHT)[:1200]
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +183,7 @@ def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
 @pytest.mark.slow
 def test_a_forecast_is_drawn_in_degrees(flight, learned):
     held = held_out_windows([flight], SETTINGS)
-    after = mavdem.read_flight(LOG)[1200:1300]
+    after = mavdem.read_flight(FLIGHT)[1200:1300]
     (chart,) = model_charts.forecast(held_out_test(flight, after, learned), Labels.of(learned), 1)
     assert chart.y.label == "roll rate, °/s"
     assert_allclose(chart.lines[0].y, np.degrees(after.outputs[:, 1]))

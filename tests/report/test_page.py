@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from made_up_analysis import assessment, physical
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
+from recorded_flights import FLIGHT
 
 from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
@@ -30,7 +30,6 @@ from mavdem.report.palette import PREDICTED
 from mavdem.report.screen import analysis_blocks
 from mavdem.report.timeline import live_timeline
 
-LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 NAME = f"{HOSTILE}.tlog"
 VOID = {"meta", "path", "line", "circle", "rect", "br"}
 NOTHING = dict.fromkeys(Spent, 0.0)
@@ -125,7 +124,7 @@ def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_s
 @pytest.fixture(scope="module")
 def analysed():
     """The assessment of a log."""
-    log = read_log(LOG)
+    log = read_log(FLIGHT)
     return assess(log, axis="roll")
 
 

@@ -5,7 +5,7 @@ import socket
 import time
 
 import pytest
-from command_line import FLIGHT
+from recorded_flights import FLIGHT
 from serving import serving
 
 from mavdem.facts.serve import Request

@@ -7,6 +7,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from recorded_flights import SLOW
 from serving import LIMITS, AtOnce, log, read_made_up, serving
 from standin_logs import fleet_of
 
@@ -24,7 +25,6 @@ from mavdem.serve.run import Options, serve
 from mavdem.serve.search import condition_of
 from mavdem.serve.work import Work
 
-LOG = Path(__file__).parents[2] / "logs" / "ardupilot_default_rates.tlog"
 ALL = condition_of("")
 
 
@@ -227,8 +227,8 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     """A real one, in this process."""
     monkeypatch.setattr("os.setpriority", lambda *_: None)
     library = Library(tmp_path)
-    part = Path(shutil.copy(LOG, library.new_part()))
-    entry = library.entered(part, LOG.name)
+    part = Path(shutil.copy(SLOW, library.new_part()))
+    entry = library.entered(part, SLOW.name)
     outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
     library.finish(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)
@@ -240,7 +240,7 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     written = [path.read_bytes() for path in library.results_of(entry).iterdir()]
     assert not any(str(tmp_path).encode() in text for text in written)
     page = (library.results_of(entry) / PAGE).read_text()
-    assert f"<h1>{LOG.name}</h1>" in page and library.told(entry) == {}
+    assert f"<h1>{SLOW.name}</h1>" in page and library.told(entry) == {}
 
 
 def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):

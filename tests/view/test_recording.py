@@ -8,6 +8,7 @@ import pytest
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose
 from pytest import approx
+from recorded_flights import FLIGHT
 from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
@@ -24,14 +25,13 @@ from mavdem.view import write_recording
 from mavdem.view.flown import Pose, write_pose
 from mavdem.view.recording import _forecast
 
-LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
 
 
 @pytest.fixture(scope="module")
 def assessed():
     """An assessment with alarms, the first before the flight."""
-    log = read_log(LOG)
+    log = read_log(FLIGHT)
     known = assess(log, axis="roll", options=Options(settings=SETTINGS))
     time = known.analysis.flights[0].time
     at = (time[0] - 500.0, time[100])
