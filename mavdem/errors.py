@@ -34,6 +34,11 @@ class NotLearnable(Refusal):
     """Data that cannot support the request: fitting them would give numbers that mean nothing."""
 
 
+def cause_of(error: Exception) -> str:
+    """Returns why the operating system refused, or else what the ``error`` says."""
+    return getattr(error, "strerror", None) or str(error)
+
+
 def fact_of(error: BaseException) -> Fact:
     """Returns what an ``error`` says: the fact of a refusal, else its message, with its type where that is unusual."""
     if isinstance(error, Refusal):

@@ -6,14 +6,20 @@ A file that was there keeps its mode, and a symbolic link stays: what it leads t
 import os
 import shutil
 import stat
+import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 PathName = str | os.PathLike[str]
 AnyPath = PathName | bytes
+
+
+def table_beside(module: str, name: str) -> dict[str, Any]:
+    """Returns the table in the TOML file of this ``name`` beside a ``module``, given by its ``__file__``."""
+    return tomllib.loads((Path(module).parent / name).read_text("utf-8"))
 
 
 @contextmanager

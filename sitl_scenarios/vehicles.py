@@ -1,12 +1,11 @@
 """Vehicles: published rigid bodies and rotors of quadrotors, with the source beside the numbers."""
 
-import tomllib
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from math import sqrt
 
 from pydantic import TypeAdapter
 
+from mavdem.files import table_beside
 from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
 GRAVITY = 9.81  # m/s², as in the paper's table of systems
@@ -100,9 +99,10 @@ class Airframe:
         return self.speed_for(self.mass * GRAVITY / 4)
 
 
-_TABLES = (files("sitl_scenarios") / "airframes.toml").read_text("utf-8")
 # By the name that a scenario gives; their figures and sources are in airframes.toml
-AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(tomllib.loads(_TABLES))
+AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(
+    table_beside(__file__, "airframes.toml")
+)
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:

@@ -21,7 +21,7 @@ from mavdem.cli.output import (
     printable,
     say_aside,
 )
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import NotLearnable, Unreadable, cause_of
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import End
@@ -150,8 +150,7 @@ def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem
     except BrokenPipeError:
         code = PIPE_CLOSED  # the reader has had enough
     except OSError as error:
-        because = error.strerror or str(error)
-        complain(Fact(End.STANDARD_OUTPUT_FAILED, because=because), as_json=False)
+        complain(Fact(End.STANDARD_OUTPUT_FAILED, because=cause_of(error)), as_json=False)
         code = UNUSABLE
     # Python flushes once more at exit, and that must go somewhere.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
@@ -201,8 +201,7 @@ def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
         with atomic_writes(*(folder / name for name in names)) as files:
             yield files
     except OSError as error:
-        because = error.strerror or str(error)
-        raise Unreadable(Place.OUT_FAILED, path=str(folder), because=because) from None
+        raise Unreadable(Place.OUT_FAILED, path=str(folder), because=cause_of(error)) from None
 
 
 def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
@@ -223,8 +222,7 @@ def writing(*files: Path) -> Iterator[None]:
         yield
     except OSError as error:
         names = " or ".join(str(path) for path in files)
-        because = error.strerror or str(error)
-        raise Unreadable(Place.FILE_FAILED, path=names, because=because) from None
+        raise Unreadable(Place.FILE_FAILED, path=names, because=cause_of(error)) from None
 
 
 # exit codes as a shell reports them: of any signal, less its number; of SIGINT

@@ -5,17 +5,16 @@ EV. ``said.toml`` has what each means.
 """
 
 import re
-import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from importlib.resources import files
 from typing import Any, NamedTuple
 
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
+from mavdem.files import table_beside
 from mavdem.ingest.telemetry import Telemetry
 
-_SAID = tomllib.loads((files("mavdem.condition") / "said.toml").read_text("utf-8"))
+_SAID = table_beside(__file__, "said.toml")
 PATTERNS = [(re.compile(pattern, re.IGNORECASE), *meant) for pattern, *meant in _SAID["texts"]]
 SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
 """MAV_SEVERITY of what warns, the worst first."""

@@ -13,7 +13,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, cause_of
 from mavdem.facts.forecasts import Compared, Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.files import PathName
@@ -102,7 +102,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
                 delay=float(file["delay"]),
             )
     except OSError as error:
-        why = error.strerror or str(error)
+        why = cause_of(error)
     except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
         why = ""
     raise Unreadable(Forecasts.NO_TRUTH_FILE, name=name, error=why)

@@ -22,7 +22,7 @@ from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import NotLearnable, Unreadable, cause_of
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.extras import require
 from mavdem.facts.command import Place
@@ -268,8 +268,7 @@ def convert(
         else:
             written = _convert_stream(source, out)
     except OSError as error:
-        because = error.strerror or str(error)
-        raise Unreadable(Place.FILE_FAILED, path=str(out), because=because) from None
+        raise Unreadable(Place.FILE_FAILED, path=str(out), because=cause_of(error)) from None
     return {"source": str(source), "out": str(out), **written}
 
 

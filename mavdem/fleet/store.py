@@ -20,7 +20,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, cause_of
 from mavdem.extras import missing
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
@@ -105,8 +105,7 @@ def opened(folder: Path) -> Iterator[Store]:
         with closing(store.db):
             yield store
     except (OSError, sqlite3.OperationalError) as error:
-        because = getattr(error, "strerror", None) or str(error)
-        full = Fact(Folder.FLEET_NOT_WRITTEN, path=str(folder), because=because)
+        full = Fact(Folder.FLEET_NOT_WRITTEN, path=str(folder), because=cause_of(error))
         raise Unreadable(full) from None
     except sqlite3.DatabaseError as error:
         raise Unreadable(_damaged(folder / STORE, error)) from None

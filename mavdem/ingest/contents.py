@@ -4,7 +4,7 @@ import lzma
 import stat
 from pathlib import Path
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.files import PathName
@@ -62,8 +62,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
-        because = getattr(error, "strerror", None) or str(error)
-        raise Unreadable(Source.FILE_NOT_OPENED, path=str(path), because=because) from None
+        raise Unreadable(Source.FILE_NOT_OPENED, path=str(path), because=cause_of(error)) from None
     if not content.rstrip(b"\0"):
         raise Unreadable(Source.FILE_EMPTY, path=str(path), zeros=bool(status.st_size))
     return content

@@ -1,15 +1,13 @@
 """Flight modes: their names, by the number that ArduCopter and PX4 send and log."""
 
-import tomllib
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.files import table_beside
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Integers
 
-_PX4 = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))["px4"]
+_PX4 = table_beside(__file__, "flight_modes.toml")["px4"]
 _CUSTOM = {state: main << 16 | sub << 24 for main, sub, state, _ in _PX4}
 _ENUMS = {"SUBMARINE": "SUB_MODE", "GROUND_ROVER": "ROVER_MODE", "FIXED_WING": "PLANE_MODE"}
 _NAMES: dict[int, str] = {_CUSTOM[state]: name for *_, state, name in _PX4}

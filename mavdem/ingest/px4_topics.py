@@ -5,9 +5,7 @@ https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it ag
 https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are left out.
 """
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
+from mavdem.files import table_beside
 from mavdem.heading import Names
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
@@ -50,10 +49,10 @@ from mavdem.ingest.vocabulary import (
 Topics = Mapping[str, Mapping[int, Columns]]
 """Fields by pyulog's names ("q[0]"), (N,) each, and ``time`` (N,) s since boot, by topic and number of the instance."""
 
-_TOPICS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_TOPICS = table_beside(__file__, "px4_topics.toml")
 NEEDED: Mapping[str, Names] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
-_RENAMED = tomllib.loads(Path(__file__).with_name("px4_messages.toml").read_text(encoding="utf-8"))
+_RENAMED = table_beside(__file__, "px4_messages.toml")
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
 OF_PX4 = ("failure_detector_status", "estimator_selector_status", "input_rc")

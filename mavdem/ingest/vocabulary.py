@@ -5,10 +5,8 @@ Source: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_ST
 """
 
 import re
-import tomllib
 from collections.abc import Iterable
 from enum import IntEnum
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation
 
+from mavdem.files import table_beside
 from mavdem.ingest.telemetry import Array, Fields
 
 
@@ -55,7 +54,7 @@ RADIO = "TELEMETRY_RADIO"
 RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
 UNNAMED = "UNKNOWN"  # Name of a vehicle or an autopilot that no HEARTBEAT gives
 
-NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text("utf-8"))
+NAMES = table_beside(__file__, "names.toml")
 CONTROL_PARAMETERS = re.compile(
     r"ATC_RAT_|ATC_ANG_(RLL|PIT|YAW)_P$|INS_GYRO_(FILTER|RATE)$|INS_(HNTC[H23]|NOTCH)_|SCHED_LOOP_RATE$|"
     r"FSTRATE_ENABLE$|FRAME_CLASS$|MOT_(THST_EXPO|THST_HOVER|SPIN_MIN|SPIN_MAX|BAT_VOLT_MAX)$|"

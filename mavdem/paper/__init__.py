@@ -3,10 +3,10 @@
 Needs the extra ``view``: ``pip install 'mavdem[view]'``.
 """
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+
+from mavdem.files import table_beside
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Claim:
     remarks: Sequence[str] = ()
 
 
-_TABLES = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
+_TABLES = table_beside(__file__, "claims.toml")
 CLAIMS = tuple(Claim(**table) for table in _TABLES["claims"])
 """In the order of the paper, then its preliminaries."""
 INTRODUCTION: str = _TABLES["introduction"]

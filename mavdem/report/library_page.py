@@ -7,7 +7,6 @@ and those that draw the charts, whose hashes a policy can name.
 import base64
 import hashlib
 import re
-import tomllib
 from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import files
@@ -17,6 +16,7 @@ from jinja2 import Environment
 
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
+from mavdem.files import table_beside
 from mavdem.fleet.row import Flight
 from mavdem.report.blocks import Block
 from mavdem.report.fleet import vehicle_words
@@ -33,8 +33,7 @@ SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
 @cache
 def words() -> dict[str, dict[str, str]]:
     """Returns what stages, sharing and the interface are called."""
-    told = (files("mavdem.report") / "serve" / "words.toml").read_text("utf-8")
-    return tomllib.loads(told)
+    return table_beside(__file__, "serve/words.toml")
 
 
 @cache

@@ -17,6 +17,7 @@ from jinja2 import Environment, StrictUndefined, Template
 
 from mavdem.condition.wind_velocity import from_point
 from mavdem.facts import Code, Fact, Words
+from mavdem.files import table_beside
 from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
     counted,
@@ -80,8 +81,7 @@ def advised(fact: Fact) -> str:
 
 @cache
 def _paragraphs(section: str) -> list[dict[str, Template]]:
-    path = files("mavdem.report") / "sections" / f"{section}.toml"
-    told = tomllib.loads(path.read_text("utf-8"))["paragraph"]
+    told = table_beside(__file__, f"sections/{section}.toml")["paragraph"]
     make = _environment().from_string
     return [{part: make(str(text)) for part, text in paragraph.items()} for paragraph in told]
 

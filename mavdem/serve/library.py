@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from mavdem.errors import Refusal, Unreadable
+from mavdem.errors import Refusal, Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
@@ -130,8 +130,7 @@ class Library:
             os.rename(self._lock.name, self.folder / SERVERS / self.name)
             self._migrate()
         except (OSError, sqlite3.Error) as error:
-            because = getattr(error, "strerror", None) or str(error)
-            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=str(folder), because=because)
+            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=str(folder), because=cause_of(error))
             raise Unreadable(wrong) from None
         self.recover()
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import uvicorn
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, cause_of
 from mavdem.extras import missing
 from mavdem.facts import Fact
 from mavdem.facts.serve import Start
@@ -90,6 +90,5 @@ def _listening(host: str, port: int) -> socket.socket:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family, backlog=512)
     except OSError as error:
-        because = error.strerror or str(error)
-        busy = Fact(Start.ADDRESS_NOT_FREE, address=f"{host}:{port}", because=because)
+        busy = Fact(Start.ADDRESS_NOT_FREE, address=f"{host}:{port}", because=cause_of(error))
         raise Unreadable(busy) from None

@@ -5,15 +5,14 @@ As PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) sent them. Sources: PX4's ``mavlink_
 ``ArduCopter/mode.h`` and ``AP_Arming_Copter.cpp``.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from importlib.resources import files
 from typing import Literal
 
 from pydantic import TypeAdapter
 
+from mavdem.files import table_beside
 from mavdem.ingest.vocabulary import number_of
 from sitl_scenarios.scenario import shortened
 
@@ -67,8 +66,9 @@ class Autopilot:
         return usual | dict(instead)
 
 
-_TABLES = (files("sitl_scenarios.mavlink") / "autopilots.toml").read_text("utf-8")
 # By ``scenario.stream.autopilot``
-AUTOPILOTS = TypeAdapter(dict[str, Autopilot]).validate_python(tomllib.loads(_TABLES))
+AUTOPILOTS = TypeAdapter(dict[str, Autopilot]).validate_python(
+    table_beside(__file__, "autopilots.toml")
+)
 PX4 = AUTOPILOTS["px4"]
 ARDUPILOT = AUTOPILOTS["ardupilot"]

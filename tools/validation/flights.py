@@ -1,9 +1,7 @@
 """Simulated flights to validate on, drawn by tables and judged in processes; and tables of what came of them."""
 
-import tomllib
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import click
@@ -11,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
+from mavdem.files import table_beside
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Sentence, Table, markdown
@@ -21,7 +20,7 @@ from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 
 Values = dict[str, Any]
-TABLES: Values = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+TABLES: Values = table_beside(__file__, "flights.toml")
 SCALED = ("speed", "sd", "wind_at_20_feet")
 """Of winds and moments, with the size of the vehicle."""
 Main = Callable[..., None]

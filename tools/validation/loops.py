@@ -8,7 +8,6 @@ margins in dB and degrees; "inside": of 90 % intervals that hold the truth.
 """
 
 import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -37,6 +36,7 @@ from mavdem.condition.loop.margins import OpenLoop, attitude_loop, rate_loop
 from mavdem.confidence import ENDS
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
+from mavdem.files import table_beside
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR
@@ -50,7 +50,7 @@ from sitl_scenarios.truth import axis as linear_axis
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import airframe
 
-GIVEN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+GIVEN = table_beside(__file__, "loops.toml")
 HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}  # seeds
 RATE = USUAL_RATES["ardupilot"]  # of the simulated autopilots' loops, and of their messages
 AT_LIMIT = 0.15  # share of the time in the air with a motor at a limit, at most

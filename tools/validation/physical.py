@@ -10,7 +10,6 @@ Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K] [
 """
 
 import re
-import tomllib
 from dataclasses import replace
 from itertools import cycle, product
 from pathlib import Path
@@ -29,6 +28,7 @@ from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
+from mavdem.files import table_beside
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.paper.runner import SHARED, logged
 from sitl_scenarios.motion import Motion
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 PARAMETERS = ("effect", "damping", "lag")
 # and how it marks an estimate
 STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
-FLOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+FLOWN = table_beside(__file__, "physical.toml")
 RATES = (50.0, 100.0, 200.0)  # Hz
 QUICK = "multisine, 3°"
 *_, RATE = RATES  # of the Crazyflie

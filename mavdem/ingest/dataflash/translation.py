@@ -15,12 +15,10 @@ event also gives the state before it. Where that is not the state after the even
 logged, and the landed state is undefined, as it is after the last. A boot without events has neither message.
 """
 
-import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from operator import itemgetter
-from pathlib import Path
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -28,6 +26,7 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
+from mavdem.files import table_beside
 from mavdem.heading import Names
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.telemetry import (
@@ -85,7 +84,7 @@ def stamped(logged: Columns, fields: Columns) -> Columns:
     return {"time": logged["time"], "boot": logged["boot"], **fields}
 
 
-_RENAMED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+_RENAMED = table_beside(__file__, "translation.toml")
 BATTERIES = ("BAT", "CURR")
 LEVELS = ("VibeX", "VibeY", "VibeZ")
 # As many have a counter of clips

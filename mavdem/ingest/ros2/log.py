@@ -12,11 +12,9 @@ were never compared.
 """
 
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +23,7 @@ from numpy.typing import NDArray
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.files import table_beside
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -123,7 +122,7 @@ class MavrosTopic(NamedTuple):
 
 
 MAVROS_STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
-_TOPICS = tomllib.loads(Path(__file__).with_name("mavros_topics.toml").read_text(encoding="utf-8"))
+_TOPICS = table_beside(__file__, "mavros_topics.toml")
 MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
 MAVROS_PERIODS = {"rc/out": 2**32 / 1e6}
