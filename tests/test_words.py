@@ -3,7 +3,6 @@
 import ast
 import re
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -46,7 +45,7 @@ BUGS = {
 WORDS = re.compile(r"[A-Za-z’]{2,}[,:;]? [A-Za-z’]{2,}")
 
 
-def prose_of(path: Path) -> Iterator[tuple[int, str]]:
+def prose_of(path):
     """Lines and literals with words in a row; not docstrings, messages of errors that are bugs, and patterns."""
     tree = ast.parse(path.read_text())
     allowed = set()
@@ -83,7 +82,7 @@ def test_below_report_there_is_no_prose():
     )
 
 
-def codes() -> list[Code]:
+def codes():
     pending = [Code]
     kinds = []
     while pending:
@@ -111,5 +110,5 @@ def test_each_code_has_its_sentence_and_each_sentence_its_code():
         (12, "Deviation …"),
     ],
 )
-def test_a_text_for_one_line_ends_with_a_whole_clause(columns: int, shown: str) -> None:
+def test_a_text_for_one_line_ends_with_a_whole_clause(columns, shown):
     assert brief("Deviation small (largest: 0 ± 8 %); headroom 12 %.", columns) == shown

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from peculiar_flights import (
     FLIGHT,
     NOTHING_NEW,
@@ -161,10 +160,7 @@ def test_a_breakdown_is_an_error(monkeypatch):
     assert refused(baselines.em, TRAIN[:300], 2).code is Forecasts.EM_BROKE_DOWN
 
 
-Array = NDArray[np.float64]
-
-
-def pulse_answers(model: StateSpace) -> Array:
+def pulse_answers(model):
     """C Aᵏ B and C Aᵏ K of as many lags as determine a system of its order."""
     powers = [np.linalg.matrix_power(model.A, k) for k in range(2 * len(model.A))]
     return np.concatenate(
@@ -175,7 +171,7 @@ def pulse_answers(model: StateSpace) -> Array:
 class Bound:
     """Of estimates of ``system`` from ``flight``, whose innovations have the standard deviation ``noise``."""
 
-    def __init__(self, system: StateSpace, flight: Flight, noise: float) -> None:
+    def __init__(self, system, flight, noise):
         n = len(system.A)
         m = len(system.C)
         segments = [(flight.inputs, flight.outputs)]
@@ -184,7 +180,7 @@ class Bound:
         slopes = parameters.slopes(vector, parameters.errors(vector))
         slopes = slopes.reshape(len(vector), -1) / noise
 
-        def answers(vector: Array) -> Array:
+        def answers(vector):
             return pulse_answers(parameters.moved(vector).model)
 
         steps = 1e-6 * np.eye(len(vector))
@@ -201,7 +197,7 @@ class Bound:
         self.axes = axes[:, : self.freedom]
         self.deviations = deviations[: self.freedom]
 
-    def distance(self, model: StateSpace) -> float:
+    def distance(self, model):
         """Mean square of the errors along the bound's axes, in its units: of an efficient estimate χ² / freedom."""
         errors = self.axes.T @ (pulse_answers(model) - self.truth) / self.deviations
         return float(np.mean(errors**2))
@@ -298,7 +294,7 @@ def test_more_states_than_the_data_have_are_refused(monkeypatch):
 DT = 0.01
 
 
-def random_system(seed: int, order: int, noise: float = 0.1) -> StateSpace:
+def random_system(seed, order, noise=0.1):
     """Stable with a stable predictor, modes between 0.3 and 0.95; trims off zero. Innovations are to be of size 1."""
     rng = default_rng(seed)
     modes = np.zeros((order, order))
@@ -330,13 +326,13 @@ def random_system(seed: int, order: int, noise: float = 0.1) -> StateSpace:
 
 
 def flown(
-    system: StateSpace,
-    seed: int,
-    samples: int,
-    noise: float = 0.1,
-    push: float = 1.0,
-    feedback: Array | None = None,
-) -> tuple[Flight, Array]:
+    system,
+    seed,
+    samples,
+    noise=0.1,
+    push=1.0,
+    feedback=None,
+):
     """A flight of the system under white inputs of size ``push``, and its states (T + 1, n).
 
     With ``feedback`` (r, m) inputs also answer the outputs of the same sample, whose noise they thus know (D = 0).

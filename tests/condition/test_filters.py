@@ -11,7 +11,7 @@ from recorded_flights import recorded
 
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition.loop.controllers import Controller, Notch, controller_of
+from mavdem.condition.loop.controllers import Notch, controller_of
 from mavdem.condition.loop.filters import gyro_delay, gyro_filters, gyro_response
 from mavdem.condition.spectra import spectra_of_flight
 
@@ -19,7 +19,7 @@ FREQUENCY = np.array([1.0, 20.0, 80.0, 130.0, 180.0])
 NOTCH = {"ENABLE": 1.0, "FREQ": 80.0, "BW": 40.0, "ATT": 30.0, "HMNCS": 1.0}
 
 
-def ardupilot(notch=None, prefix="INS_HNTCH_", **others) -> Controller:
+def ardupilot(notch=None, prefix="INS_HNTCH_", **others):
     named = {prefix + name: value for name, value in (notch or {}).items()}
     return controller_of(ARDUPILOT | named | others, "roll", X_ROLL)
 

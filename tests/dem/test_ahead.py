@@ -18,13 +18,11 @@ pytestmark = pytest.mark.usefixtures("without_wind_fits")
 SETTLED = 1200  # samples, from which predictions are judged
 
 
-def controlled(seed: int, samples: int = 4000, windy: float = 10.0) -> Flight:
+def controlled(seed, samples=4000, windy=10.0):
     return replace(in_closed_loop(samples, seed, windy), effect_directions=SIGNS)
 
 
-def predicted(
-    flight: Flight, horizons: tuple[int, ...] = HORIZONS
-) -> tuple[np.ndarray, np.ndarray]:
+def predicted(flight, horizons=HORIZONS):
     """Predictions and half widths (T, H, m), without a state-space model."""
     (count, r) = flight.inputs.shape
     m = flight.outputs.shape[1]
@@ -43,7 +41,7 @@ def predicted(
     return found[0], found[1]
 
 
-def ratios(flight: Flight, found: np.ndarray, horizons: tuple[int, ...] = HORIZONS) -> np.ndarray:
+def ratios(flight, found, horizons=HORIZONS):
     """(H,) squared error over that of the better of the last sample held and the mean so far."""
     outputs = flight.outputs
     first = min(SETTLED, len(flight) // 4)
@@ -60,7 +58,7 @@ def ratios(flight: Flight, found: np.ndarray, horizons: tuple[int, ...] = HORIZO
     return np.array(ours)
 
 
-def aimless(walking: bool) -> Flight:
+def aimless(walking):
     """White, of which only the mean can be predicted; or a walk, of which only the last sample can."""
     values = default_rng(0).standard_normal((3500, 6))
     values = values.cumsum(axis=0) if walking else values

@@ -19,7 +19,7 @@ from mavdem.dem.parallel import AHEAD, FEW
 from mavdem.errors import NotLearnable
 
 
-def walk(seed: int) -> Flight:
+def walk(seed):
     """Random walks: there is something to fit, quickly; what it is does not matter here."""
     rng = default_rng(seed)
     motors, motion = (rng.standard_normal((100, columns)).cumsum(axis=0) for columns in (2, 2))
@@ -123,7 +123,7 @@ def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
     assert all(future.cancelled() for future in executor.futures[3:])
 
 
-def run_script(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
+def run_script(folder, text):
     """Ends when all processes have that hold its output."""
     script = folder / "script.py"
     script.write_text(text)

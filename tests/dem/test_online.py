@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from numpy.random import Generator, default_rng
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from recorded_flights import shared
@@ -29,7 +29,6 @@ from mavdem.dem.online.tracker import (
     PEAK_SECONDS,
     AnomalyMarks,
     ErrorBands,
-    Estimate,
     Surprise,
     Tracker,
 )
@@ -40,7 +39,7 @@ COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
 WINDY = simulated(samples=2000, wind=2.0, lag=0.05)
 
 
-def flown(online: OnlineLearner, flight: Flight) -> list[Estimate]:
+def flown(online, flight):
     rows = zip(flight.time, flight.outputs, flight.inputs, strict=True)
     return [online.update(time, outputs, inputs) for time, outputs, inputs in rows]
 
@@ -213,7 +212,7 @@ def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inpu
 DT = 0.01
 
 
-def fed(bands: ErrorBands, errors: np.ndarray, block: int = 10) -> np.ndarray:
+def fed(bands, errors, block=10):
     """Half widths as of each sample, where every prediction is 0."""
     half = []
     for sample, error in enumerate(errors):
@@ -283,13 +282,13 @@ def test_surprise_is_in_units_of_the_lowest_twentieth():
     assert Surprise(DT, values).add(-1e4) > 1e3
 
 
-def surprises(rng: Generator, seconds: float, alike: int = 10) -> np.ndarray:
+def surprises(rng, seconds, alike=10):
     """Of F(t) with a long lower tail, ``alike`` for so many samples, in the unit of surprise."""
     low = rng.gamma(1.0, size=round(seconds / DT / alike)).repeat(alike)
     return (low - np.log(2.0)) / (np.log(20.0) - np.log(2.0))
 
 
-def marked(marks: AnomalyMarks, surprise: np.ndarray) -> np.ndarray:
+def marked(marks, surprise):
     return DT * np.flatnonzero([marks.add(value) for value in surprise])
 
 

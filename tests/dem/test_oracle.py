@@ -7,7 +7,6 @@ import as_published
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from oracle import case_a_generalized, case_a_model, case_a_truth, load, needs_oracle
 from pytest import approx
 
@@ -21,8 +20,6 @@ from mavdem.dem.engine.free_energy import (
     theta_curvature,
 )
 from mavdem.dem.engine.generative import (
-    GeneralizedMoments,
-    GenerativeModel,
     SufficientStatistics,
     taylor_weights,
 )
@@ -114,9 +111,6 @@ def test_case_c2_is_forecast_no_worse_than_by_them(p, settings, share):
     assert np.mean(np.array(errors) <= theirs["mspe_x0last"].item()) >= share
 
 
-Array = NDArray[np.float64]
-
-
 ROUNDING = 1e-9
 """Relative difference allowed between two computations of one thing."""
 
@@ -133,22 +127,22 @@ every = pytest.mark.parametrize("number", range(1, 21))
 
 
 @cache
-def case_a() -> GenerativeModel:
+def case_a():
     return case_a_model(load("case_a_data"))
 
 
 @cache
-def twenty() -> dict[str, Array]:
+def twenty():
     return load("case_a_octave")
 
 
 @cache
-def first_three() -> dict[str, Array]:
+def first_three():
     return load("case_a_debug_it1to3")
 
 
 @cache
-def embedded() -> Array:
+def embedded():
     """Their [ỹ; η̃], (320, 31); they keep η̃ with the opposite sign."""
     return twenty()["Y_embed"].T * np.repeat([1.0, -1.0], [28, 3])
 
@@ -163,40 +157,35 @@ class Iteration:
 
     number: int
 
-    def of(self, name: str) -> Array:
+    def of(self, name):
         return twenty()[name][:, self.number - 1]
 
-    def log(self, name: str) -> Array:
+    def log(self, name):
         return first_three()[f"dbg{self.number}_{name}"].squeeze()
 
     @property
-    def theta(self) -> Array:
+    def theta(self):
         return self.of("theta_used")
 
     @property
-    def weights(self) -> Array:
+    def weights(self):
         return self.of("D_step_exp_h")
 
     @cached_property
-    def moments(self) -> GeneralizedMoments:
+    def moments(self):
         return as_published.moments(case_a(), embedded(), twenty()["DEM_x_all"][self.number - 1])
 
     @property
-    def state_precision(self) -> Array:
+    def state_precision(self):
         return -state_curvature(case_a(), self.theta, self.weights)
 
-    @property
-    def squares(self) -> Array:
-        expected = as_published.expected_errors(case_a(), self.moments, self.theta, self.weights)
-        return case_a().squared_errors(expected)
 
-
-def equal(actual: Array, theirs: Array) -> None:
+def equal(actual, theirs):
     """Within rounding of the largest."""
     assert_allclose(actual, theirs, rtol=0, atol=ROUNDING * abs(theirs).max())
 
 
-def equal_by_unit(actual: Array, theirs: Array) -> None:
+def equal_by_unit(actual, theirs):
     """Within rounding, for matrices whose rows have different units."""
     unit = np.sqrt(theirs.diagonal())
     assert_allclose(
@@ -249,7 +238,7 @@ def test_sums_slopes_and_curvatures_are_theirs(number):
     assert_allclose(slope[C], theirs[C], rtol=0, atol=2 * np.spacing(size))
 
 
-def lost(it: Iteration) -> float:
+def lost(it):
     """One unit in the last place of the largest precision of the states, next to the least that is not left out."""
     precisions = np.linalg.svd(it.state_precision, compute_uv=False)
     unit = np.spacing(precisions[0])

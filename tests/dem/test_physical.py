@@ -37,7 +37,6 @@ from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.paper.runner import hover
-from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
@@ -49,12 +48,12 @@ FINE = 10
 
 
 def flown(
-    seed: int,
-    steering: float,
-    samples: int = 700,
-    wind: float = 1.0,
-    commanded: np.ndarray | None = None,
-) -> Flight:
+    seed,
+    steering,
+    samples=700,
+    wind=1.0,
+    commanded=None,
+):
     """An axis whose controller answers the rate it measures, with turbulence (rad/s²) and with steering (rad/s).
 
     The last samples have motors that are ``commanded`` (H, 4), whatever the vehicle does.
@@ -85,13 +84,13 @@ def flown(
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 
-def root_of(covariance: np.ndarray) -> np.ndarray:
+def root_of(covariance):
     """The symmetric root: the signs of single eigenvectors differ between processors, and the noise with them."""
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
-def settled(plan: Scenario, samples: int) -> tuple[Flight, dict[str, np.ndarray]]:
+def settled(plan, samples):
     """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
     motion = fly(plan)
     known = truth(plan, motion)

@@ -23,7 +23,7 @@ FLIGHT = simulated(wind=1.0, lag=0.05)
 ROTORS = FLIGHT.inputs.shape[1]
 
 
-def climb_of(flight: Flight) -> tuple[simulation_error.SimulationError, np.ndarray]:
+def climb_of(flight):
     """A climb of random free parameters about those of a fit, and where it stands."""
     record = Record.of(flight)
     fitted = fit(record, COMPLETE)
@@ -64,7 +64,7 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
 def test_slopes_and_curvature_are_those_of_the_height():
     climb, free = climb_of(FLIGHT[:400])
 
-    def height(at: np.ndarray) -> float:
+    def height(at):
         return climb.value(at)[0]
 
     here = climb.quadratic(free, climb.errors(free[None])[0])

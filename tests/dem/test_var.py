@@ -10,7 +10,6 @@ from mavdem.dem.forecast.var import (
     RIDGE,
     ChannelUnits,
     LagStatistics,
-    Regression,
     Var,
     initial_lags,
     lag_prior,
@@ -24,7 +23,7 @@ STEPS = 12
 CHANNELS = OUTPUTS + INPUTS
 
 
-def model(scale: float = 0.12, seed: int = 0) -> Var:
+def model(scale=0.12, seed=0):
     rng = default_rng(seed)
     root = rng.standard_normal((CHANNELS, CHANNELS))
     return Var(
@@ -35,7 +34,7 @@ def model(scale: float = 0.12, seed: int = 0) -> Var:
     )
 
 
-def run(true: Var, samples: int, seed: int = 1) -> np.ndarray:
+def run(true, samples, seed=1):
     rng = default_rng(seed)
     root = np.linalg.cholesky(true.covariance)
     channels = np.zeros((samples, CHANNELS))
@@ -45,14 +44,14 @@ def run(true: Var, samples: int, seed: int = 1) -> np.ndarray:
     return channels
 
 
-def fitted(segments: list[np.ndarray], ridge: float = RIDGE) -> tuple[Var, Regression]:
+def fitted(segments, ridge=RIDGE):
     statistics = LagStatistics.of(segments, LAGS)
     found = regress(statistics.gram, statistics.rows, lag_prior(LAGS, ridge))
     k = found.mean.shape[1]
     return Var.of(found, ChannelUnits(np.zeros(k), np.ones(k))), found
 
 
-def joint(true: Var, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def joint(true, past, steps):
     """Mean (H k,) and covariance (H k, H k) of all channels after the past, by the map of all innovations."""
     k = CHANNELS
     unrolled = np.eye(steps * CHANNELS)
@@ -69,11 +68,11 @@ def joint(true: Var, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarr
 
 
 def given(
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    values: np.ndarray,
-    asked: np.ndarray,
+    mean,
+    covariance,
+    known,
+    values,
+    asked,
 ):
     gain = covariance[np.ix_(asked, known)] @ np.linalg.inv(covariance[np.ix_(known, known)])
     spread = covariance[np.ix_(asked, asked)] - gain @ covariance[np.ix_(known, asked)]

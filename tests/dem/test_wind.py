@@ -1,6 +1,6 @@
 """The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from test_physical import root_of, settled
 
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.confidence import quantile
-from mavdem.dem import Physical, physical
+from mavdem.dem import physical
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.gusts import gusts
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
@@ -55,9 +55,7 @@ class Parameters(NamedTuple):
     refinements: dict[str, float] = {}
 
 
-def flown(
-    seed: int, samples: int, known: Parameters, steady: float = 0.0
-) -> tuple[Flight, np.ndarray]:
+def flown(seed, samples, known, steady=0.0):
     """A flight of exactly that plant, whose controller answers what it measures; and the wind's torque (T,)."""
     rng = default_rng(seed)
     of = plant(known.damping, known.lag, known.components, DT)
@@ -128,7 +126,7 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
     known = Parameters()
     flight, _ = flown(2, 1500, known)
 
-    def torque(shift: np.ndarray, known: Parameters) -> np.ndarray:
+    def torque(shift, known):
         return wind(
             known, Record.of(Flight(flight.time, flight.inputs + shift, flight.outputs))
         ).torque
@@ -159,11 +157,11 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
     assert found.gusts == ()
 
 
-def turbulent(seed: int, samples: int) -> np.ndarray:
+def turbulent(seed, samples):
     return gaussian_noise(0.05, DT, samples, default_rng(seed))
 
 
-def record_of(samples: int) -> Record:
+def record_of(samples):
     return Record(np.zeros((samples, 1)), np.zeros((samples, 2)), DT, (samples,))
 
 
@@ -241,16 +239,12 @@ BLOCK = 10
 BEGINS = BLOCK * -(round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt) // -BLOCK)
 
 
-def online_wind(
-    executor: Executor | None = None, prior: Physical | None = None
-) -> tuple[OnlineWind, Memory]:
+def online_wind(executor=None, prior=None):
     memory = Memory(WINDY.dt, BLOCK, 200)
     return OnlineWind(memory, executor, prior), memory
 
 
-def followed(
-    online: OnlineWind, memory: Memory, flight: Flight, weak: np.ndarray | None = None
-) -> np.ndarray:
+def followed(online, memory, flight, weak=None):
     """(T, 2) what each update returns; inputs of sound motors that did as ``weak`` ones, by 2 more or less."""
     found = np.empty((len(flight), 2))
     for k, (time, inputs, outputs) in enumerate(
@@ -282,7 +276,7 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
     turning = np.sin(2 * np.pi * 0.5 * CALM.time)
     inputs = CALM.inputs + np.outer(turning, [0.1, 0.1, -0.1, -0.1])
 
-    def torques(effect: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    def torques(effect, variance):
         covariance = np.zeros((7, 7))
         covariance[:4, :4] = np.diag(variance)
         known = of.physical._replace(effect=effect, covariance=covariance)

@@ -14,7 +14,6 @@ from mavdem.evaluate.comparison import (
     METHODS,
     Comparison,
     Method,
-    Outcome,
     compare,
     evaluate_window,
 )
@@ -31,20 +30,20 @@ HOLD = Method("hold", baselines.hold, predicts=True)
 SUBSPACE = Method("subspace", baselines.subspace)
 
 
-def refuses(train: Flight) -> None:
+def refuses(train):
     raise ValueError("train is not to my liking")
 
 
-def breaks(train: Flight) -> None:
+def breaks(train):
     raise ZeroDivisionError("division by zero")
 
 
-def explodes(train: Flight) -> baselines.Identified:
+def explodes(train):
     held = baselines.hold(train)
     return replace(held, model=replace(held.model, A=1e4 * held.model.A))
 
 
-def is_off(train: Flight) -> baselines.Identified:
+def is_off(train):
     mean = baselines.constant_mean(train)
     return replace(mean, model=replace(mean.model, output_trim=mean.model.output_trim + 100.0))
 
@@ -66,11 +65,11 @@ def compared():
     return compare(WINDOWS, [HOLD, MEAN, SUBSPACE, REFUSES, EXPLODES])
 
 
-def row_of(rows: tuple[dict, ...], method: str) -> dict:
+def row_of(rows, method):
     return next(row for row in rows if row["method"] == method)
 
 
-def whole(outcome: Outcome, question: str = KNOWN) -> float:
+def whole(outcome, question=KNOWN):
     """The error ratio of the whole test part."""
     return outcome.scores[question].ratio[-1]
 
@@ -172,15 +171,15 @@ def test_of_six_flights_each_is_a_pair():
 
 @pytest.mark.slow
 def test_a_band_that_failed_is_cautioned_against(predicted):
-    def cautions(comparison: Comparison) -> list[str]:
+    def cautions(comparison):
         return [
             block.text
             for block in comparison_report(comparison)
             if getattr(block, "lead", "") == "Caution:"
         ]
 
-    def held(share: float, unknown: float) -> Comparison:
-        def changed(one: Outcome) -> Outcome:
+    def held(share, unknown):
+        def changed(one):
             held = {KNOWN: share, UNKNOWN: unknown, FROM_ZERO: np.nan}
             scores = {
                 question: found._replace(inside=found.inside * 0 + held[question])

@@ -13,7 +13,7 @@ from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
 from mavdem.evaluate.comparison import Method, evaluate_window
 from mavdem.evaluate.paired_test import Paired, paired
-from mavdem.evaluate.scores import KNOWN, Scores
+from mavdem.evaluate.scores import KNOWN
 from mavdem.evaluate.window import Window, disjoint, windows
 from mavdem.facts.forecasts import TestResult
 
@@ -24,7 +24,7 @@ TRAIN = FLIGHT[:700]
 TEST = FLIGHT[700:]
 
 
-def scores_of(model, flight: Flight = FLIGHT) -> Scores:
+def scores_of(model, flight=FLIGHT):
     window = Window("", 0, flight[:700], flight[700:])
     return evaluate_window(Method("", model), window).scores[KNOWN]
 
@@ -86,9 +86,7 @@ def test_horizons_are_those_of_the_test_part():
 INF = np.inf
 
 
-def overlapping(
-    count: int, hop: int = 425, length: int = 850, flight: str = "a"
-) -> list[SimpleNamespace]:
+def overlapping(count, hop=425, length=850, flight="a"):
     return [
         SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + length) for k in range(count)
     ]
@@ -138,7 +136,7 @@ def test_what_is_distinguished_takes_six_pairs_and_a_side():
     assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).verdict is TestResult.NOT_DISTINGUISHABLE
 
 
-def uniform(samples: int, rate: float = 100) -> Flight:
+def uniform(samples, rate=100):
     values = np.arange(samples, dtype=float)
     return Flight(values / rate, values, values)
 

@@ -13,7 +13,7 @@ from mavdem.dem import physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.documents.flight import Truth
-from mavdem.evaluate.truth import TruthComparison, compare_with_truth, read_truth, truth_of
+from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 from mavdem.paper.runner import hover
@@ -66,7 +66,7 @@ def path(scenario, motion, tmp_path_factory):
     return written
 
 
-def compared(learned, path, *flights) -> TruthComparison:
+def compared(learned, path, *flights):
     return compare_with_truth(learned, flights, truth_of(flights, path))
 
 

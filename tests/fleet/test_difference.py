@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fleet_rows import flight_row
-from numpy.random import Generator, default_rng
+from numpy.random import default_rng
 from pytest import approx
 
 from mavdem.documents import whole
@@ -24,16 +24,13 @@ from mavdem.fleet.difference import (
     changed_parameters,
     vehicle_difference,
 )
-from mavdem.fleet.row import FlightRow
 
 Z90 = 1.645
 SHARES = np.array([1.0, 0.98, 1.03, 0.99])
 EFFECTS = np.array([-40.0, 40.0, 41.0, -39.0])
 
 
-def flight(
-    number: int, rng: Generator | None = None, share=0.0, effect=0.0, motor=2, **changed
-) -> list[FlightRow]:
+def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
     """A flight of two axes whose errors have the size that its intervals say, and flights differ as assumed.
 
     The motor's share is larger by ``share``, and its effect by the factor 1 + ``effect``.

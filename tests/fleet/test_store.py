@@ -6,12 +6,10 @@ import re
 import shutil
 import sqlite3
 import sys
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 from unittest.mock import Mock
 
 import pytest
@@ -20,7 +18,7 @@ from pytest import approx
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Code, Fact
+from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
 from mavdem.fleet import store
@@ -77,7 +75,7 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
     assert "megabytes" in said
 
 
-def refusal(use: Callable[[], object]) -> Code:
+def refusal(use):
     with pytest.raises(Unreadable) as refused:
         use()
     return refused.value.fact.code
@@ -137,7 +135,7 @@ def test_a_second_run_waits_until_the_first_has_written(fleet, tmp_path, monkeyp
 
 
 @pytest.fixture
-def fleet(tmp_path: Path):
+def fleet(tmp_path):
     """A fleet, the folder of its two logs, these, and its table."""
     logs = make_logs(tmp_path / "logs", 2)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == 2
@@ -219,7 +217,7 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
 )
 def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
     class TooSlow(InThisProcess):
-        def outcomes(self, jobs: Iterator[Any]) -> Iterator[Any]:
+        def outcomes(self, jobs):
             return (replace(outcome, ended="time") for outcome in super().outcomes(jobs))
 
     make_logs(tmp_path / "logs", 1)
@@ -228,7 +226,7 @@ def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == read
 
 
-def beside(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+def beside(rows, baseline):
     return [
         replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline})))
         for row in rows
@@ -240,7 +238,7 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
     flown = make_logs(tmp_path / "flown", 5, "fly")
     out = tmp_path / "fleet"
 
-    def reasons(baseline: Sequence[object] = ()) -> set[str | None]:
+    def reasons(baseline=()):
         track(out, tmp_path / "flown", baseline=baseline, assess=beside)
         assert {Path(row.file).name for row in read_rows(out)} == {path.name for path in flown}
         return {row.health_reason for row in read_rows(out)}
@@ -259,7 +257,7 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
     make_logs(tmp_path / "logs", 7)
     seen = []
 
-    def judge(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+    def judge(rows, baseline):
         seen.append(rows[0].vehicle)
         if len(seen) == 1:
             raise ValueError("a fault")
@@ -276,7 +274,7 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
     assert seen == ["not the first"]
 
 
-def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
+def flight(key, means, **columns):
     """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
     values = {
         "motors": ("1", "2"),

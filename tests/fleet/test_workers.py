@@ -173,7 +173,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     track(tmp_path / "here", tmp_path / "logs")
     killed = []
 
-    def kill_one(done: int, of: int) -> None:
+    def kill_one(done, of):
         if done and not killed:
             killed.append(two_workers.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
@@ -225,12 +225,12 @@ def stand_in(monkeypatch, client):
 HERE = "mavdem"
 
 
-def names(*given: object, apart_from: Path | None = None) -> list[str]:
+def names(*given, apart_from=None):
     return [Path(log.path).name for log in find_logs([*map(str, given)], apart_from)[0]]
 
 
 @pytest.fixture
-def folder(tmp_path: Path):
+def folder(tmp_path):
     for name in ("a.bin", "below/b.ULG", "below/c.mcap", "below/d.ulg.xz", "results/e.bin"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"?")
@@ -263,12 +263,12 @@ def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
 
 
 @pytest.fixture
-def served(tmp_path: Path):
+def served(tmp_path):
     """A folder, and the URL of a server of it."""
     (tmp_path / "served").mkdir()
 
     class Silent(SimpleHTTPRequestHandler):
-        def log_message(self, format: str, *args: object) -> None:
+        def log_message(self, format, *args):
             """Says nothing."""
 
     server = ThreadingHTTPServer(

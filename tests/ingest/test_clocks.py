@@ -1,12 +1,10 @@
 """The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by outliers."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from pytest import approx
 
 from mavdem.facts.sources import Repair
@@ -16,7 +14,7 @@ WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3
 
 
-def clock(sent: list[Sent], count: int) -> SimpleNamespace:
+def clock(sent, count):
     """``time`` and ``boot`` of all messages in the order they came; rows of no kind are messages without stamps."""
     unstamped = np.setdiff1d(np.arange(count), np.concatenate([kind.places for kind in sent]))
     placed, repairs = boot_clock([*sent, Sent("HEARTBEAT", unstamped)])
@@ -27,11 +25,11 @@ def clock(sent: list[Sent], count: int) -> SimpleNamespace:
     return SimpleNamespace(time=time, boot=boot, repairs=repairs)
 
 
-def clock_of(times: NDArray[Any], period: float = WRAP_MS) -> SimpleNamespace:
+def clock_of(times, period=WRAP_MS):
     return clock([Sent("ATTITUDE", np.arange(len(times)), times, period)], len(times))
 
 
-def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> SimpleNamespace:
+def interleaved(times, servo):
     """ATTITUDE and SERVO_OUTPUT_RAW in turn."""
     rows = np.arange(len(times))
     stamps = [

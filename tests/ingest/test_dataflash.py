@@ -2,7 +2,6 @@
 
 import random
 from collections import defaultdict
-from pathlib import Path
 
 import dataflash_logs as made
 import numpy as np
@@ -13,15 +12,11 @@ from pytest import approx
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.facts import Code
 from mavdem.facts.sources import Repair
-from mavdem.ingest import Log
 from mavdem.ingest.dataflash.binary import (
-    DataflashRecording,
     read_binary,
 )
 from mavdem.ingest.dataflash.log import read_dataflash
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, Injection
 
 STEPS = "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN"
@@ -29,26 +24,26 @@ LOGS = [STEPS, "logs/wlichon_baseline.BIN"]
 TIMES = [20 + 0.01 * row for row in range(200)]
 
 
-def log_of(content: bytes, folder: Path, name: str = "flight.bin") -> Log:
+def log_of(content, folder, name="flight.bin"):
     path = folder / name
     path.write_bytes(content)
     return read_dataflash(path)
 
 
-def vehicle_of(content: bytes, folder: Path, name: str = "flight.bin") -> Telemetry:
+def vehicle_of(content, folder, name="flight.bin"):
     (vehicle,) = log_of(content, folder, name).vehicles
     return vehicle
 
 
 @pytest.fixture
-def steps(tmp_path: Path):
+def steps(tmp_path):
     """The beginning of a flight, which DFReader reads for long."""
     path = tmp_path / "steps.BIN"
     path.write_bytes(shared(STEPS).read_bytes()[:3_200_000])
     return path
 
 
-def by_dfreader(path: Path, names: list[str] | None = None) -> dict[str, dict[str, list]]:
+def by_dfreader(path, names=None):
     """Every message as plain DFReader reads it, as lists by message and field."""
     reader = DFReader.DFReader_binary(str(path))
     read = defaultdict(lambda: defaultdict(list))
@@ -235,7 +230,7 @@ def test_an_appended_log_of_other_definitions_is_left_out(tmp_path):
     assert counts(vehicle) == {Repair.BYTES_SKIPPED: len(other)}
 
 
-def other_id(message: bytes, kind: int) -> bytes:
+def other_id(message, kind):
     return message[:2] + bytes([kind]) + message[3:]
 
 
@@ -243,12 +238,12 @@ GARBAGE = random.Random(5).randbytes(400)
 GARBAGES = (GARBAGE, bytes(100), b"\xff" * 50, b"\xa3\x95" * 40, b"\xa3\x95\x81", b"\xa3")
 
 
-def counts(vehicle: Telemetry) -> dict[Code, int | None]:
+def counts(vehicle):
     """The count of each repair, None where it has none."""
     return {fact.code: fact.figures.get("count") for fact in vehicle.repairs}
 
 
-def spoiled(case: str) -> bytes:
+def spoiled(case):
     """A log of ``TIMES`` with one thing wrong, of which every message of attitude and motors can be read."""
     rows = made.flight(TIMES)
     att = made.fmt("ATT")
@@ -324,7 +319,7 @@ def test_who_flies(tmp_path, said, parameters, expected):
     )
 
 
-def text_of(recording: DataflashRecording, names: list[str]) -> str:
+def text_of(recording, names):
     """The text log of the same messages, values in their units."""
     lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
     rows = []

@@ -1,7 +1,6 @@
 """DataFlash logs of other versions of ArduPilot: other columns, units and stamps for the same quantities."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 
 import dataflash_logs as dataflash
 import numpy as np
@@ -15,7 +14,6 @@ from mavdem.alignment.signals import Signals, setpoints
 from mavdem.facts.sources import Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.dataflash.log import read_dataflash
-from mavdem.ingest.telemetry import Telemetry
 
 COLUMNS = {
     "MSG": ("QZ", "TimeUS,Message"),
@@ -32,14 +30,14 @@ ROLL_RATE = np.radians(40.0) * np.sin(5 * TIMES)  # rad/s
 
 
 def log(
-    folder: Path,
-    rate: float = 1.0,
-    firmware: str = "hello",
-    gyro: bool = True,
-    swing: float = 1.0,
-    battery: str = "",
-    **columns: str,
-) -> Telemetry:
+    folder,
+    rate=1.0,
+    firmware="hello",
+    gyro=True,
+    swing=1.0,
+    battery="",
+    **columns,
+):
     """A roll that swings, with RATE's rates in degrees/s times ``rate``; ``columns`` are other field names."""
     defined = {
         name: (characters, columns.get(name, fields))

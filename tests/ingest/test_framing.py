@@ -2,7 +2,6 @@
 
 import struct
 from collections import defaultdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import NOW, beginning, flight, frame, frames_in, heartbeat, real_logs, tlog
-from numpy.typing import NDArray
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
 from pytest import approx
 from whole_logs import read
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, GOOD, Bytes, Frames
+from mavdem.ingest.mavlink.framing import FAILED, GOOD
 from mavdem.ingest.mavlink.vehicles import MAX_STAMP_JUMP
 from mavdem.ingest.tlog import STAMP_BYTES, _without_carriage_returns, tlog_stream
 
@@ -26,7 +24,7 @@ TIMES = [20 + 0.01 * row for row in range(60)]
 
 
 @st.composite
-def any_frame(draw: st.DrawFn) -> bytes:
+def any_frame(draw):
     """A frame of any message with any field values, of MAVLink 1 cut off anywhere."""
     version = draw(st.sampled_from([1, 2]))
     sizes = {known: message.unpacker.size for known, message in dialect.mavlink_map.items()}
@@ -90,7 +88,7 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
     assert GOOD not in frames_in(content).verdict
 
 
-def theirs(content: bytes, folder: Path) -> list[Any]:
+def theirs(content, folder):
     path = folder / "theirs.tlog"
     path.write_bytes(content)
     reader = mavutil.mavlogfile(str(path), robust_parsing=True)
@@ -102,7 +100,7 @@ def theirs(content: bytes, folder: Path) -> list[Any]:
     return messages
 
 
-def key(message: Any) -> tuple[int, int, int, int]:
+def key(message):
     return (
         message.get_msgId(),
         message.get_srcSystem(),
@@ -111,12 +109,12 @@ def key(message: Any) -> tuple[int, int, int, int]:
     )
 
 
-def keys(frames: Frames) -> list[tuple[int, int, int, int]]:
+def keys(frames):
     columns = (frames.message_id, frames.system, frames.component, frames.sequence)
     return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
-def assert_fields_equal(data: Bytes, frames: Frames, messages: list[Any]) -> None:
+def assert_fields_equal(data, frames, messages):
     """Our columns against their messages, which are the same frames in the same order."""
     by_id: dict[int, list[Any]] = defaultdict(list)
     for message in messages:
@@ -158,7 +156,7 @@ def test_real_logs(log, tmp_path):
     assert_fields_equal(data, frames, messages)
 
 
-def _rows_of(messages: list[Any], frames: Frames) -> NDArray[np.int64]:
+def _rows_of(messages, frames):
     """Our row of each of their messages; we may have more, never less and never in another order."""
     rows = []
     ours = enumerate(keys(frames))
@@ -169,7 +167,7 @@ def _rows_of(messages: list[Any], frames: Frames) -> NDArray[np.int64]:
     return np.array(rows, dtype=np.int64)
 
 
-def _pymavlink_stumbles(found: Frames, start: int) -> bool:
+def _pymavlink_stumbles(found, start):
     """Whether pymavlink is known to lose the frame at ``start``, which is sound.
 
     It reads 12 bytes at least, so a MAVLink 1 frame of 11 takes a byte of the next stamp along; where bytes that are

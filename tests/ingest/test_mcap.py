@@ -3,7 +3,6 @@
 import json
 import random
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
 
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Source
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import read_log
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
 from mavdem.ingest.mcap.records import MAGIC, McapRecording
@@ -32,7 +31,7 @@ COMPRESSIONS = list(CompressionType)
 SAMPLE_LOGS = sorted(LOGS.glob("*.tlog"))
 
 
-def assert_same(one: Log, other: Log, unknown: frozenset[str]) -> None:
+def assert_same(one, other, unknown):
     """``unknown``: parameters that only the other log can know."""
     assert [vars(speaker) for speaker in one.components] == [
         vars(speaker) for speaker in other.components
@@ -56,11 +55,11 @@ def assert_same(one: Log, other: Log, unknown: frozenset[str]) -> None:
 
 
 @pytest.fixture
-def recorder(tmp_path: Path):
+def recorder(tmp_path):
     return Recorder(tmp_path / "flight.mcap")
 
 
-def back_to_tlog(mcap: Path) -> bytes:
+def back_to_tlog(mcap):
     path = mcap.with_suffix(".back.tlog")
     with path.open("wb") as file:
         write_tlog(file, mcap_stream(mcap))
@@ -244,7 +243,7 @@ def test_a_topic_may_be_called_anything(topic, recorder):
 # Damage and malice
 
 
-def attitudes(path: Path) -> list[int] | None:
+def attitudes(path):
     """The stamps of attitude, ms, or None where the file is unreadable, and says so in one sentence."""
     try:
         log = read_log(path)
@@ -263,7 +262,7 @@ def attitudes(path: Path) -> list[int] | None:
     ]
 
 
-def small(folder: Path, compression: CompressionType, frames: bool) -> bytes:
+def small(folder, compression, frames):
     """A recording of several chunks."""
     path = folder / "small.mcap"
     with Recorder(path, compression=compression, chunk_size=2500) as recorder:
@@ -402,13 +401,11 @@ def test_without_a_header_the_topic_tells_who_sent_it(header, recorder):
     assert (speaker.system, speaker.messages, speaker.lost) == (7, {"ATTITUDE": 20}, 0)
 
 
-def record(opcode: int, content: bytes, length: int | None = None) -> bytes:
+def record(opcode, content, length=None):
     return struct.pack("<BQ", opcode, len(content) if length is None else length) + content
 
 
-def chunk(
-    packed: bytes, compression: bytes = b"zstd", size: int = 0, length: int | None = None
-) -> bytes:
+def chunk(packed, compression=b"zstd", size=0, length=None):
     head = struct.pack("<QQQI", 0, 0, size, 0) + struct.pack("<I", len(compression)) + compression
     return record(6, head + struct.pack("<Q", len(packed) if length is None else length) + packed)
 
@@ -418,7 +415,7 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
     given = []
     unpack = mcap_records._unpacked
 
-    def watched(compression: str, packed: bytes, most: int) -> bytes:
+    def watched(compression, packed, most):
         records = unpack(compression, packed, most)
         assert len(records) <= most
         given.append(len(records))

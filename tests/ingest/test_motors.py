@@ -13,9 +13,9 @@ OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
 
 
 def scale_of(
-    outputs: tuple[float, ...],
-    parameters: dict[str, float],
-    drivers: list[tuple[str, int]] = OF_MAIN,
+    outputs,
+    parameters,
+    drivers=OF_MAIN,
 ):
     return output_scale(np.array([outputs]), parameters, drivers)
 

@@ -3,7 +3,6 @@
 import os
 import random
 import struct
-from pathlib import Path
 
 import dataflash_logs
 import numpy as np
@@ -15,16 +14,14 @@ from mavlink_streams import flight, frame, heartbeat, message, refused, tlog
 
 from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.telemetry import Telemetry
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 
 
-def log_of(content: bytes, folder: Path, name: str = "flight.tlog") -> Log:
+def log_of(content, folder, name="flight.tlog"):
     path = folder / name
     path.write_bytes(content)
     return read_log(path)
@@ -54,7 +51,7 @@ def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path):
     ]
 
 
-def vehicle_of(frames: list[bytes], folder: Path) -> Telemetry:
+def vehicle_of(frames, folder):
     (vehicle,) = log_of(tlog(frames), folder).vehicles
     return vehicle
 
@@ -72,7 +69,7 @@ def test_stray_heartbeats_and_none_do_not_change_who_flies(tmp_path, beats, who)
     assert (vehicle.vehicle, vehicle.autopilot) == who
 
 
-def parameter(name: bytes, value: float, kind: int = 9, component: int = 1) -> bytes:
+def parameter(name, value, kind=9, component=1):
     fields = {"param_id": name, "param_value": value, "param_type": kind}
     return message("PARAM_VALUE", component=component, **fields)
 
@@ -199,7 +196,7 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
             assert set(np.round(stamps, 3).tolist()) <= allowed
 
 
-def unreadable(path: Path) -> Fact:
+def unreadable(path):
     with pytest.raises(Unreadable) as failure:
         read_log(path)
     assert failure.value.fact.figures["path"] == str(path)
@@ -332,6 +329,6 @@ def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
     assert log.source == str(path) and len(log.vehicles) == 1
 
 
-def written(path: Path, content: bytes) -> Path:
+def written(path, content):
     path.write_bytes(content)
     return path

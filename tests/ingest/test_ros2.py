@@ -2,15 +2,11 @@
 
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from mavlink_streams import flight, heartbeat, refused
 from mcap_files import Recorder
-from numpy.typing import NDArray
 from pytest import approx
 from ros2_files import (
     DEFINITIONS,
@@ -34,10 +30,9 @@ from mavdem.extras import MissingExtra
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.mcap.log import mcap_stream
-from mavdem.ingest.telemetry import Telemetry
 
 
-def written(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any) -> Path:
+def written(folder, write, **options):
     path = folder / "flight.mcap"
     with Ros2Recorder(path, **options) as recorder:
         write(recorder)
@@ -45,11 +40,11 @@ def written(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any)
 
 
 @pytest.fixture
-def recorder(tmp_path: Path):
+def recorder(tmp_path):
     return Ros2Recorder(tmp_path / "flight.mcap")
 
 
-def message(vehicle: Telemetry, name: str, *fields: str) -> NDArray[np.float64]:
+def message(vehicle, name, *fields):
     return np.column_stack(
         [np.asarray(vehicle.messages[name][field], dtype=np.float64) for field in fields]
     )
@@ -169,7 +164,7 @@ def test_versions_and_directions_of_topics(recorder):
 def test_several_vehicles_are_listed_and_chosen(tmp_path):
     times = 20 + 0.01 * np.arange(1500)
 
-    def write(recorder: Ros2Recorder) -> None:
+    def write(recorder):
         px4_flight(recorder, prefix="/px4_1/fmu/out/", system_id=2)
         px4_flight(recorder, times + 100, "/px4_2/fmu/out/", system_id=3)
         px4_flight(recorder, prefix="/px4_3/fmu/out/", system_id=3)
@@ -280,7 +275,7 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     assert capfd.readouterr() == ("", "")
 
 
-def write_raw(path: Path, kind: str, definition: str, bodies: list[bytes]) -> None:
+def write_raw(path, kind, definition, bodies):
     """Bodies under ``/fmu/out/vehicle_attitude`` with a definition of their own, and sound motors and status."""
     with Ros2Recorder(path) as recorder:
         number = recorder._writer._writer.register_schema(kind, "ros2msg", definition.encode())
@@ -330,7 +325,7 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
 
 
 def test_the_battery_of_either_bridge(tmp_path):
-    def write(recorder: Ros2Recorder) -> None:
+    def write(recorder):
         px4_flight(recorder)
         mavros_flight(recorder, node="/uav/mavros")
         for row in range(5):

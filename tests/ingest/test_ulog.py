@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from mavlink_streams import refused
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from pytest import approx
 from pyulog import ULog
 from recorded_flights import shared
@@ -36,11 +35,11 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
+from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import Injection
 
 
-def same(ours: NDArray[np.generic], theirs: NDArray[np.generic]) -> bool:
+def same(ours, theirs):
     return len(ours) == len(theirs) and bool(
         (np.asarray(ours, np.float64) == np.asarray(theirs, np.float64)).all()
     )
@@ -128,7 +127,7 @@ def test_motors_are_put_on_their_channels(tmp_path):
 
 
 def test_instances_of_outputs_are_ports(tmp_path):
-    def outputs(row: int, instance: int) -> bytes:
+    def outputs(row, instance):
         values = [1000 * (instance + 1) + row + 0.5, *[7.0] * 15]
         return data("actuator_outputs", 20 + 0.01 * row, 1, *values, instance=instance)
 
@@ -212,7 +211,7 @@ def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_
 
 
 def test_landed_states(tmp_path):
-    def target(seconds: float, kind: int, valid: bool = True) -> bytes:
+    def target(seconds, kind, valid=True):
         return data("position_setpoint_triplet", seconds, 0, 0.0, False, 0, 0, 47.0, valid, kind)
 
     pieces = [
@@ -295,7 +294,7 @@ def test_bytes_that_nobody_wrote_are_skipped_at_once(tmp_path, monkeypatch):
 WANTED = "HIL_ACTUATOR_CONTROLS"
 
 
-def stamps_of(vehicle: Telemetry) -> list[int]:
+def stamps_of(vehicle):
     return np.rint(vehicle.messages[WANTED]["time"] * 1e6).astype(int).tolist()
 
 

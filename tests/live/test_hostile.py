@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from hover import Hover
-from live_hover import Flight, Timed, replay
+from live_hover import Flight, replay
 from mavlink_streams import frame, message
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -18,15 +18,14 @@ from mavdem.live.rows import MAX_SAMPLES, Samples
 from mavdem.live.stream import MAX_EVENTS
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
-GCS = 6
 
 
-def among(frames: Timed, others: Timed) -> Timed:
+def among(frames, others):
     return sorted(frames + others, key=lambda entry: entry[0])
 
 
 @cache
-def usual_rows() -> np.ndarray:
+def usual_rows():
     return replay(FLIGHT.frames(0.0, 20.0)).table()
 
 

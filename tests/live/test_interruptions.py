@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 from hover import Hover
-from live_hover import Flight, Replay, Timed, differences, offline, replay
+from live_hover import Flight, differences, offline, replay
 from mavlink_streams import message
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
@@ -16,20 +16,16 @@ from mavdem.facts.session import Rows, VehicleFact
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
 
-def settled_uniform(made: Replay) -> None:
+def settled_uniform(made):
     """Within a segment rows are one step apart, whatever happened."""
     for number, rows in made.segments().items():
         assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
 
 
-def same_as_offline(made: Replay, frames: Timed, tolerance: float = 1e-9) -> None:
+def same_as_offline(made, frames, tolerance=1e-9):
     telemetry = offline([data for _, data in frames])
     for number in made.segments():
         assert max(differences(made, number, telemetry)) < tolerance
-
-
-def shifted(frames: Timed, later: float) -> Timed:
-    return [(time + later, data) for time, data in frames]
 
 
 @pytest.mark.slow
@@ -131,7 +127,7 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
 OCTOROTOR = 14
 
 
-def octo() -> Timed:
+def octo():
     """Eight motors, four on each of two ports, the second sent a millisecond after the first."""
     frames = []
     for time, data in Flight().frames(end=15.0):

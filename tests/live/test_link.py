@@ -4,7 +4,6 @@ import os
 import pty
 import socket
 import time
-from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 import pytest
@@ -22,30 +21,30 @@ from mavdem.live.link import (
 HEARTBEAT = message("HEARTBEAT", system=1, component=1, type=2, autopilot=3)
 
 
-def udp() -> socket.socket:
+def udp():
     one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     one.bind(("127.0.0.1", 0))
     one.settimeout(0.2)
     return one
 
 
-def server() -> socket.socket:
+def server():
     return socket.create_server(("127.0.0.1", 0))
 
 
-def port_of(one: socket.socket) -> int:
+def port_of(one):
     return one.getsockname()[1]
 
 
 @contextmanager
-def listening(form: str = "udpin:127.0.0.1:{}") -> Iterator[tuple[Link, tuple[str, int]]]:
+def listening(form="udpin:127.0.0.1:{}"):
     with udp() as one:
         port = port_of(one)
     with closing(Link(form.format(port))) as link:
         yield link, ("127.0.0.1", port)
 
 
-def everything(link: Link, pieces: int = 1, patience: float = 60.0) -> bytes:
+def everything(link, pieces=1, patience=60.0):
     received = b""
     until = time.perf_counter() + patience
     while pieces > 0 and time.perf_counter() < until:
@@ -55,7 +54,7 @@ def everything(link: Link, pieces: int = 1, patience: float = 60.0) -> bytes:
     return received
 
 
-def assert_silent(one: socket.socket) -> None:
+def assert_silent(one):
     one.setblocking(False)
     with pytest.raises(BlockingIOError):
         one.recv(100)
@@ -98,7 +97,7 @@ def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_s
     others = message("HEARTBEAT", system=255, component=190, type=6, autopilot=8)
     with listening() as (link, address), udp() as first, udp() as second:
 
-        def received(*senders: socket.socket, frame: bytes = HEARTBEAT) -> int:
+        def received(*senders, frame=HEARTBEAT):
             clock[0] += 0.5
             for sender in senders:
                 sender.sendto(frame, address)

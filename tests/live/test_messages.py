@@ -13,7 +13,7 @@ from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
 from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, message_of
 
 
-def found(content: bytes, chance: random.Random | None = None) -> tuple[list[Frame], FrameReader]:
+def found(content, chance=None):
     """All frames, and the finder, from bytes in random pieces or whole."""
     finder = FrameReader()
     frames = []
@@ -25,7 +25,7 @@ def found(content: bytes, chance: random.Random | None = None) -> tuple[list[Fra
     return frames, finder
 
 
-def by_the_file_reader(content: bytes) -> list[Frame]:
+def by_the_file_reader(content):
     table = frames_in(content)
     columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
     headers = zip(*(column.tolist() for column in columns), strict=True)
@@ -36,11 +36,11 @@ def by_the_file_reader(content: bytes) -> list[Frame]:
     ]
 
 
-def payload_of(content: bytes) -> bytes:
+def payload_of(content):
     return content[HEADER if content[0] == MARKER_2 else HEADER_1 :][: content[1]]
 
 
-def mixed(seed: int, count: int = 300) -> list[bytes]:
+def mixed(seed, count=300):
     """MAVLink 1, 2, signed, of another dialect, and long ones."""
     chance = random.Random(seed)
     kinds = (

@@ -22,7 +22,7 @@ ON_THE_GROUND = 0.22
 class Vehicle:
     """Sends the collective at 100 Hz and HEARTBEATs at 1 Hz; it took off at 0 s."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.recent = Recent()
         self.phase = Phase(self.recent)
         self.time = -3.0

@@ -28,15 +28,15 @@ VEHICLE = FrameSender(7, 1)
 US = (255, 190)
 
 
-def told(name: str, first: int, second: int, to: tuple[int, int] = US) -> Message:
+def told(name, first, second, to=US):
     return Message(name, 0.0, 0.0, (first, second, *(to if name == "COMMAND_ACK" else ())))
 
 
-def request_of(rate: float, *messages: int) -> RateRequest:
+def request_of(rate, *messages):
     return RateRequest(VEHICLE, rate, messages or (30, 36), evidence=())
 
 
-def said(frames: list[bytes]) -> list[tuple[int, int, float]]:
+def said(frames):
     """Command and first two parameters of each, to the vehicle."""
     parser = dialect.MAVLink(None)
     messages = [message for frame in frames for message in parser.parse_buffer(frame)]
@@ -116,9 +116,7 @@ def test_answers_to_others_and_to_other_commands_are_not_ours():
 class Vehicle:
     """Sends at rates of its own until asked for others, which it forgets when it reboots; time goes by in ``run``."""
 
-    def __init__(
-        self, request: RateRequest, knows: tuple[int, ...] = (30, 36, 245, 32, 74), **rates: float
-    ) -> None:
+    def __init__(self, request, knows=(30, 36, 245, 32, 74), **rates):
         self.request, self.arrivals, self.knows = request, Arrivals(), knows
         self.usual = {int(name[1:]): rate for name, rate in rates.items()}
         self.rates = dict(self.usual)
@@ -129,7 +127,7 @@ class Vehicle:
         self.silent = False
         self.late = 0
 
-    def run(self, seconds: float, back_every: float = 0.0) -> None:
+    def run(self, seconds, back_every=0.0):
         """Lets so many seconds go by; another ground station may set its own rates again now and then."""
         for _ in range(round(10 * seconds)):
             self.now += 0.1
@@ -146,7 +144,7 @@ class Vehicle:
                     self.sent.append((round(self.now, 1), command, kind))
                     self.answer(command, kind, interval)
 
-    def restarts_after(self, silence: float) -> None:
+    def restarts_after(self, silence):
         """It sends nothing for so many seconds; the session notices a long silence."""
         self.silent = True
         self.run(silence)
@@ -155,7 +153,7 @@ class Vehicle:
             self.arrivals = Arrivals()
             self.request.restart()
 
-    def answer(self, command: int, kind: int, interval: float) -> None:
+    def answer(self, command, kind, interval):
         if command == GET_INTERVAL:
             rate = self.rates.get(kind, 0.0)
             self.request.take(
@@ -166,7 +164,7 @@ class Vehicle:
             self.rates[kind] = 1e6 / interval if interval > 0 else 0.0
         self.request.take(told("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
 
-    def give_back(self) -> None:
+    def give_back(self):
         for command, kind, interval in said(self.request.restore()):
             self.answer(command, kind, interval)
 

@@ -1,7 +1,6 @@
 """The file of what a link receives: every frame with its stamp, whatever comes between them."""
 
 import shutil
-from pathlib import Path
 
 import pytest
 from mavlink_streams import flight, frame, heartbeat
@@ -19,14 +18,14 @@ OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
 NOW = 1.7e9
 
 
-def taken(recording: RawRecording, pieces: list[bytes], step: float) -> None:
+def taken(recording, pieces, step):
     """Takes what pieces of a stream, ``step`` s apart, complete."""
     reader = FrameReader()
     for row, piece in enumerate(pieces):
         recording.take(NOW + step * row, reader.feed(piece))
 
 
-def recorded(path: Path) -> list[tuple[int, bytes]]:
+def recorded(path):
     return list(read_stream(path).stamped_frames())
 
 

@@ -2,10 +2,9 @@
 
 import struct
 from functools import lru_cache
-from pathlib import Path
 
 import pytest
-from live_hover import Flight, Timed, cut, differences, offline, replay
+from live_hover import Flight, cut, differences, offline, replay
 from numpy.testing import assert_array_equal
 from recorded_flights import LOGS, SHARED, shared
 
@@ -16,7 +15,6 @@ from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.facts.session import Rows
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.stream import REVIEW_SECONDS
 
 RECORDED = (
@@ -100,16 +98,16 @@ def test_a_row_is_reported_with_the_message_that_completes_it():
         assert max(at - row.time for at, row in came if row.time > 10.0) < most + 0.001
 
 
-def recorded(path) -> Timed:
+def recorded(path):
     return [(stamp / 1e6 - 1.7e9, data) for stamp, data in read_stream(path).stamped_frames()]
 
 
 @lru_cache(1)
-def vehicles_of(path) -> tuple[Telemetry, ...]:
+def vehicles_of(path):
     return read_log(path).vehicles
 
 
-def first_seconds(path: Path, folder: Path, seconds: float) -> Path:
+def first_seconds(path, folder, seconds):
     """The frames that were received in the first seconds."""
     frames = read_stream(path).stamped_frames()
     (begun, first) = next(frames)
@@ -121,7 +119,7 @@ def first_seconds(path: Path, folder: Path, seconds: float) -> Path:
     return kept
 
 
-def hold_against_offline(path, vehicle: str | None = None) -> None:
+def hold_against_offline(path, vehicle=None):
     telemetry = choose_vehicle(vehicles_of(path), vehicle)
     made = replay(recorded(path), vehicle=vehicle)
     found = settled_segments(Signals(telemetry))

@@ -1,6 +1,6 @@
 """Which vehicle is followed."""
 
-from live_hover import Flight, Timed, replay
+from live_hover import Flight, replay
 from mavlink_streams import heartbeat, message
 
 from mavdem.facts import Fact
@@ -13,12 +13,12 @@ TWO = sorted(
 )
 
 
-def only_heartbeats(system: int = 1) -> Timed:
+def only_heartbeats(system=1):
     """A vehicle on a link that nobody has asked for anything yet."""
     return [(time, data) for time, data in Flight(system=system).frames(end=10.0) if data[7] == 0]
 
 
-def with_parameters(frames: Timed, values: dict[bytes, float]) -> Timed:
+def with_parameters(frames, values):
     """Frames with PARAM_VALUEs at 12.5 s."""
     sent = [
         (12.5, message("PARAM_VALUE", param_id=name, param_value=at, param_type=9))

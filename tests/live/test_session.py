@@ -4,7 +4,6 @@ import html
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import groupby
-from typing import Any, Self
 from unittest.mock import Mock
 
 import numpy as np
@@ -31,7 +30,6 @@ from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.link import LinkLost
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
-from mavdem.live.shown import ShownRow
 from mavdem.report.flight_page import live_page
 from mavdem.report.numbers import plus_minus
 from sitl_scenarios.files import load, scenario_of
@@ -51,21 +49,21 @@ class ScriptedLink:
     speaks_first = False
     events = staticmethod(list)
 
-    def __init__(self, script: list[Any]) -> None:
+    def __init__(self, script):
         self.script = script
         self.sent = b""
         self.reopened = 0
 
-    def receive(self, timeout: float) -> list[tuple[float, bytes]]:
+    def receive(self, timeout):
         now = self.script.pop(0) if self.script else []
         if isinstance(now, Exception):
             raise now
         return now
 
-    def send(self, frame: bytes) -> None:
+    def send(self, frame):
         self.sent += frame
 
-    def reopen(self) -> bool:
+    def reopen(self):
         self.reopened += 1
         return self.reopened > 1
 
@@ -75,20 +73,20 @@ class Screen:
 
     log = hold = staticmethod(lambda event: None)
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.rows: list[tuple[float, int, Estimate | None]] = []
         self.statuses: list[SessionStatus] = []
         self.setups: list[Setup] = []
 
-    def open(self, setup: Setup) -> Self:
+    def open(self, setup):
         self.setups.append(setup)
         return self
 
-    def put(self, row: ShownRow) -> None:
+    def put(self, row):
         self.rows.append((row.time, row.segment, row.estimate))
 
 
-def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:
+def batches(seconds, start=0.0):
     """The recorded frames of so many seconds, those of each twentieth of a second together; all before them first."""
     here = [
         each
@@ -101,7 +99,7 @@ def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]
     ]
 
 
-def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, list[Fact]]:
+def session_of(script, **options):
     screen = Screen()
     said = []
     link = ScriptedLink(script)
@@ -118,7 +116,7 @@ def now(monkeypatch):
     return clock
 
 
-def run(one: LiveSession) -> None:
+def run(one):
     while one.link.script:  # type: ignore[attr-defined]
         one.step(0.0)
     one.end()
@@ -304,7 +302,7 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
     take = one._take
     shed = []
 
-    def slow(row: AlignedRow) -> None:
+    def slow(row):
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
         take(row)
 

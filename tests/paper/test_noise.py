@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.random import Generator, default_rng
+from numpy.random import default_rng
 from scipy.stats import binom
 
 from mavdem.paper import noise
@@ -14,12 +14,12 @@ FEWEST, MOST = binom.ppf([0.001, 0.999], SERIES, 0.05)
 """Rejections at 0.05 of so many series: a test of the right level is within in 998 of 1000 tries."""
 
 
-def gaussian(rng: Generator, steps: float, values: int = VALUES) -> np.ndarray:
+def gaussian(rng, steps, values=VALUES):
     """White noise through a Gaussian kernel of so many steps; white for 0."""
     return gaussian_noise(steps, 1.0, values, rng) if steps else rng.standard_normal(values)
 
 
-def rejections(test, make, series: int = SERIES) -> int:
+def rejections(test, make, series=SERIES):
     rng = default_rng(0)
     return sum(test(make(rng)).p_value < 0.05 for _ in range(series))
 

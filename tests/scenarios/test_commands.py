@@ -16,7 +16,7 @@ GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
 class Vehicle:
     """A vehicle that answers, and the part of a simulation that can be armed."""
 
-    def __init__(self, autopilot: str = "px4", armable: bool = True) -> None:
+    def __init__(self, autopilot="px4", armable=True):
         cycle = CYCLES[autopilot]
         self.transmitter = Transmitter(Scenario(stream=StreamSpec(autopilot=autopilot)), cycle)
         self.commands = CommandHandler(self.transmitter, self)
@@ -26,11 +26,11 @@ class Vehicle:
         self._row = 1
         self.flown(1.0)
 
-    def set_armed(self, armed: bool, force: bool = False) -> bool:
+    def set_armed(self, armed, force=False):
         self.asked.append((armed, force))
         return self._armable or force
 
-    def flown(self, seconds: float) -> dict[str, list]:
+    def flown(self, seconds):
         """The messages of the next seconds by name."""
         rows = slice(
             self._row, self._row + round(seconds / CYCLES[self.transmitter.autopilot.name])
@@ -42,13 +42,11 @@ class Vehicle:
             said.setdefault(message.get_type(), []).append(message)
         return said
 
-    def hears(self, message: dialect.MAVLink_message) -> None:
+    def hears(self, message):
         for one in addressed_messages(bytes(message.pack(GROUND)), 1, 1):
             self.commands.answer(one)
 
-    def command(
-        self, number: int, *given: float, seconds: float = 1.0
-    ) -> tuple[int, dict[str, list]]:
+    def command(self, number, *given, seconds=1.0):
         """The result, and what was said in the second after."""
         given = (*given, *[0.0] * (7 - len(given)))
         self.hears(dialect.MAVLink_command_long_message(1, 1, number, 0, *given))

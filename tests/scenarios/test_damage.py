@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -12,11 +10,9 @@ from pytest import approx
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.paper.runner import write_log
 from sitl_scenarios.dynamics import SPINS, Damage, damages, frame
 from sitl_scenarios.files import load, scenario_of
-from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -80,12 +76,12 @@ def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(
     assert_allclose(effects, left * arms / IRIS.arm[1] * speeds, rtol=0.02)
 
 
-def brief(name: str, duration: float, **vehicle: object) -> Scenario:
+def brief(name, duration, **vehicle):
     values = load(name).model_dump(mode="json")
     return scenario_of(values | {"duration": duration, "vehicle": values["vehicle"] | vehicle})
 
 
-def logged(scenario: Scenario, folder: Path) -> tuple[Motion, Telemetry]:
+def logged(scenario, folder):
     motion = fly(scenario)
     write_log(folder / "flight.tlog", scenario, motion)
     return motion, read_log(folder / "flight.tlog").vehicles[0]

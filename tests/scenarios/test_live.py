@@ -1,17 +1,13 @@
 """A simulated vehicle on the network: its clock and its rates, what it obeys, and what must not disturb it."""
 
-from collections.abc import Iterator
-
 import numpy as np
-import pytest
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import all as dialect
 from pytest import approx
 
-from sitl_scenarios.mavlink.live import Ground, LiveOutcome, fly_live
+from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
-from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Faults, Scenario
 
 GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
@@ -20,22 +16,22 @@ GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
 class Played:
     """A motion that is known beforehand, in place of a simulation."""
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds):
         self.cycle = 0.004
         self._motion = made_up_motion(seconds, begin=1.0)
         self._row = 0
         self.asked: list[bool] = []
 
     @property
-    def finished(self) -> bool:
+    def finished(self):
         return self._row >= len(self._motion)
 
-    def advance(self, cycles: int) -> Motion:
+    def advance(self, cycles):
         rows = slice(self._row, self._row + cycles)
         self._row += cycles
         return rows_of_motion(self._motion, rows)
 
-    def set_armed(self, armed: bool, force: bool = False) -> bool:
+    def set_armed(self, armed, force=False):
         self.asked.append(armed)
         return True
 
@@ -46,29 +42,25 @@ class Nearby:
     It says ``first`` when it hears the first message.
     """
 
-    def __init__(
-        self, monkeypatch: pytest.MonkeyPatch, first: tuple[dialect.MAVLink_message, ...] = ()
-    ) -> None:
+    def __init__(self, monkeypatch, first=()):
         self.now = 0.0
         self.heard = []
         self._say, self._parser = list(first), dialect.MAVLink(None)
         monkeypatch.setattr("sitl_scenarios.mavlink.live.monotonic", lambda: self.now)
 
-    def send(self, frame: bytes) -> bool:
+    def send(self, frame):
         self.heard += [(self.now, message) for message in self._parser.parse_buffer(frame)]
         return True
 
-    def received(self, until: float) -> Iterator[bytes]:
+    def received(self, until):
         while self._say and self.heard:
             yield bytes(self._say.pop(0).pack(GROUND))
         self.now = max(self.now, until)
 
-    def of(self, kind: str) -> list[tuple[float, dialect.MAVLink_message]]:
+    def of(self, kind):
         return [(at, message) for at, message in self.heard if message.get_type() == kind]
 
-    def flown(
-        self, seconds: float, speed: float, scenario: Scenario | None = None
-    ) -> tuple[LiveOutcome, Played]:
+    def flown(self, seconds, speed, scenario=None):
         simulation = Played(seconds)
         return fly_live(scenario or Scenario(), simulation, self, speed, lambda _: None), simulation
 
@@ -108,7 +100,7 @@ def test_a_slow_link_delivers_all_after_the_flight(monkeypatch):
 
 
 def test_ctrl_c_ends_it():
-    def interrupted(now: float) -> None:
+    def interrupted(now):
         if now > 0.5:
             raise KeyboardInterrupt
 

@@ -1,7 +1,6 @@
 """What is said of a flight is read back as it was."""
 
 import io
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -12,26 +11,23 @@ from pytest import approx
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.mavlink import transmitter as recorded_module
 from sitl_scenarios.mavlink.transmitter import Transmitter, recorded, rows_of_motion
-from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Faults, Scenario, StreamSpec, VehicleSpec
 
 CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 NO_FAULTS = Faults()
 
 
-def written(scenario: Scenario, motion: Motion) -> bytes:
+def written(scenario, motion):
     file = io.BytesIO()
     write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.autopilot], lambda _: None))
     return file.getvalue()
 
 
-def scenario(
-    autopilot: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x", **stream: object
-) -> Scenario:
+def scenario(autopilot="px4", faults=NO_FAULTS, frame="x", **stream):
     return Scenario(
         stream=StreamSpec(autopilot=autopilot, **stream),
         faults=faults,
@@ -39,7 +35,7 @@ def scenario(
     )
 
 
-def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
+def read(tmp_path, flown, motion):
     (tmp_path / "flight.tlog").write_bytes(written(flown, motion))
     return read_log(tmp_path / "flight.tlog")
 
@@ -55,10 +51,10 @@ def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
     assert [speaker.lost for speaker in log.components] == [0]
     sent = vehicle.messages
 
-    def rows(message: str) -> np.ndarray:
+    def rows(message):
         return np.searchsorted(motion.time, sent[message]["time"] - 1e-6)
 
-    def is_sent(message: str, names: Iterable[str], known: np.ndarray) -> None:
+    def is_sent(message, names, known):
         columns = np.column_stack([sent[message][name] for name in names])
         assert_array_equal(columns, known[rows(message)].astype(np.float32))
 

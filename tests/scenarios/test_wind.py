@@ -261,7 +261,7 @@ class Stationary:
     series: Array
     dt: float
 
-    def variance(self) -> tuple[float, float, float]:
+    def variance(self):
         """Estimate, and its lowest and highest.
 
         The mean square of n_eff independent samples, n_eff = Kn/Σρ², has a χ² distribution to second order.
@@ -273,7 +273,7 @@ class Stationary:
         lowest, highest = chi2.interval(1 - FALSE_ALARM, effective) / effective
         return float(np.mean(self.series**2)), float(lowest), float(highest)
 
-    def autocovariance(self, lag: int) -> tuple[float, float, float]:
+    def autocovariance(self, lag):
         """Estimate at a lag in samples, and its lowest and highest.
 
         Var = Σ_k (1 − |k|/n′) (ρ_k² + ρ_{k+m} ρ_{k−m}) / (Kn′), n′ = n − m: Bartlett.
@@ -282,7 +282,7 @@ class Stationary:
         pairs = n - lag
         k = np.arange(-pairs + 1, pairs)
 
-        def rho(at: Array) -> Array:
+        def rho(at):
             return self.autocorrelation(abs(at) * self.dt)
 
         terms = (1 - abs(k) / pairs) * (rho(k) ** 2 + rho(k + lag) * rho(k - lag))
@@ -292,7 +292,7 @@ class Stationary:
         return estimate, expected - margin, expected + margin
 
 
-def holds(checked: tuple[float, float, float]) -> bool:
+def holds(checked):
     """Whether an estimate lies within its bounds."""
     estimate, lowest, highest = checked
     return lowest <= estimate <= highest
