@@ -22,6 +22,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import median_filter
 
 from mavdem.alignment.drive import (
@@ -54,6 +55,7 @@ from mavdem.ingest.telemetry import (
     Integers,
     Telemetry,
     rate_without_gaps,
+    rows_by,
     selected,
 )
 from mavdem.ingest.vocabulary import (
@@ -453,19 +455,15 @@ class Signals(VehicleSignals):
     def rates(self) -> tuple[Signal, Signal] | None:
         """The body rate and what was asked of it, rad/s, from where they come fastest; None without setpoints.
 
-        That is PID_TUNING, of which firmware sends deg/s or rad/s, or else attitude and rate setpoint.
+        That is PID_TUNING, or else attitude and rate setpoint.
         """
-        columns = self.telemetry.messages.get(TUNING_MESSAGE)
-        if columns is not None:
-            pair = np.column_stack([floats(columns, "achieved"), floats(columns, "desired")])
-            pair[abs(pair) > np.degrees(MAX_BODY_RATE)] = np.nan
-            own = series(columns, pair, columns["axis"] == 1 + AXES.index(self.axis))
-            if self.attitude is None or len(own.time) > len(self.attitude.time):
-                values = own.values
-                if self.attitude and values[:, 0].std() > DEGREES * self.attitude.rate.std():
-                    values = np.radians(values)
-                rate, asked = values.T
-                return replace(own, values=rate), replace(own, values=asked)
+        attitude = self.attitude
+        tuning = tuning_rates(
+            self.telemetry, self.axis, None if attitude is None else attitude.rate
+        )
+        if tuning is not None and (attitude is None or len(tuning.time) >= len(attitude.time)):
+            rate, asked = tuning.values.T
+            return replace(tuning, values=rate), replace(tuning, values=asked)
         asked_rates = [setpoint.signal for setpoint in self.setpoints if setpoint.unit == "rad/s"]
         if self.attitude is None or not asked_rates:
             return None
@@ -491,8 +489,58 @@ def usual_rate(stream: Attitude | Motors | Signal) -> float:
     return rate_without_gaps(np.diff(stream.time)[np.diff(stream.boot) == 0])
 
 
+def tuning_rates(telemetry: Telemetry, axis: str, body_rate: Array | None) -> Signal | None:
+    """Returns body rate and its setpoint (N, 2), rad/s, from PID_TUNING; None where there are none.
+
+    Firmware sends deg/s or rad/s, which the ``body_rate`` of other messages tells, where there is one.
+    """
+    columns = telemetry.messages.get(TUNING_MESSAGE)
+    if columns is None:
+        return None
+    pair = np.column_stack([floats(columns, "achieved"), floats(columns, "desired")])
+    pair[abs(pair) > np.degrees(MAX_BODY_RATE)] = np.nan
+    tuning = series(columns, pair, columns["axis"] == 1 + AXES.index(axis))
+    if not len(tuning.time):
+        return None
+    if body_rate is not None and tuning.values[:, 0].std() > DEGREES * body_rate.std():
+        return replace(tuning, values=np.radians(tuning.values))
+    return tuning
+
+
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns angle and body rate of ``axis``, from ATTITUDE or, where that is clearly faster, ATTITUDE_QUATERNION."""
+    """Returns angle and body rate of ``axis``, with the rates of PID_TUNING where those come clearly faster.
+
+    The angle is then the integral of the rate, brought to the angles that were sent.
+    """
+    sent = _sent_attitude(telemetry, axis)
+    tuning = None if sent is None else tuning_rates(telemetry, axis, sent.rate)
+    if sent is None or tuning is None:
+        return sent
+    lengths = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
+    if preferred_message(lengths) == sent.message:
+        return sent
+    rate = tuning.values[:, 0]
+    angle = np.full_like(rate, np.nan)
+    slope = rate.copy()
+    for boot, rows in rows_by(sent.boot).items():
+        time = sent.time[rows]
+        within = (tuning.boot == boot) & (tuning.time >= time[0]) & (tuning.time <= time[-1])
+        if np.any(within):
+            at = tuning.time[within]
+            turned = cumulative_trapezoid(rate[within], at, initial=0)
+            drift = sent.angle[rows] - np.interp(time, at, turned)
+            angle[within] = turned + np.interp(at, time, drift)
+            slope[within] += np.interp(at, time, sent.slope[rows] - sent.rate[rows])
+    kept = np.isfinite(angle)
+    if not kept.any():
+        return sent
+    motion = angle[kept], rate[kept], slope[kept]
+    counts = tuning.sent, tuning.left_out, sent.impossible
+    return Attitude(TUNING_MESSAGE, tuning.time[kept], tuning.boot[kept], *motion, *counts)
+
+
+def _sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
+    """That of ATTITUDE or, where it is clearly faster, ATTITUDE_QUATERNION."""
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
         return None

@@ -12,7 +12,7 @@ from mavdem.analysis.figures import AxisFigures, physical_of
 from mavdem.analysis.gains import autotuned, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop, margin_rating
-from mavdem.dem import Physical
+from mavdem.dem import NotIdentifiable, Physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -50,7 +50,10 @@ def loops_of_log(
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    plant = figures and figures.physical or physical_of(signals, flights)
+    plant: Physical | NotIdentifiable | None = figures and figures.physical
+    # With parts of other gains among them all flights may refuse what these allow.
+    if plant is None or (plant.refusal is not None and caution is not None):
+        plant = physical_of(signals, flights)
     is_known = isinstance(plant, Physical) and plant.identifiable
     if not is_known and plant.refusal is not None:
         raise NotLearnable(plant.refusal)

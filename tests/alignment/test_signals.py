@@ -52,6 +52,20 @@ def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     assert_allclose(pitch.angle, 0.2 * np.sin(pitch.time), atol=1e-12)
 
 
+@pytest.mark.parametrize("per_rad", [1.0, np.degrees(1.0)])
+def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per_rad):
+    time = HOVER.stamps(100.0)
+    achieved = per_rad * HOVER.roll_rate(time)
+    axis = np.ones(len(time))
+    tuning = columns(time, axis=axis, achieved=achieved, desired=0 * time)
+    telemetry = changed(HOVER.telemetry(2.5), "PID_TUNING", **tuning)
+    roll = signals.attitude(telemetry, "roll")
+    assert roll.message == "PID_TUNING" and len(roll.time) > 0.95 * len(time)
+    assert_allclose(roll.angle, HOVER.roll(roll.time), atol=2e-4)
+    assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
+    assert signals.attitude(telemetry, "pitch").message == "ATTITUDE"
+
+
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
     time = np.arange(0, 10, 1e-3)
     roll = 0.4 * np.sin(time)
