@@ -8,11 +8,12 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
-from mavdem.analysis.figures import AxisFigures, physical_of
+from mavdem.analysis.figures import AxisFigures
 from mavdem.analysis.gains import autotuned, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
+from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.condition.loop.loop import Loop, margin_rating
-from mavdem.dem import NotIdentifiable, Physical
+from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -41,8 +42,8 @@ def loops_of_log(
 ) -> Loop:
     """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none.
 
-    The plant is the one that is identified in its loop, which may be ``known``; else the one that inputs and outputs
-    alone tell.
+    The plant is the one that is identified in its loop; else the one that inputs and outputs alone tell, which those
+    ``figures`` may have.
     """
     segments, verdict = usable_segments(signals, log.components)
     if not segments:
@@ -50,14 +51,15 @@ def loops_of_log(
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    plant: Physical | NotIdentifiable | None = figures and figures.physical
-    # With parts of other gains among them all flights may refuse what these allow.
-    if plant is None or (plant.refusal is not None and caution is not None):
-        plant = physical_of(signals, flights)
-    is_known = isinstance(plant, Physical) and plant.identifiable
-    if not is_known and plant.refusal is not None:
-        raise NotLearnable(plant.refusal)
-    assert isinstance(plant, Physical)
+    try:
+        plant = plant_in_loop(signals, flights)
+    except NotLearnable:
+        # With parts of other gains among them all flights may refuse what these allow.
+        of_all = figures and caution is None and figures.physical
+        alone = of_all or physical(flights)
+        if not (isinstance(alone, Physical) and alone.identifiable):
+            raise
+        plant = alone
     loop = loop_of(plant, Record.of(flights))
     if caution is not None:
         other_gains = (dict(values) for _, values in caution.figures["parts"])
