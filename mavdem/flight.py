@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from numbers import Real
@@ -202,6 +202,10 @@ class Flight(FlightDownstream):
     def duration(self) -> float:
         """Seconds from the first sample to one step after the last."""
         return len(self) * self.dt
+
+
+Flights = Sequence[Flight]
+"""Segments of a flight, or flights of one vehicle."""
 
 
 def _column(values: ArrayLike, name: str) -> Floats:

@@ -1,6 +1,6 @@
 """Alignment: segments of settled flight without gaps, and their attitude and inputs on one uniform clock: a Flight."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -45,7 +45,11 @@ class Segment:
         return self.end - self.start
 
 
-def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
+Segments = Sequence[Segment]
+"""Of one flight, or of a log."""
+
+
+def recorded_parts(signals: Signals) -> Segments:
     """Returns each boot from its first message to its last, but for texts: a log may begin with older ones."""
     messages = [
         columns for name, columns in signals.telemetry.messages.items() if name != "STATUSTEXT"
@@ -62,7 +66,7 @@ def recorded_parts(signals: Signals) -> tuple[Segment, ...]:
     return tuple(parts)
 
 
-def settled_segments(signals: Signals) -> tuple[Segment, ...]:
+def settled_segments(signals: Signals) -> Segments:
     """Segments of one boot each: armed, airborne, settled, upright, fast and without gaps; the longest first.
 
     A step longer than ``MAX_GAP_SECONDS``, or messages that usually come slower than ``MINIMUM_RATE``, end a segment:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mavdem.alignment import phases, quality
-from mavdem.alignment.align import Segment, align, settled_segments
+from mavdem.alignment.align import Segment, Segments, align, settled_segments
 from mavdem.alignment.drive import (
     DEMAND_MESSAGE,
     MAX_BODY_RATE,
@@ -62,7 +62,7 @@ class Learnability:
     """Measured on the segment."""
     flight: Flight | None = field(default=None, repr=False, compare=False)
     """The aligned segment, if there is one."""
-    segments: tuple[Segment, ...] = field(default=(), repr=False)
+    segments: Segments = field(default=(), repr=False)
     """All of settled flight, the longest first."""
 
     @property
@@ -176,7 +176,7 @@ class _Evidence:
     drive: Motors
     components: Sequence[Component]
     figures: QualityFigures
-    segments: tuple[Segment, ...]
+    segments: Segments
     least_rate: float  # Hz, that both streams need
 
     def name(self, stream: Attitude | Motors) -> str:

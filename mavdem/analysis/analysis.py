@@ -4,7 +4,7 @@ The verdict and the tier say what the log allows. The model is trained on the se
 model saw, and graded by findings; a model of the slow motion is kept only where it predicts better than none.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 
@@ -32,7 +32,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.forecasts import Forecasts, TestResult
 from mavdem.files import PathName
-from mavdem.flight import Flight
+from mavdem.flight import Flight, Flights
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.health.trim import trim_of_signals
 from mavdem.ingest import Log
@@ -212,8 +212,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 
 
 def _model(
-    segments: tuple[Flight, ...], options: Options, progress: StepProgress, slow: bool
-) -> tuple[tuple[Flight, ...], Learned, HeldOut]:
+    segments: Flights, options: Options, progress: StepProgress, slow: bool
+) -> tuple[Flights, Learned, HeldOut]:
     """What was trained on, the model, and forecasts of windows that no model saw.
 
     A model of ``slow`` motion is refused by these before it is learned.
@@ -268,7 +268,7 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
     return None
 
 
-def flown_after(segments: Sequence[Flight], start: float) -> tuple[Flight, ...]:
+def flown_after(segments: Flights, start: float) -> Flights:
     """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little.
 
     Of the longest segment's boot: times of another cannot be compared.

@@ -37,7 +37,7 @@ from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
-from mavdem.flight import Flight
+from mavdem.flight import Flights
 from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component
@@ -63,7 +63,7 @@ PHYSICAL = (
 class AxisFigures(NamedTuple):
     """One axis: all its settled ``flights``, ``physical`` parameters, ``wind`` torque; ``reason``: why none."""
 
-    flights: tuple[Flight, ...]
+    flights: Flights
     physical: Physical | None
     wind: WindTorque | None
     reason: Fact | None
@@ -94,7 +94,7 @@ class LogAnalysis:
     identity: Identity
     reason: Fact | None = None
     axes: Mapping[str, AxisFigures] = field(default_factory=dict)
-    flights: tuple[Flight, ...] = ()
+    flights: Flights = ()
     learned: Learned | None = None
     held_out: HeldOut | None = None
     truth: TruthComparison | None = None
@@ -162,7 +162,7 @@ class LogAnalysis:
         }
 
 
-def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> Values:
+def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Values:
     """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
     first = flights[0]
     fit = learned.simulation_fit
@@ -255,7 +255,7 @@ def physical_values(physical: Physical | None) -> Values | None:
     }
 
 
-def physical_of(signals: Signals, flights: Sequence[Flight]) -> Physical | NotIdentifiable:
+def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiable:
     """Returns the physical parameters of the axis of ``signals`` in ``flights``, or why there are none.
 
     They are those that inputs and outputs alone tell where they tell them without a bias, by motor and in narrower

@@ -2,7 +2,6 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite
@@ -17,7 +16,7 @@ from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Loops
-from mavdem.flight import Flight
+from mavdem.flight import Flight, Flights
 from mavdem.ingest.mavlink.definitions import parameters_sent
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
@@ -32,9 +31,7 @@ FOUND = re.compile(r"\b([PID]):([\d.]+)")
 """A gain that ArduPilot's AutoTune ended with, in "Roll Rate: P:0.116, I:0.116, D:0.0006" and "Roll Angle P:36.000"."""
 
 
-def with_one_set_of_gains(
-    flights: Sequence[Flight], signals: Signals
-) -> tuple[tuple[Flight, ...], Fact | None]:
+def with_one_set_of_gains(flights: Flights, signals: Signals) -> tuple[Flights, Fact | None]:
     """Returns the parts of ``flights`` with the set of gains that was flown longest, with these; a fact if not all.
 
     The fact has the durations of the other sets, the longest first, and which gains were others in each.

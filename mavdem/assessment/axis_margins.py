@@ -1,11 +1,11 @@
 """Margins of an axis: of its loops where they are identified, or else resonances that the log shows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 
-from mavdem.alignment.align import Segment, recorded_parts
+from mavdem.alignment.align import Segments, recorded_parts
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.signals import Signals
 from mavdem.condition.injected import injected_loop
@@ -51,7 +51,7 @@ class AxisMargins:
 
 
 def margins_of(
-    signals: Signals, parts: Sequence[Segment], loops: Mapping[str, Loop | Fact]
+    signals: Signals, parts: Segments, loops: Mapping[str, Loop | Fact]
 ) -> tuple[AxisMargins, ...]:
     """Returns what is known of the margins of roll, pitch and yaw, by ``parts`` of settled flight and the ``loops``."""
     return tuple(

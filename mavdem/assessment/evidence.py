@@ -12,7 +12,7 @@ from math import inf
 import numpy as np
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment
+from mavdem.alignment.align import Segment, Segments
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.signals import Signals
@@ -92,7 +92,7 @@ class Evidence:
         means = [phases.average(part) for part in self.flown(signal)]
         return np.concatenate([np.zeros(0), *means])
 
-    def settled(self, without: frozenset[str]) -> tuple[Segment, ...]:
+    def settled(self, without: frozenset[str]) -> Segments:
         """Returns settled flight in other modes than those."""
         found = []
         for part in settled_parts(self.signals):

@@ -1,10 +1,10 @@
 """Tracking: how the axes follow what was asked of them, at any rate, and the light on roll and pitch."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from mavdem.alignment.align import Segment, within
+from mavdem.alignment.align import Segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.assessment.evidence import INJECTED, Evidence
@@ -43,7 +43,7 @@ def tracking_of(evidence: Evidence) -> Mapping[str, Fact]:
     return {axis: _tracking(evidence.signals.about(axis), parts) for axis in AXES}
 
 
-def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact:
+def _tracking(signals: Signals, parts: Segments) -> Fact:
     """How one axis follows its setpoint, by the setpoint ``delay`` s before; or the error of its rate alone."""
     asked = signals.asked
     rate_error = _rate_error(signals, parts)
@@ -85,7 +85,7 @@ def _tracking(signals: Signals, parts: Sequence[Segment]) -> Fact:
     )
 
 
-def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
+def _rate_error(signals: Signals, parts: Segments) -> float | None:
     """RMS of the body rate less its setpoint, rad/s; None where that was not recorded."""
     setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
     if signals.attitude is None or not setpoints:
@@ -94,9 +94,7 @@ def _rate_error(signals: Signals, parts: Sequence[Segment]) -> float | None:
     return float(np.sqrt(np.mean(np.square(errors)))) if errors.size else None
 
 
-def _errors(
-    asked: Signal, seen: Signal, parts: Sequence[Segment], delays: Array
-) -> tuple[Array, Array]:
+def _errors(asked: Signal, seen: Signal, parts: Segments, delays: Array) -> tuple[Array, Array]:
     """Setpoints (N,) in the ``parts``, and how far what is seen after each of the ``delays`` (D,) is off (D, N)."""
     setpoints = [np.zeros(0)]
     errors = [np.zeros((len(delays), 0))]
@@ -111,7 +109,7 @@ def _errors(
     return np.concatenate(setpoints), np.concatenate(errors, axis=1)
 
 
-def _overshoot(asked: Signal, angle: Signal, parts: Sequence[Segment]) -> float | None:
+def _overshoot(asked: Signal, angle: Signal, parts: Segments) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
     found = spectra((asked, angle), parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
     if found is None or not (coherent := found.coherence >= LEAST_COHERENCE).any():

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.fft import dct
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, recorded_parts, settled_segments, within
+from mavdem.alignment.align import Segment, Segments, recorded_parts, settled_segments, within
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, recorded, series
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import AVERAGING_SECONDS, Intervals, both
@@ -258,7 +258,7 @@ def condition_of(signals: Signals) -> Condition:
     )
 
 
-def settled_parts(signals: Signals) -> tuple[Segment, ...]:
+def settled_parts(signals: Signals) -> Segments:
     """Returns settled flight with attitude and motor outputs or, where there are no motor outputs, with attitude."""
     if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
         return ()
@@ -267,7 +267,7 @@ def settled_parts(signals: Signals) -> tuple[Segment, ...]:
     return _parts(signals, phases.settled)
 
 
-def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> tuple[Segment, ...]:
+def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> Segments:
     """The ``wanted`` intervals of each boot, as far as anything was recorded."""
     recorded = (
         (part.boot, both([(part.start, part.end)], wanted(signals, part.boot)))
@@ -288,12 +288,12 @@ def mean_interval(values: Array, seconds: float) -> Array:
     return half_width(np.square(projections).mean(axis=0), LEVEL, cosines)
 
 
-def _seconds(parts: tuple[Segment, ...]) -> float:
+def _seconds(parts: Segments) -> float:
     return float(sum(part.duration for part in parts))
 
 
 def _balance(
-    signals: Signals, settled: tuple[Segment, ...]
+    signals: Signals, settled: Segments
 ) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
     """Half widths of the motors' shares, and the steady command of each axis."""
     motors = signals.motors
@@ -311,7 +311,7 @@ def _balance(
     )
 
 
-def _leaning(signals: Signals, settled: tuple[Segment, ...]) -> tuple[dict[str, Steady], Array]:
+def _leaning(signals: Signals, settled: Segments) -> tuple[dict[str, Steady], Array]:
     """Roll and pitch, and the angle from level (N,), rad."""
     angles = [tilt.angle[within(tilt, *settled, slack=0)] for tilt in signals.tilts]
     if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
@@ -376,7 +376,7 @@ def vibration_of(signals: Signals) -> MeasuredVibration | None:
     return vibration if levels.any() else None
 
 
-def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigures | None:
+def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
     """The vibration in settled flight, if measured."""
     measured = vibration_of(signals)
     if measured is None:
@@ -388,7 +388,7 @@ def _vibration(signals: Signals, settled: tuple[Segment, ...]) -> VibrationFigur
     return VibrationFigures(tuple(levels.mean(axis=0).tolist()), int(measured.clips[here].sum()))
 
 
-def _battery(signals: Signals, parts: tuple[Segment, ...]) -> BatteryFigures | None:
+def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
     voltage = signals.voltage
     if voltage is None or not (here := within(voltage, *parts, slack=0)).any():
         return None

@@ -6,19 +6,18 @@ System Identification, 2nd ed., sec. 7.6), and times the known controller it is 
 one message, so that neither is late.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite
 
 import numpy as np
 
-from mavdem.alignment.align import Segment
+from mavdem.alignment.align import Segments
 from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.margins import OpenLoop, transfer
 from mavdem.condition.resonance import LEAST_COHERENCE, LOWEST, known_controller_of, spectra
 
 
-def injected_loop(signals: Signals, parts: Sequence[Segment]) -> OpenLoop | None:
+def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
     """Returns the rate loop of the axis where a signal was injected in ``parts`` of a flight, at its frequencies.
 
     None without a signal, the gains, or a crossover among the frequencies.

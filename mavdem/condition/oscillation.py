@@ -4,12 +4,12 @@ Wind spreads over all frequencies. A loop without margin turns to and fro at one
 motors do is then in one narrow band of their spectra.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segment
+from mavdem.alignment.align import Segment, Segments
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude
@@ -56,7 +56,7 @@ class Oscillation(NamedTuple):
 
 
 def oscillation_of(
-    motors: Motors | None, tilts: Mapping[str, Attitude], parts: Sequence[Segment]
+    motors: Motors | None, tilts: Mapping[str, Attitude], parts: Segments
 ) -> Oscillation | None:
     """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs.
 
@@ -96,7 +96,7 @@ def _limit_cycles(
     axis: str,
     tilt: Attitude,
     motors: Motors,
-    parts: Sequence[Segment],
+    parts: Segments,
     seconds: float,
     whole: float,
     least: float = 6.0,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segment, within
+from mavdem.alignment.align import Segments, within
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.phases import both, unbroken
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
@@ -102,7 +102,7 @@ def known_controller_of(signals: Signals) -> Controller | None:
         return None
 
 
-def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
+def response_of(signals: Signals, parts: Segments) -> Resonance | None:
     """Returns the largest response of the rate to its setpoint in ``parts`` of a flight.
 
     None where the messages are slower than ``MINIMUM_RATE``, or too little of the rate is by the setpoint.
@@ -156,7 +156,7 @@ def response_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
     )
 
 
-def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
+def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
     """Returns the peak of the rate's spectrum over a straight line, in ``parts`` of a flight, that the motors share.
 
     Wind, noise and the plant make a spectrum that is straight over the logarithm of the frequency; the loop multiplies
@@ -195,7 +195,7 @@ def peak_of(signals: Signals, parts: Sequence[Segment]) -> Resonance | None:
 
 def spectra(
     signals: Sequence[Signal],
-    parts: Sequence[Segment],
+    parts: Segments,
     seconds: float = WINDOW_SECONDS,
     least_rate: float = MINIMUM_RATE,
 ) -> Spectra | None:
@@ -228,7 +228,7 @@ def spectra_of_pieces(
 
 def evenly_sampled(
     signals: Sequence[Signal],
-    parts: Sequence[Segment],
+    parts: Segments,
     seconds: float,
     least_rate: float,
     most_rate: float = np.inf,

@@ -5,13 +5,13 @@ decides the highest frequency: batches and raw samples go up to half of the sens
 hundred hertz or so. Vibration above that appears below it, as an alias.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from mavdem.alignment.align import Segment, within
+from mavdem.alignment.align import Segments, within
 from mavdem.alignment.drive import AXES, Signal, recorded, series
 from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Pair
@@ -102,7 +102,7 @@ def thinned(frequency: Array, density: Array, most: int) -> Pair:
     return middles, groups.max(axis=-1)
 
 
-def spectra_of_flight(signals: Signals, parts: Sequence[Segment]) -> dict[str, Spectrum]:
+def spectra_of_flight(signals: Signals, parts: Segments) -> dict[str, Spectrum]:
     """Returns what ``parts`` of a flight show, by name: of each the messages that show the highest frequency."""
     spectra = dict[str, Spectrum]()
     for name, message, sampled in _sampled(signals):
@@ -136,7 +136,7 @@ def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:
 
 
 def _spectrum(
-    name: str, source: str, sampled: Signal, signals: Signals, parts: Sequence[Segment]
+    name: str, source: str, sampled: Signal, signals: Signals, parts: Segments
 ) -> Spectrum | None:
     """That of samples (N, k); None where they are few or slow."""
     from scipy.signal import spectrogram  # it takes half a second to import
@@ -179,7 +179,7 @@ def _spectrum(
     )
 
 
-def _at(signal: Signal | None, middle: Array, parts: Sequence[Segment]) -> Array:
+def _at(signal: Signal | None, middle: Array, parts: Segments) -> Array:
     """(W,) means of a signal over the second about each time; NaN where there is none, or several boots."""
     boots = {part.boot for part in parts}
     if signal is None or len(boots) > 1:

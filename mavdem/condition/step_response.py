@@ -24,7 +24,7 @@ from numpy.random import default_rng
 from scipy.linalg import solve_toeplitz
 from scipy.special import softmax
 
-from mavdem.alignment.align import Segment
+from mavdem.alignment.align import Segments
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import Controller
@@ -174,7 +174,7 @@ class StepResponse:
         return Fact(code, subject=subject, share=share, frequency=peak, highest=self.highest)
 
 
-def rate_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | Fact:
+def rate_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
     """Returns the response of the body rate to its setpoint in ``parts`` of a flight, or why it is not known.
 
     ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, which is added then.
@@ -189,7 +189,7 @@ def rate_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | 
     return _response(signals, "rate", used, parts, MINIMUM_RATE)
 
 
-def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepResponse | Fact:
+def attitude_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
     """Returns the response of the angle to its setpoint in ``parts`` of a flight, or why it is not known."""
     if signals.asked is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
@@ -198,7 +198,7 @@ def attitude_response(signals: Signals, parts: Sequence[Segment]) -> StepRespons
 
 
 def _response(
-    signals: Signals, loop: str, used: Sequence[Signal], parts: Sequence[Segment], least: float
+    signals: Signals, loop: str, used: Sequence[Signal], parts: Segments, least: float
 ) -> StepResponse | Fact:
     """That of the second of ``used`` to the first; or that messages are too slow, too few, or too little was asked."""
     subject = f"{signals.axis} {loop}"

@@ -28,7 +28,7 @@ from mavdem.extras import require
 from mavdem.facts.command import Place
 from mavdem.facts.model import Plant
 from mavdem.files import PathName, atomic_write
-from mavdem.flight import Flight
+from mavdem.flight import Flight, Flights
 from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
@@ -323,7 +323,7 @@ def _convert_to_table(
 
 def write_channels(
     path: PathName,
-    flights: Sequence[Flight],
+    flights: Flights,
     learned: Learned | None = None,
     held_out: HeldOut | None = None,
     wind: WindVelocity | None = None,

@@ -19,7 +19,7 @@ from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Level
-from mavdem.flight import Flight
+from mavdem.flight import Flights
 from mavdem.report.blocks import (
     Blocks,
     Rated,
@@ -124,7 +124,7 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     return [*above, *air_blocks(assessment), following]
 
 
-def title(flights: Sequence[Flight]) -> Sentence:
+def title(flights: Flights) -> Sentence:
     """Returns which log and axis the ``flights`` are of, and how much there is of it."""
     first = flights[0]
     seconds = sum(flight.duration for flight in flights)

@@ -9,7 +9,7 @@ from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
-from mavdem.flight import Flight
+from mavdem.flight import Flights
 from mavdem.report.labels import AxisCommand, state_names
 
 OUTPUTS = "flight/outputs"
@@ -33,7 +33,7 @@ class Series(NamedTuple):
 
 
 def series_of(
-    flights: Sequence[Flight],
+    flights: Flights,
     learned: Learned | None = None,
     held_out: HeldOut | None = None,
     wind: WindVelocity | None = None,

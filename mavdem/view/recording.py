@@ -15,7 +15,7 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import as_text
-from mavdem.flight import Flight
+from mavdem.flight import Flights
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, markdown
 from mavdem.report.charts import Chart, Line, over_time
@@ -111,7 +111,7 @@ class _Page:
         below = rrb.Horizontal(plots, beside, column_shares=[75, 25])
         return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
 
-    def air(self, learned: Learned, flights: Sequence[Flight]) -> list[rrb.Container]:
+    def air(self, learned: Learned, flights: Flights) -> list[rrb.Container]:
         """The wind, and its torque, with marks where gusts begin; nothing where neither is known."""
         if not self._timeline.wind:
             return []
