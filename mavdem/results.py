@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mavdem.assessment import Assessment
 from mavdem.export.conversion import write_channels
 from mavdem.extras import missing
+from mavdem.heading import Names
 from mavdem.report.flight_page import review_page
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", REPORT, PAGE, RECORDING, "flight.mcap")
 
 
-def result_files(assessment: Assessment) -> tuple[str, ...]:
+def result_files(assessment: Assessment) -> Names:
     """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
     if assessment.model is None:
         return (REPORT, PAGE)

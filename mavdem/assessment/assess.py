@@ -27,7 +27,7 @@ from mavdem.assessment.log import simulated_of
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.noise import Noise, noise_of
 from mavdem.assessment.reported import reported_events
-from mavdem.assessment.responses import LoopResponse, responses_of
+from mavdem.assessment.responses import Responses, responses_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.said import in_order
@@ -114,7 +114,7 @@ class Assessment(AssessmentDownstream):
         }
 
     @cached_property
-    def responses(self) -> Mapping[str, Mapping[str, LoopResponse]]:
+    def responses(self) -> Responses:
         """The measured responses of "rate" and "attitude" of each axis, beside the predicted ones."""
         return {} if self.evidence is None else responses_of(self.evidence)
 

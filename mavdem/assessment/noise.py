@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.responses import LoopResponse
+from mavdem.assessment.responses import Responses
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.notches import notch_advice
@@ -27,8 +27,6 @@ KINDS = {
 }
 GYRO = "gyro"
 BEFORE = "gyro_before"
-Responses = Mapping[str, Mapping[str, LoopResponse]]
-"""By axis, and by "rate" or "attitude"."""
 
 
 class Noise(NamedTuple):

@@ -39,7 +39,11 @@ class LoopResponse(NamedTuple):
         return tuple(filter(None, (self.measured.fact, self.compared)))
 
 
-def responses_of(evidence: Evidence) -> Mapping[str, Mapping[str, LoopResponse]]:
+Responses = Mapping[str, Mapping[str, LoopResponse]]
+"""By axis, and by "rate" or "attitude"."""
+
+
+def responses_of(evidence: Evidence) -> Responses:
     """Returns the responses of "rate" and "attitude" of roll, pitch and yaw, but for injected tests."""
     parts = evidence.settled(INJECTED)
     responses = {}

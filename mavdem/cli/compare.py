@@ -22,6 +22,7 @@ from mavdem.evaluate.window import (
     windows,
 )
 from mavdem.flight import Flight
+from mavdem.heading import Names
 from mavdem.report.comparison import comparison_report
 
 
@@ -35,7 +36,7 @@ from mavdem.report.comparison import comparison_report
     help="Samples from one window to the next. [default: half of --train and --test]",
 )
 def compare_command(
-    sources: tuple[str, ...],
+    sources: Names,
     axis: str,
     vehicle: str | None,
     inputs: str | None,

@@ -1,6 +1,5 @@
 """``mavdem diff``: what changed of a vehicle between two flights, or two fleets, beyond its interval."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -105,7 +104,7 @@ def _parameters(source: str, row: FlightRow) -> Parameters:
     )
 
 
-def latest_headline(rows: Sequence[FlightRow]) -> str | None:
+def latest_headline(rows: FlightRows) -> str | None:
     """Returns the headline of the latest flight among ``rows`` that has one."""
     *_, latest = [None, *(row.headline for flight in flights_of(rows) for row in flight)]
     return latest

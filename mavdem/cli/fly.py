@@ -24,7 +24,7 @@ from mavdem.cli.output import (
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import require
 from mavdem.files import atomic_writes
-from mavdem.heading import Values
+from mavdem.heading import Names, Values
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
@@ -91,7 +91,7 @@ def fly_command(
     speed: float,
     vehicle: Path | None,
     params: Path | None,
-    changed: tuple[str, ...],
+    changed: Names,
     seed: int | None,
     duration: float | None,
     describe: bool,

@@ -24,6 +24,7 @@ from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Source
 from mavdem.flight import Flight
+from mavdem.heading import Names
 from mavdem.report.comparison import order_advice, order_report
 
 
@@ -43,7 +44,7 @@ from mavdem.report.comparison import order_advice, order_report
     help="Treat the motors as unknown inputs, as the paper's black-box estimation does: η̃ᵛ = 0, P̃ᵛ = e².",
 )
 def order_command(
-    sources: tuple[str, ...],
+    sources: Names,
     axis: str,
     vehicle: str | None,
     inputs: str | None,

@@ -23,7 +23,7 @@ from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
-from mavdem.heading import Values
+from mavdem.heading import Names, Values
 from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
@@ -204,7 +204,7 @@ def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
         raise Unreadable(Place.OUT_FAILED, path=str(folder), because=cause_of(error)) from None
 
 
-def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
+def check_file(path: Path | None, option: str, endings: Names) -> None:
     """Raises ``Unreadable``, before the work, for a file that cannot be written, ``BadParameter`` for other endings."""
     if path is not None:
         if path.suffix.lower() not in endings:

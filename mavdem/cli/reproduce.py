@@ -16,6 +16,7 @@ from mavdem.cli.output import (
 )
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.extras import require
+from mavdem.heading import Names
 from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table
 
@@ -38,7 +39,7 @@ from mavdem.report.blocks import Table
     help="Print the numbers as one JSON document and nothing else.",
 )
 @click.option("--list", "as_list", is_flag=True, help="List the items, one a line, the name first.")
-def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list: bool) -> None:
+def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> None:
     """Runs the paper's experiments again and checks its claims.
 
     ITEM is a name from --list; all items run unless some are named, which takes some minutes on two cores. The report

@@ -28,6 +28,7 @@ from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import track
 from mavdem.fleet.workers import Limits, WorkerPool
+from mavdem.heading import Names
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
@@ -80,9 +81,9 @@ PAGE = "mavdem.report.flight_page:flight_page"
 @click.pass_context
 def track_command(
     context: click.Context,
-    logs: tuple[str, ...],
+    logs: Names,
     out: Path,
-    baseline: tuple[str, ...],
+    baseline: Names,
     jobs: int | None,
     scheduler: str | None,
     time_limit: float,

@@ -32,6 +32,7 @@ from mavdem.fleet.row import (
     UNKNOWN,
     Flight,
     FlightRow,
+    FlightRows,
     flights_of,
     vehicles_of,
 )
@@ -154,9 +155,7 @@ class VehicleDifference(NamedTuple):
         return {**self._asdict(), "family_error": SIGNIFICANCE, "level": LEVEL}
 
 
-def vehicle_difference(
-    before: Sequence[FlightRow], after: Sequence[FlightRow]
-) -> VehicleDifference:
+def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifference:
     """Returns what differs between flights ``before`` and ``after``, of one vehicle or of two; of rows with figures."""
     sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
@@ -196,7 +195,7 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
 
 
 def since_baseline(
-    rows: Sequence[FlightRow], baseline: Sequence[FlightRow]
+    rows: FlightRows, baseline: FlightRows
 ) -> dict[str, tuple[FlightRow, VehicleDifference | None]]:
     """Returns the latest flight of each vehicle, and what differs from its flights of a ``baseline``, if it has any.
 

@@ -29,7 +29,7 @@ from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, FlightRows, as_text, row_schema
 from mavdem.fleet.sources import Source, is_url
 from mavdem.fleet.workers import PAGES, Limits, Outcome
-from mavdem.heading import Values
+from mavdem.heading import Names, Values
 
 STORE = "fleet.sqlite"
 TABLE = Path("flights", "flights.parquet")
@@ -47,7 +47,7 @@ not (ended = 'source' or ended = 'error' and mavdem_version <> :mavdem or
 LOST = "log not in (select log from logs)"
 """Whether a row's log is there no more under any name."""
 
-AssessRows = Callable[[Sequence[FlightRow], Sequence[FlightRow]], Sequence[FlightRow]]
+AssessRows = Callable[[FlightRows, FlightRows], FlightRows]
 """From all rows of one vehicle, and those of its baseline, to the same rows with their health."""
 
 
@@ -149,7 +149,7 @@ class Store:
             :size in (-1, size) and {ENDED_FOR_GOOD}"""
         return self.db.execute(query, _values(source, limits)).fetchone() is not None
 
-    def keys_to_try(self, source: Source, limits: Limits) -> tuple[str, ...]:
+    def keys_to_try(self, source: Source, limits: Limits) -> Names:
         """Returns keys of known logs that this one may be a copy of."""
         query = f"select distinct key from logs where size = :size and key <> '' and {ENDED_FOR_GOOD} order by key"
         return tuple(key for (key,) in self.db.execute(query, _values(source, limits)))
@@ -283,9 +283,7 @@ class Store:
         self.db.execute(f"delete from flights where {where}", values)
 
 
-def _assessed(
-    rows: FlightRows, assess: AssessRows, healthy: Sequence[FlightRow]
-) -> Sequence[FlightRow]:
+def _assessed(rows: FlightRows, assess: AssessRows, healthy: FlightRows) -> FlightRows:
     try:
         return assess(rows, healthy)
     except Exception as error:  # of mavdem on one vehicle's figures: it keeps back no other's

@@ -46,7 +46,7 @@ class TrackedLogs(NamedTuple):
     healthy: FlightRows  # rows of the baseline
 
 
-def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
     blank: Values = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
     rows = [replace(row, **blank) for row in rows]

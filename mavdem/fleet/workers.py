@@ -35,7 +35,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, is_url
-from mavdem.heading import Values
+from mavdem.heading import Names, Values
 
 PAGES = "pages"  # the folder of pages of flights, in the fleet's
 READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes rows of a log
@@ -63,7 +63,7 @@ class Job(NamedTuple):
 
     path: str  # absolute path, or URL
     # keys of logs of the same size that were read before: if it has one of them it is not read again
-    known: tuple[str, ...] = ()
+    known: Names = ()
     # the function that makes a flight's page, as ``package.module:function``; empty for none
     page: str = ""
 

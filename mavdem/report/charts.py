@@ -204,6 +204,7 @@ class Plan(NamedTuple):
 
 
 Panel = Chart | Plan
+Charts = tuple[Chart, ...]
 
 
 class Group(NamedTuple):

@@ -10,7 +10,7 @@ from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
+from mavdem.report.charts import AFTER, Axis, Chart, Charts, Group, Kind, Line
 from mavdem.report.difference import difference_blocks, surest_change
 from mavdem.report.flight_charts import SHARE
 from mavdem.report.loops import FIGURES
@@ -21,6 +21,7 @@ from mavdem.report.words import section
 
 Review = Mapping[str, Any]
 """The document of a review, of which nothing need be known."""
+Reviews = Mapping[str, Review]  # by side
 COLOURS = {"A": PREDICTED, "B": TRUTH}
 
 
@@ -71,7 +72,7 @@ def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
 
 
 def _headline(
-    both: Mapping[str, Review], difference: VehicleDifference, parameters: Sequence[ParameterChange]
+    both: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
 ) -> Blocks:
     """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
     vehicles = [_known(review, "identity", "name") or UNKNOWN for review in both.values()]
@@ -102,14 +103,14 @@ def _headline(
     return [Sentence("", text.text) for text in said]
 
 
-def _loops(both: Mapping[str, Review], axis: str) -> dict[str, Review]:
+def _loops(both: Reviews, axis: str) -> dict[str, Review]:
     """The figures of the rate loops of an axis; nothing of one that is not known."""
     return {
         name: _known(review, "axes", axis, "loop", "rate") or {} for name, review in both.items()
     }
 
 
-def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
+def _steps(both: Reviews, axis: str) -> Charts:
     """Steps of rate and angle, with their bands."""
     charts = []
     for loop in ("rate", "attitude"):
@@ -125,7 +126,7 @@ def _steps(both: Mapping[str, Review], axis: str) -> tuple[Chart, ...]:
     return tuple(charts)
 
 
-def _margins(both: Mapping[str, Review]) -> list[list[str]]:
+def _margins(both: Reviews) -> list[list[str]]:
     """The figures of the rate loops."""
     return [
         [f"{axis} {name}", *(_cell(rate, key, scale) for rate in _loops(both, axis).values())]
@@ -147,7 +148,7 @@ def _group(chart: Chart) -> list[Group]:
     return [Group.of([chart])] if chart.lines else []
 
 
-def _spectra(both: Mapping[str, Review]) -> Chart:
+def _spectra(both: Reviews) -> Chart:
     """The gyro's, before its filters where that was logged."""
     lines = []
     for name, review in both.items():
@@ -160,7 +161,7 @@ def _spectra(both: Mapping[str, Review]) -> Chart:
     return Chart("Gyro, power ((rad/s)²/Hz)", Axis("frequency (Hz)"), power, tuple(lines))
 
 
-def _motors(both: Mapping[str, Review]) -> Chart:
+def _motors(both: Reviews) -> Chart:
     """Trim deviations with their intervals."""
     lines = []
     names = [str(number) for number in range(1, 13)]
@@ -176,7 +177,7 @@ def _motors(both: Mapping[str, Review]) -> Chart:
     return Chart("Trim deviation (%)", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
 
 
-def _wind(both: Mapping[str, Review]) -> list[list[str]]:
+def _wind(both: Reviews) -> list[list[str]]:
     """Its speed and direction, where they are identifiable."""
     speeds, origins = ["wind (m/s)"], ["from (°)"]
     for review in both.values():

@@ -1,14 +1,14 @@
 """What is said of many flights: which vehicles need a look, what was flown, and which logs could not be used."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import PurePath
 
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import Flights
-from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRow, FlightRows, is_shared, worst_health
+from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRows, is_shared, worst_health
 from mavdem.report.blocks import Blocks, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
@@ -25,7 +25,7 @@ LEVELS = {
 MAX_REASONS = 8  # why logs could not be used, the most frequent ones
 
 
-def fleet_blocks(rows: Sequence[FlightRow]) -> Blocks:
+def fleet_blocks(rows: FlightRows) -> Blocks:
     """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
     vehicles = fleet_row.vehicles_of(rows)
     named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
@@ -134,7 +134,7 @@ def _flown(flown: Flights) -> dict[str, object] | None:
     return {"flights": len(flown), "hours": sum(seconds) / 3600, "dates": dates, "kinds": kinds}
 
 
-def _unused(refused: Sequence[FlightRow]) -> Blocks:
+def _unused(refused: FlightRows) -> Blocks:
     """Why logs could not be used, the most frequent reason first."""
     by_reason = dict[str, FlightRows]()
     for row in refused:

@@ -15,7 +15,7 @@ from mavdem.fleet.row import (
     HEALTHS,
     OK,
     Flight,
-    FlightRow,
+    FlightRows,
     flights_of,
     vehicles_of,
     worst_health,
@@ -36,9 +36,7 @@ MAX_NOTE = 320  # letters of what is said of a flight: its page has all
 NOT_USED = "not used"  # in the place of the health of a log without a flight
 
 
-def fleet_page(
-    rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]] | None = None
-) -> str:
+def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None = None) -> str:
     """Returns the HTML of a fleet's index, the same for the same rows; ``changes`` since a baseline by vehicle."""
     since = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.

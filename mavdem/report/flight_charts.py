@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from mavdem.assessment.noise import GYRO, Noise, Responses
-from mavdem.assessment.responses import LoopResponse
+from mavdem.assessment.noise import GYRO, Noise
+from mavdem.assessment.responses import LoopResponse, Responses
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.condition.loop.margins import OpenLoop
@@ -14,7 +14,7 @@ from mavdem.condition.peaks import PeakKind
 from mavdem.condition.spectra import Spectrum, thinned
 from mavdem.condition.step_response import StepResponse
 from mavdem.dem.engine.linalg import Array
-from mavdem.report.charts import AFTER, FREQUENCY, TIME, Axis, Chart, Heat, Kind, Line, Mark
+from mavdem.report.charts import AFTER, FREQUENCY, TIME, Axis, Chart, Charts, Heat, Kind, Line, Mark
 from mavdem.report.model_charts import banded
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
 
@@ -26,7 +26,7 @@ SHARE = Axis("share of the step")
 GAIN = Axis("gain |T|", log=True)
 
 
-def step_charts(responses: Responses) -> tuple[tuple[Chart, ...], ...]:
+def step_charts(responses: Responses) -> tuple[Charts, ...]:
     """Returns steps of rate and angle, and |T| of the rate, by axis, as measured and as predicted."""
     columns = (
         tuple(
@@ -59,7 +59,7 @@ COLOURS = PREDICTED, PHYSICAL
 MOST_SENSITIVE = 1.0, TARGETS["default"].ms
 
 
-def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> tuple[Chart, ...]:
+def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     """Returns gain and phase of named open loops of one axis, and their sensitivity, with 90 % bands.
 
     ``which`` is "rate" or "attitude". Marked is where the gain is 1; the level is the largest sensitivity to have.
@@ -129,7 +129,7 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> 
     )
 
 
-def spectrogram(spectrum: Spectrum) -> tuple[Chart, ...]:
+def spectrogram(spectrum: Spectrum) -> Charts:
     """Returns the power of a sensor by frequency over time and, where the motors' output is known, over throttle."""
     order = np.argsort(spectrum.time)
     levels, over_levels = spectrum.by_throttle

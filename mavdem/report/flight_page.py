@@ -15,7 +15,8 @@ from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.noise import GYRO, Noise, Responses
+from mavdem.assessment.noise import GYRO, Noise
+from mavdem.assessment.responses import Responses
 from mavdem.assessment.tracking import tracking_of
 from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.advice import Advice, advise

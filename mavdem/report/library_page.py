@@ -18,6 +18,7 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.files import table_beside
 from mavdem.fleet.row import Flight
+from mavdem.heading import Names
 from mavdem.report.blocks import Block
 from mavdem.report.fleet import vehicle_words
 from mavdem.report.page import environment
@@ -43,7 +44,7 @@ def script() -> bytes:
 
 
 @cache
-def script_hashes() -> tuple[str, ...]:
+def script_hashes() -> Names:
     """Returns the hashes, as a content security policy names them, of the scripts within a flight's page."""
     sources = [_environment().get_template(name).render() for name in SCRIPTS]
     digests = [hashlib.sha256(source.encode()).digest() for source in sources]

@@ -12,7 +12,7 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut
-from mavdem.report.charts import FREQUENCY, TIME, Axis, Chart, Kind, Line
+from mavdem.report.charts import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.numbers import TORQUE, named, per, readable
 from mavdem.report.palette import (
@@ -24,7 +24,6 @@ from mavdem.report.palette import (
 )
 from mavdem.report.systems import model_response, plant_of, plant_response
 
-Charts = tuple[Chart, ...]
 SHOWN_WINDOWS = 8
 FASTEST_WIND = 10.0  # Hz: what is faster is noise of sensors
 

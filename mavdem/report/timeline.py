@@ -19,7 +19,7 @@ from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.confidence import Interval
 from mavdem.facts.event import Event
-from mavdem.report.charts import TIME, Axis, Chart, Line, Mark, over_time
+from mavdem.report.charts import TIME, Axis, Chart, Charts, Line, Mark, over_time
 from mavdem.report.model_charts import torque_line
 from mavdem.report.numbers import TORQUE, readable, short
 from mavdem.report.palette import (
@@ -48,17 +48,17 @@ class Timeline(NamedTuple):
     each flight mode, ``events`` what happened; ``position`` is the path (N, 3), m north, east and down.
     """
 
-    rows: tuple[Chart, ...]
+    rows: Charts
     span: Interval
-    axes: Mapping[str, tuple[Chart, ...]] = MappingProxyType({})
+    axes: Mapping[str, Charts] = MappingProxyType({})
     trained: tuple[Interval, ...] = ()
     modes: tuple[tuple[float, float, str], ...] = ()
     events: tuple[Event, ...] = ()
     position: Signal | None = None
-    wind: tuple[Chart, ...] = ()
+    wind: Charts = ()
 
     @property
-    def happened(self) -> tuple[Chart, ...]:
+    def happened(self) -> Charts:
         """The modes, and all rows with events and what was trained on."""
         strip = Chart("Modes", self._time, Axis(""), spans=self.modes, group="flight")
         return (*([strip] if self.modes else []), *map(self.marked, self.rows + self.wind))

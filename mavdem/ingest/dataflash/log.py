@@ -44,6 +44,7 @@ from mavdem.ingest.telemetry import (
     Columns,
     Log,
     Parameters,
+    Tables,
     Telemetry,
     log_of_vehicles,
     repair,
@@ -232,7 +233,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
 
 def _on_boot_clock(
     tables: Mapping[str, MessageTable],
-) -> tuple[dict[str, Columns], Facts]:
+) -> tuple[Tables, Facts]:
     """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and the repairs."""
     clocks = {
         name: field

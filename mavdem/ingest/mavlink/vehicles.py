@@ -27,6 +27,7 @@ from mavdem.ingest.telemetry import (
     Component,
     Fields,
     Log,
+    Tables,
     Telemetry,
     Unread,
     repair,
@@ -171,7 +172,7 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
     return enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
 
 
-def _messages(data: Bytes, sent: Mapping[int, Starts]) -> tuple[dict[str, Columns], Facts]:
+def _messages(data: Bytes, sent: Mapping[int, Starts]) -> tuple[Tables, Facts]:
     """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     decoded = {}
     kinds = []

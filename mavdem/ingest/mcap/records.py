@@ -35,6 +35,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
+from mavdem.heading import Values
 from mavdem.ingest.contents import FREE_BYTES, MAX_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import repair
@@ -271,7 +272,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _schema(message: Any) -> dict[str, Any]:
+def _schema(message: Any) -> Values:
     header = _object({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields = {}
     for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
@@ -282,5 +283,5 @@ def _schema(message: Any) -> dict[str, Any]:
     return _object({"header": header, "message": _object({"type": {"type": "string"}, **fields})})
 
 
-def _object(properties: Mapping[str, Any]) -> dict[str, Any]:
+def _object(properties: Mapping[str, Any]) -> Values:
     return {"type": "object", "properties": dict(properties)}

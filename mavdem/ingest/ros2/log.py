@@ -35,6 +35,7 @@ from mavdem.ingest.telemetry import (
     Columns,
     Integers,
     Log,
+    Tables,
     Telemetry,
     log_of_vehicles,
     renamed,
@@ -319,7 +320,7 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
 
 def _on_one_clock(
     tables: Mapping[str, TopicColumns], stamps: Mapping[str, Integers]
-) -> tuple[dict[str, Columns], Facts]:
+) -> tuple[Tables, Facts]:
     """Each topic's columns by its ``stamps``, ns, with ``time`` and ``boot``, and the repairs.
 
     UNIX time counts from a second before the first stamp: floats of seconds since 1970 do not resolve a microsecond.
