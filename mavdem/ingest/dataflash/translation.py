@@ -312,7 +312,7 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
         "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
         "ATTITUDE_TARGET": (asked, targets),
-        "PID_TUNING": ("RATE", _tuning(tables, attitude)),
+        "PID_TUNING": ("RATE", _tuning(tables, attitude, per_degree)),
         "D_TERM": ("PIDR/PIDP/PIDY", _derivative_terms(tables)),
         "SYS_STATUS": (measured, volts),
         "VIBRATION": ("VIBE", vibration(tables)),
@@ -425,16 +425,17 @@ def _targets(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
     return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
 
 
-def _tuning(tables: Tables, attitude: Columns | None) -> Columns | None:
-    """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in the unit of the log."""
+def _tuning(tables: Tables, attitude: Columns | None, per_degree: float) -> Columns | None:
+    """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in degrees/s."""
     logged = having(tables, "RATE", (*DESIRED_RATES, *RATES))
     if logged is None or count(attitude) >= FREQUENT_ENOUGH * count(logged):
         return None
     none = np.zeros(count(logged), np.uint8)
     parts = []
     for axis, (desired, achieved) in enumerate(zip(DESIRED_RATES, RATES, strict=True), 1):
-        fields = {"desired": logged[desired], "achieved": logged[achieved]}
-        parts.append(stamped(logged, {"axis": none + np.uint8(axis), **fields}))
+        rates = values(logged, (desired, achieved)) / per_degree
+        fields = {"axis": none + np.uint8(axis), "desired": rates[:, 0], "achieved": rates[:, 1]}
+        parts.append(stamped(logged, fields))
     return joined(parts)
 
 
