@@ -152,7 +152,7 @@ def judged(case: Case) -> list[Values]:
         row["of"] = "flights" if window is None else "7 s"
         for name in PARAMETERS:
             value, half = estimate_of(plant, name)
-            true = float(abs(truths[name]).mean())
+            true = float(np.mean(abs(truths[name])))
             error = value / true - 1
             row |= {f"{name} status": plant.status[name], f"{name} error": error}
             row[f"{name} inside"] = abs(value - true) <= half

@@ -219,10 +219,7 @@ class Parameters(NamedTuple):
         their torque, is made once.
         """
         of_filter = np.isin(np.arange(thetas.shape[1]), self.logarithms[1:])
-        filters, torques = (
-            np.unique(thetas[:, of], axis=0, return_index=True, return_inverse=True)[1:]
-            for of in (of_filter, ~of_filter)
-        )
+        filters, torques = (_alike(thetas[:, of]) for of in (of_filter, ~of_filter))
         of, gain, variance = self.filters(thetas[filters[0]], windows.dt)
         step = of.step.state.copy()
         step[:, :, :1] -= gain
@@ -246,14 +243,21 @@ class Parameters(NamedTuple):
         # One after the other: all at once are too large for the processor's cache.
         for torque, driven in enumerate(self._driven(thetas[torques[0]], windows)):
             inputs = [*rfft(driven, length), rate, windows.rate[:, :1]]
-            for column in np.flatnonzero(torques[1].ravel() == torque):
-                filtered = filters[1].flat[column]
+            for column in np.flatnonzero(torques[1] == torque):
+                filtered = filters[1][column]
                 predicted = convolved(inputs, transforms[filtered], length)[:, settled:number]
                 left = windows.rate[:, settled + 1 :] - predicted
                 response = steady[filtered, settled:]
                 share = left @ response / (response @ response)
                 np.subtract(left, share[:, None] * response, out=errors[column])
-        return errors, variance[filters[1].ravel()]
+        return errors, variance[filters[1]]
+
+
+def _alike(rows: Array) -> tuple[list[int], Indices]:
+    """The first of each kind of equal ``rows`` (b, k), and of which kind each is (b,)."""
+    keys = [row.tobytes() for row in rows]
+    kinds = [*dict.fromkeys(keys)]
+    return [keys.index(kind) for kind in kinds], np.array([kinds.index(key) for key in keys])
 
 
 def responses(step: Array, number: int) -> Array:
