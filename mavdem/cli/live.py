@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.console import Group
 from rich.live import Live as Place
 from rich.text import Text
 
@@ -238,15 +238,15 @@ def live_command(
         if dashboard.advice:
             say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
-        status_line = None
+        place = None
         if STDERR.is_terminal and not plain:
-            status_line = Place(console=STDERR, auto_refresh=False, transient=True)
+            place = Place(console=STDERR, auto_refresh=False, transient=True)
         if model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
-        with status_line or nullcontext():
-            every = STATUS_SECONDS if status_line is None else PAUSE_SECONDS
-            run(session, asked, duration, every, partial(_say_status, status_line))
+        with place or nullcontext():
+            every = STATUS_SECONDS if place is None else PAUSE_SECONDS
+            run(session, asked, duration, every, StatusLines(place).show)
         account = session.account()
         status = session.status
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
@@ -348,27 +348,45 @@ def _written(path: Path | None, text: str, what: str) -> bool:
     return True
 
 
+def _style(*facts: Fact) -> str:
+    """Red where any is bad."""
+    return "bold red" if Level.BAD in [fact.level for fact in facts] else ""
+
+
 def _say(fact: Fact) -> None:
-    """Prints a fact, what is bad in red on a terminal."""
-    style = "bold red" if fact.level is Level.BAD else ""
+    """Prints a fact; where it is no terminal, as a line."""
+    said = Text(printable(advised(fact)), _style(fact))
     with suppress(OSError):
-        STDERR.print(Text(printable(advised(fact)), style), soft_wrap=True)
+        STDERR.print(said, soft_wrap=not STDERR.is_terminal)
 
 
-def _say_status(status_line: Place | None, session: LiveSession, before: str) -> str:
-    """Shows the status in its ``place``, or prints it where it is another one than ``before``; returns it."""
-    line = _status_line(session.status)
-    if status_line is not None:
-        status_line.update(Text(printable(line), no_wrap=True, overflow="ellipsis"), refresh=True)
-    elif line not in ("", before):
-        say_aside(line)
-    return line
+class StatusLines:
+    """Shows the status: in its ``place`` on a terminal, or else, in lines below each other, what is new of it.
 
+    What is watched, or no longer is, is printed once.
+    """
 
-def _status_line(status: SessionStatus) -> str:
-    """Returns the status in a line; empty before there is a vehicle: the session has reported that."""
-    watched = watching(status)
-    if status.vehicle is None and not watched:
-        return ""
-    (said,) = section("live_status", status=status, watched=watched)
-    return said.text
+    def __init__(self, place: Place | None) -> None:
+        self._place = place
+        self._said: list[str] = []
+        self._watched: Mapping[str, Fact] = {}
+
+    def show(self, session: LiveSession) -> None:
+        """Shows the status of a ``session``."""
+        status = session.status
+        before = self._watched
+        self._watched = {watching([fact]): fact for fact in status.watched}
+        changed = [fact for said, fact in self._watched.items() if said not in before]
+        if changed:
+            say_aside(watching(changed))
+        known = [printable(said.text) for said in section("live_status", status=status)]
+        if self._place is None:
+            new = [said for said in known if said not in self._said]
+            self._said = known
+            if new:
+                say_aside(" ".join(new))
+            return
+        line, *wrong = known
+        rest = Text(" ".join([*wrong, watching(status.watched)]), _style(*status.alarm))
+        rest.truncate(STDERR.width, overflow="ellipsis")
+        self._place.update(Group(line, rest), refresh=True)

@@ -38,10 +38,11 @@ MAX_PEERS = 16
 CONNECT_SECONDS = (
     5  # Time limit of a connection attempt; and of silence, after which a connection is probed
 )
-PROBE_SECONDS = 2  # Between two probes of a connection
 MAX_TRIES = 3  # Of what gets no answer
 SILENCE_SECONDS = 3.0  # Without what comes all the time, until its source counts as gone
-PAUSE_SECONDS = 1.0  # From one status, or from one attempt to open a lost link, to the next
+PAUSE_SECONDS = (
+    1.0  # From one status, probe of a connection, or attempt to open a lost link, to the next
+)
 
 _NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
 
@@ -322,7 +323,7 @@ def _probe(connection: socket.socket) -> None:
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for option, value in {
         "IDLE": CONNECT_SECONDS,
-        "INTVL": PROBE_SECONDS,
+        "INTVL": round(PAUSE_SECONDS),
         "CNT": MAX_TRIES,
     }.items():
         if hasattr(socket, f"TCP_KEEP{option}"):

@@ -15,11 +15,11 @@ def run(
     asked: Callable[[], bool],
     duration: float | None,
     every: float,
-    report: Callable[[LiveSession, str], str],
+    report: Callable[[LiveSession], None],
 ) -> None:
     """Runs until the ``duration``, s, is over or the user has ``asked`` to end.
 
-    ``report`` is called every so many seconds with what it returned before.
+    ``report`` is called with the session ``every`` so many seconds.
     """
     # No sample waits for a long collection, which only goes through what is new, nor long for a thread that draws.
     gc.collect()
@@ -28,14 +28,13 @@ def run(
     gc.set_threshold(*thresholds[:2], 1000)
     interval = sys.getswitchinterval()
     sys.setswitchinterval(interval / 10)
-    line = ""
     began = reported = monotonic()
     try:
         while not asked() and (duration is None or monotonic() - began < duration):
             session.step()
             if monotonic() - reported >= every:
                 reported = monotonic()
-                line = report(session, line)
+                report(session)
     finally:
         sys.setswitchinterval(interval)
         gc.set_threshold(*thresholds)

@@ -92,21 +92,21 @@ class WindRow(NamedTuple):
     @property
     def light(self) -> Fact:
         """What the light of a flight says whose mean this is."""
-        speed, low, high, origin, turned = self.by_compass
-        status = speed_status(speed, low, high)
+        strength, *course = self.facts
+        status = strength.figures["status"]
+        low, high = strength.figures["speed_interval"]
         if status is Status.NOT_IDENTIFIABLE:
             # Of a drag that no flight has measured, as a rule
             unsure = Fact(WindDoubt.SPEED_UNSURE, status=status, low=low, high=high, by_drag=True)
             return Fact(WindLight.WIND_NOT_KNOWN, because=unsure)
-        low = least_speed(low, high)
         return Fact(
             WindLight.WIND_BLEW,
             Level.GOOD,
             calm=not low,
-            speed=speed,
+            speed=self.by_compass[0],
             low=low,
             high=high,
-            direction=origin if low and turned <= DIRECTION_LIMIT else None,
+            direction=course[0].figures["direction"] if course else None,
             share=0.0,
         )
 

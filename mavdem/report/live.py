@@ -19,9 +19,9 @@ def spent_on(kind: Spent) -> Fact:
     return Fact(Session.SECONDS_SPENT, kind=kind)
 
 
-def watching(status: SessionStatus) -> str:
-    """Returns what is watched without a model since when, and why the rest is not, in one line."""
-    return "".join(said.text for said in section("live_watched", watched=status.watched))
+def watching(watched: Sequence[Fact]) -> str:
+    """Returns what is ``watched`` without a model since when, and why the rest is not, in one line."""
+    return "".join(f"{begin(said.text)}." for said in section("live_watched", watched=watched))
 
 
 def live_report(

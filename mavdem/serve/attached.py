@@ -105,7 +105,7 @@ class Attached:
         self._silent = self._frames = 0
         try:
             try:
-                self._show(session, "")
+                self._show(session)
                 run(session, self._is_over, None, PAGE_SECONDS, self._show)
             finally:
                 session.end()
@@ -119,11 +119,10 @@ class Attached:
     def _is_over(self) -> bool:
         return self._is_ending.is_set() or self._silent >= SILENT_PAGES
 
-    def _show(self, session: LiveSession, _: str) -> str:
+    def _show(self, session: LiveSession) -> None:
         self._library.room_for(0)  # while there is room to keep the recording
         frames = session.recording.frames
         self._silent = self._silent + 1 if frames == self._frames > 0 else 0
         self._frames = frames
         known = session.history, session.status, session.account()
         self._page = live_page(session.link.name, AXIS, *known, None)
-        return ""

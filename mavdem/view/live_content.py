@@ -256,7 +256,7 @@ def figures(status: SessionStatus, row: ShownRow, channels: Channels, until: flo
     cards = section(
         "live_cards",
         status=status,
-        watched=watching(status),
+        watched=watching(status.watched),
         row=row,
         channels=channels,
         until=until,

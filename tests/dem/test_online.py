@@ -18,6 +18,7 @@ import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.learning import learn_with_fit
+from mavdem.dem.online import learner
 from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS
 from mavdem.dem.online.memory import Memory, drop_since
@@ -121,6 +122,15 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
         if first is None and estimate.model is not None:
             first = row
     assert first is not None and first * dt < 2 * LEARNING_SECONDS + 2.0
+
+
+def test_of_many_samples_it_learns_less_often(monkeypatch):
+    tracker = Tracker.of(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
+    learns = Mock(return_value=tracker)
+    monkeypatch.setattr(learner, "_learn", learns)
+    monkeypatch.setattr(learner, "MOST_SAMPLES", 400)
+    flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    assert [len(call.args[0]) for call in learns.call_args_list] == [200, 400, 600, 900, 1350]
 
 
 def test_while_the_first_learning_runs_samples_are_not_too_few():

@@ -15,8 +15,8 @@ from pytest import approx
 from recorded_flights import shared
 from rich.console import Console
 
-from mavdem.cli.live import Place, _say_status, _status_line
-from mavdem.facts import Level
+from mavdem.cli.live import Place, StatusLines
+from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import InFlight, MotorsLight
@@ -139,24 +139,35 @@ def test_what_is_watched_is_always_shown():
         what for what, fact in found.items() if fact.code is Watch.WATCHED
     } - {Watched.MOTOR_LIMITS}
     assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
-    assert "motors (" in _status_line(status) and "battery" in watching(status)
-    assert not watching(SessionStatus())
+    assert "motors (" in watching(status.watched) and "battery" in watching(status.watched)
+    assert not watching([])
 
 
-def test_the_status_stands_in_its_place_on_a_terminal(capsys):
+def test_the_status_stands_in_its_place_on_a_terminal():
     shown = io.StringIO()
-    session = Mock(status=SessionStatus(vehicle="1:1"))
-    console = Console(file=shown, force_terminal=True, width=30)
-    with Place(console=console, auto_refresh=False, transient=True) as place:
-        lines = [_say_status(place, session, "") for _ in range(3)]
-    assert "1:1: learning" in shown.getvalue() and shown.getvalue().count("\n") == 1
+    console = Console(file=shown, force_terminal=True, highlight=False, width=100)
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     wind = WindRow(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
     known = {"wind": wind, "flying": True, "rates": {"ATTITUDE": 99.6}, "latency": (0.01, 0.02)}
-    full = _status_line(SessionStatus(vehicle="1:1", learned=123_456, **known))
-    assert "123,456" in full and full.index("20.0 ms late") < 88  # of 100, with the margin's
-    # Where it is no terminal, what is new is a line.
-    assert _say_status(None, session, "") == lines[0] == _say_status(None, session, lines[0])
-    assert capsys.readouterr().err == lines[0] + "\n"
+    with Place(console=console, auto_refresh=False, transient=True) as place:
+        lines = StatusLines(place)
+        lines.show(Mock(status=SessionStatus(vehicle="1:1")))
+        assert "1:1: learning" in shown.getvalue()
+        status = SessionStatus(vehicle="1:1", learned=123_456, alarm=(weak,), **known)
+        lines.show(Mock(status=status))
+    last = shown.getvalue().split("1:1: ALARM")[1]
+    assert last.index(" 20 ms late.") < 66  # of 80, with the margin's
+    assert "\x1b[1;31m" in last
+
+
+def test_a_line_of_a_log_says_what_is_new(capsys):
+    waiting = Fact(Session.NOT_FLYING)
+    ground = Fact(Watch.NOT_WATCHED, time=3.0, subject=Watched.MOTORS, because=waiting)
+    known = {"vehicle": "1:1", "obstacle": waiting, "watched": (ground,)}
+    lines = StatusLines(None)
+    for learned, count in ((0, 2), (0, 0), (1, 1)):
+        lines.show(Mock(status=SessionStatus(learned=learned, **known)))
+        assert len(capsys.readouterr().err.splitlines()) == count
 
 
 def test_slow_messages_show_no_limit_cycle_and_that_is_said():
@@ -176,7 +187,7 @@ def test_every_vehicle_on_a_link_is_watched():
     found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
     assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
-    assert "vehicle 2:1 watched: " in _status_line(made.stream.status())
+    assert "vehicle 2:1 watched: " in watching(made.stream.status().watched)
     # One that was chosen is reported as itself.
     made = replay(sorted(frames, key=lambda each: each[0]), vehicle="1:1")
     found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]

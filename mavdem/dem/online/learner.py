@@ -1,7 +1,7 @@
 """OnlineLearner: the same model on a stream, learned again from the latest samples whenever that is due.
 
-``learn`` runs in an executor, whenever its last call is done and two seconds have passed. In between every sample is
-filtered and predicted by the newest model.
+``learn`` runs in an executor, whenever its last call is done and two seconds have passed, or more after
+many samples. In between every sample is filtered and predicted by the newest model.
 """
 
 from __future__ import annotations
@@ -44,6 +44,8 @@ from mavdem.facts.online import Online
 
 BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
+# In the memory, up to which a call takes a tenth of that at most: of more, calls come as many times farther apart
+MOST_SAMPLES = 2000
 HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
 ALIKE = 0.9  # cosine of the angle between turning combinations that differ by chance
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
@@ -292,7 +294,8 @@ class OnlineLearner:
             return
         record = self._memory.record()
         until = self._memory.blocks[-1].until
-        self._next = self._samples + round(LEARNING_SECONDS / self._dt)
+        pause = LEARNING_SECONDS * max(len(record) / MOST_SAMPLES, 1.0)
+        self._next = self._samples + round(pause / self._dt)
         if self._executor is None:
             self._adopt(lambda: _learn(record, self._settings, until))
             return
