@@ -5,7 +5,7 @@ one slower than the one within. So the gains follow from the vehicle's mass, ine
 has gains of its own.
 """
 
-from math import atan, cos, exp, fsum, hypot, pi, radians, sin
+from math import atan, cos, exp, fsum, hypot, radians, remainder, sin, tau
 from operator import add
 from typing import NamedTuple
 
@@ -144,7 +144,7 @@ class Controller:
         # The heading is held, and turned at the yaw rate that is asked for, as both autopilots do.
         if flying:
             turned = self._heading + yaw_rate * self._cycle
-            self._heading = _wrapped(turned)
+            self._heading = remainder(turned, tau)
         upright = max(cos(roll) * cos(pitch), 0.5)
         thrust = self._body.mass * lift / upright
 
@@ -156,7 +156,7 @@ class Controller:
     ) -> ControlOutput:
         """What one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
         roll, pitch, yaw = euler(estimate.attitude)
-        yaw_error = _wrapped(wanted[2] - yaw)
+        yaw_error = remainder(wanted[2] - yaw, tau)
         errors = wanted[0] - roll, wanted[1] - pitch, yaw_error
         rates = tuple(
             _limited(stiff * error + feed, MAX_RATE)
@@ -192,12 +192,3 @@ class Controller:
 
 def _limited(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
-
-
-def _wrapped(angle: float) -> float:
-    """An angle of less than three half turns, rad, as one of half a turn at most."""
-    if angle > pi:
-        return angle - 2 * pi
-    if angle < -pi:
-        return angle + 2 * pi
-    return angle

@@ -146,23 +146,24 @@ def _lag(keeps: float, drive: Array) -> Array:
 LENGTH = 1.339  # a: it makes L the integral of f
 
 
+_SCALE = 2 ** (2 / 3) / gamma(1 / 3)
+
+
 def along(time: Array) -> Array:
     """Returns the autocorrelation along the wind, f = 2^(2/3)/Γ(1/3) ζ^(1/3) K_{1/3}(ζ), at lags ``time`` ≥ 0; (N,).
 
     ζ = Vτ/(aL), ``time`` in units of L/V (T. von Kármán, "Progress in the statistical theory of turbulence", 1948).
     """
     zeta = np.maximum(time / LENGTH, 1e-12)
-    scale = 2 ** (2 / 3) / gamma(1 / 3)
     bessel = kv(1 / 3, zeta)
-    return scale * zeta ** (1 / 3) * bessel
+    return _SCALE * zeta ** (1 / 3) * bessel
 
 
 def across(time: Array) -> Array:
     """Returns that across it, g = f − 2^(2/3)/Γ(1/3) ζ^(4/3) K_{2/3}(ζ)/2."""
     zeta = np.maximum(time / LENGTH, 1e-12)
-    scale = 2 ** (2 / 3) / gamma(1 / 3)
     bessel = kv(2 / 3, zeta)
-    return along(time) - scale * zeta ** (4 / 3) * bessel / 2
+    return along(time) - _SCALE * zeta ** (4 / 3) * bessel / 2
 
 
 def von_karman_noise(

@@ -12,7 +12,7 @@ from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.learnability import Reason, Remedy
 from mavdem.facts.loops import Loops
 from mavdem.facts.model import ParameterDoubt
-from mavdem.report.words import advised, sentence, words
+from mavdem.report.words import sentence, words
 
 
 def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
@@ -53,7 +53,7 @@ def test_words_are_those_of_the_table_and_errors_say_them():
     fact = Fact(Forecasts.FAILED, error="", text="Too slow.", remedy="Log faster.")
     assert words(fact) == ("Too slow.", "Log faster.")
     assert sentence(fact) == str(fact) == "Too slow."
-    assert advised(fact) == str(NotLearnable(fact)) == "Too slow. Log faster."
+    assert fact.advised == str(NotLearnable(fact)) == "Too slow. Log faster."
 
 
 def test_a_grounded_fact_says_nothing_that_is_to_be_flown():

@@ -61,20 +61,23 @@ class PredictionErrors(NamedTuple):
     segments: Segments
 
     @property
+    def _parts(self) -> tuple[Array, ...]:
+        model = self.model
+        return model.A, model.B, model.C, model.K, model.offset, self.starts
+
+    @property
     def at(self) -> Array:
         """The vector of the model and the starts."""
-        model = self.model
-        parts = model.A, model.B, model.C, model.K, model.offset, self.starts
-        return np.concatenate([part.ravel() for part in parts])
+        return np.concatenate([part.ravel() for part in self._parts])
 
     def moved(self, at: Array) -> PredictionErrors:
         """The same with the model and the starts of a vector."""
-        model = self.model
-        parts = model.A, model.B, model.C, model.K, model.offset, self.starts
-        cuts = np.cumsum([part.size for part in parts])[:-1]
-        pieces = zip(np.split(at, cuts), parts, strict=True)
+        cuts = np.cumsum([part.size for part in self._parts])[:-1]
+        pieces = zip(np.split(at, cuts), self._parts, strict=True)
         A, B, C, K, offset, starts = (values.reshape(part.shape) for values, part in pieces)
-        return self._replace(model=replace(model, A=A, B=B, C=C, K=K, offset=offset), starts=starts)
+        return self._replace(
+            model=replace(self.model, A=A, B=B, C=C, K=K, offset=offset), starts=starts
+        )
 
     def errors(self, at: Array) -> Array:
         """(T, m): of each sample of all segments."""

@@ -45,7 +45,7 @@ from mavdem.live.running import run
 from mavdem.live.session import LiveSession
 from mavdem.report.flight_page import live_page
 from mavdem.report.live import watching
-from mavdem.report.words import advised, go_on, headline, section
+from mavdem.report.words import go_on, headline, section
 
 STATUS_SECONDS = 5.0  # between two status lines that are not in one place
 # m/s and degrees, of 90 %
@@ -324,7 +324,7 @@ def _document(
         "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
         "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
         "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-        "obstacle": advised(status.obstacle) if status.obstacle else "",
+        "obstacle": status.obstacle.advised if status.obstacle else "",
         "watched": status.watched,
         "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
         **(status.findings.as_dict() if status.findings else {}),
@@ -355,7 +355,7 @@ def _style(*facts: Fact) -> str:
 
 def _say(fact: Fact) -> None:
     """Prints a fact; where it is no terminal, as a line."""
-    said = Text(printable(advised(fact)), _style(fact))
+    said = Text(printable(fact.advised), _style(fact))
     with suppress(OSError):
         STDERR.print(said, soft_wrap=not STDERR.is_terminal)
 

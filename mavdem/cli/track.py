@@ -33,7 +33,6 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
 from mavdem.report.fleet_page import fleet_page
-from mavdem.report.words import advised
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
 # the function that makes a flight's page, as workers call it
@@ -141,7 +140,7 @@ def track_command(
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
     write_text(index, fleet_page(rows, since))
     for problem in tracked.problems:
-        say_aside(printable(f"mavdem: {advised(problem)}"))
+        say_aside(printable(f"mavdem: {problem.advised}"))
     if as_json:
         found = {
             name: {

@@ -9,7 +9,7 @@ from mavdem.condition.wind_velocity import coming_from
 from mavdem.heading import Values
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
-from mavdem.report.words import advised, section
+from mavdem.report.words import section
 
 # what a tier is called where it is shown
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
@@ -81,7 +81,7 @@ def wind_blocks(air: Air) -> Blocks:
     """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
     wind, own, reason = air
     if wind is None:
-        return [Sentence(advised(reason), "Wind:")] if reason else []
+        return [Sentence(reason.advised, "Wind:")] if reason else []
     first, last = wind.time[[0, -1]]
     estimate = None
     if own is not None:

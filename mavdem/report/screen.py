@@ -5,6 +5,7 @@ vehicle. ``detail_blocks`` is what the screen leaves out: the model, its uncerta
 """
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ from mavdem.report.numbers import (
     rounded,
 )
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import PARAMETERS, advised, headline, section, together
+from mavdem.report.words import PARAMETERS, headline, section, together
 
 # beside the baselines
 ROWS: dict[str, str] = {
@@ -76,7 +77,7 @@ def _model_blocks(
 def graded(findings: Findings) -> Blocks:
     """Returns a row a purpose of the model, with its verdict; nothing without a model."""
     rows = [
-        [str(purpose), Rated(grade, grade.level), advised(reason)]
+        [str(purpose), Rated(grade, grade.level), reason.advised]
         for purpose, grade, reason in findings.purposes
     ]
     return [Table(["purpose", "grade", "because"], rows, words=True)] if rows else []
@@ -97,7 +98,7 @@ def verdict_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
     """Returns headline, lights and findings without a table, for a narrow column."""
     blocks = Blocks() if judgement is None else conclusion(judgement)
     blocks[-1:-1] = [
-        Sentence(advised(reason), f"{purpose.capitalize()}: {grade}.")
+        Sentence(reason.advised, f"{purpose.capitalize()}: {grade}.")
         for purpose, grade, reason in findings.purposes
     ]
     return [*blocks, *map(warning, findings.warnings)]
@@ -236,7 +237,7 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> Bl
         reasons = parameter_reasons(analysis.physical, doubted)
         if reasons and not analysis.reason:
             blocks.append(Sentence(" ".join(reasons), f"{name.capitalize()}:"))
-    return blocks + together(refused, str if doubted else advised)
+    return blocks + together(refused, str if doubted else attrgetter("advised"))
 
 
 def _axis_row(axis: AxisFigures) -> list[str]:
@@ -262,7 +263,7 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
     """Returns why ``physical`` parameters are not reported, each reason once; without advice if all is ``doubted``."""
     if physical is None:
         return []
-    says = str if doubted else advised
+    says = str if doubted else attrgetter("advised")
     parameters = dict[str, list[str]]()
     reasons = physical.reasons
     if len({*physical.status.values()}) == 1:

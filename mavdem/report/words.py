@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.resources import files
 from math import degrees, tau
+from operator import attrgetter
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
@@ -74,11 +75,6 @@ def sentence(fact: Fact | str) -> str:
     return str(fact) if isinstance(fact, str) else words(fact).sentence
 
 
-def advised(fact: Fact) -> str:
-    """Returns the sentence of a ``fact`` and, after it, its remedy."""
-    return " ".join(filter(None, words(fact)))
-
-
 @cache
 def _paragraphs(section: str) -> list[dict[str, Template]]:
     told = table_beside(__file__, f"sections/{section}.toml")["paragraph"]
@@ -112,7 +108,7 @@ def _environment() -> Environment:
     environment = Environment(undefined=StrictUndefined, finalize=_shown, autoescape=False)
     environment.globals |= {"comma": comma, "counted": counted, "tau": tau, "zip": zip}
     environment.filters |= {
-        "advised": advised,
+        "advised": attrgetter("advised"),
         "bare": bare,
         "begin": begin,
         "below": below,

@@ -34,7 +34,7 @@ from mavdem.report.palette import (
     TRUTH,
 )
 from mavdem.report.screen import verdict_blocks
-from mavdem.report.words import advised, section
+from mavdem.report.words import section
 from mavdem.view.plots import BEYOND, BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view
@@ -274,8 +274,8 @@ def figures(status: SessionStatus, row: ShownRow, channels: Channels, until: flo
 def _reason(status: SessionStatus, until: float | None) -> str:
     """Why there is no model, or no newer one."""
     if status.obstacle is not None:
-        return advised(status.obstacle)
-    return advised(TOO_FEW) if until is None else ""
+        return status.obstacle.advised
+    return TOO_FEW.advised if until is None else ""
 
 
 def status_document(

@@ -25,7 +25,7 @@ from mavdem.report.numbers import readable
 from mavdem.report.screen import analysis_blocks, detail_blocks, motor_blocks, title
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
 from mavdem.report.timeline import Timeline, timeline_of
-from mavdem.report.words import advised, headline
+from mavdem.report.words import headline
 from mavdem.view.plots import (
     BEYOND,
     Target,
@@ -99,10 +99,10 @@ class _Page:
         shown.append(over_time("Rates", "°/s", lines))
         shown += self._timeline.rows
         judgement = self._assessment.judgement
-        said = f"**{headline(judgement.headline)}**\n\n**Next:** {advised(judgement.next_step)}"
+        said = f"**{headline(judgement.headline)}**\n\n**Next:** {judgement.next_step.advised}"
         above = _text(self._recording, "headline", "", said)
         lights = [
-            Sentence(advised(fact), f"{name.capitalize()} – {fact.level}:")
+            Sentence(fact.advised, f"{name.capitalize()} – {fact.level}:")
             for name, fact in judgement.lights.items()
         ]
         words = _text(self._recording, "lights", "Lights", lights)

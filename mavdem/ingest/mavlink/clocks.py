@@ -160,14 +160,10 @@ def _placed_alone(kind: Sent, places: Places, raw: Times) -> tuple[_Kept, Facts]
     places = places[~outlier]
     raw = raw[~outlier]
     wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= WRAP_GAP))
-    turns = np.zeros(len(raw), dtype=np.int64)
-    turns[wraps] = 1
-    turns = np.cumsum(turns)
+    turns = np.cumsum(np.bincount(wraps, minlength=len(raw)))
     time = raw + kind.period * turns if len(wraps) else raw
     reboots = _reboots(time)
-    boot = np.zeros(len(places), dtype=np.int64)
-    boot[reboots] = 1
-    boot = np.cumsum(boot)
+    boot = np.cumsum(np.bincount(reboots, minlength=len(places)))
     if len(wraps):
         time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
     ignored = np.count_nonzero(outlier)
