@@ -91,7 +91,7 @@ class Flight(FlightDownstream):
     ) -> None:
         if not isinstance(provenance, Mapping | None):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
-        time = _column(time, "time")
+        time = _stamps(time)
         inputs = _table(inputs, "inputs", len(time))
         outputs = _table(outputs, "outputs", len(time))
         directions = (
@@ -157,7 +157,7 @@ class Flight(FlightDownstream):
         See Also:
             :func:`mavdem.read_segments`: the segments of a log.
         """
-        stamps = _column(time, "time")
+        stamps = _stamps(time)
         steps = np.diff(stamps)
         if not (len(steps) and (steps > 0).all()):
             raise ValueError(
@@ -208,11 +208,11 @@ Flights = Sequence[Flight]
 """Segments of a flight, or flights of one vehicle."""
 
 
-def _column(values: ArrayLike, name: str) -> Floats:
-    array = _frozen(values, name)
-    if array.ndim != 1 or not len(array):
-        raise ValueError(f"{name} must be a non-empty array of shape (T,), not {array.shape}")
-    return array
+def _stamps(values: ArrayLike) -> Floats:
+    time = _frozen(values, "time")
+    if time.ndim != 1 or not len(time):
+        raise ValueError(f"time must be a non-empty array of shape (T,), not {time.shape}")
+    return time
 
 
 def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> Floats:

@@ -170,14 +170,14 @@ class _RateLoop:
         return self._output
 
 
-def _slope_in_hover(vehicle: VehicleSpec, low: float, high: float) -> tuple[float, float]:
-    """The thrust's quadratic share, and output per thrust where a range ``low`` to ``high`` undoes it."""
+def _slope_in_hover(vehicle: VehicleSpec, low: float) -> tuple[float, float]:
+    """The thrust's quadratic share, and output per thrust where a range from ``low`` to 1 undoes it."""
     share = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)
     command = body.command_for(body.hover_speed) / body.full
-    hover = (command - low) / (high - low)
+    hover = (command - low) / (1.0 - low)
     slope = 1.0 - share + 2 * share * hover
-    return share, (high - low) / slope
+    return share, (1.0 - low) / slope
 
 
 def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
@@ -188,7 +188,7 @@ def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     """
     layout = vehicle.mixer or vehicle.frame
     rotors = frame(layout, airframe(vehicle).arm)
-    (share, slope) = _slope_in_hover(vehicle, 0.0, 1.0)
+    (share, slope) = _slope_in_hover(vehicle, 0.0)
     arms = (rotors.right, rotors.forward)
     norms = [sqrt(fsum(part * part for part in arm)) for arm in arms]
     scale = max(
@@ -222,7 +222,7 @@ def _ardupilot(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]
     ArduPilot's derivative is of the error. The filter of the target makes up for it: (1 + LEAD τs)/(1 + τs) behind
     1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
     """
-    share, slope = _slope_in_hover(vehicle, IDLE_COMMAND, 1.0)
+    share, slope = _slope_in_hover(vehicle, IDLE_COMMAND)
     values = {
         "MOT_THST_EXPO": share,
         "MOT_SPIN_ARM": IDLE_COMMAND,

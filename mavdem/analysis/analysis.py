@@ -254,7 +254,7 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
     """Returns why a model does not beat each baseline in ``held_out`` windows by a margin, beyond chance; or None."""
     for name in BASELINES:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
-        test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
+        test = paired(held_out.error_ratios(name), np.ones(len(held_out)))
         is_weak = not ratio <= MAX_SLOW_RATIO
         if is_weak or test.verdict != TestResult.LOWER:
             return Fact(

@@ -255,9 +255,7 @@ def _prediction(held_out: HeldOut) -> Finding:
     limits = PREDICTION_LIMITS
     best = held_out.best_baseline
     ratio = held_out.error_ratio() / held_out.error_ratio(best)
-    worse, than_last = (
-        float((held_out.error_ratios(baseline=name) > 1).mean()) for name in BASELINES
-    )
+    worse, than_last = (float((held_out.error_ratios(name) > 1).mean()) for name in BASELINES)
     reason = Fact(
         Because.FORECASTS_COMPARED,
         name=best,

@@ -15,7 +15,7 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
-from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices
+from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices, may_overflow
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
@@ -33,9 +33,6 @@ from mavdem.downstream import LearnedDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.model import ModelCaution, NoPhysical
-
-may_overflow = np.errstate(over="ignore", invalid="ignore")
-"""Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
 
 
 def _recorded(text: object) -> Fact:

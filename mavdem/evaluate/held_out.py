@@ -20,7 +20,7 @@ import numpy as np
 
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Settings
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, may_overflow
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.learning import learn_forecasts
 from mavdem.dem.record import folds
@@ -71,10 +71,10 @@ class HeldOut:
         steps = self.time.shape[1]
         return float(np.ptp(self.time[0]) * steps / (steps - 1)) if len(self) and steps > 1 else 0.0
 
+    @may_overflow
     def squared_errors(self, name: HeldOutForecast = FORECAST) -> Array:
         """Returns the mean squared error (W, m) of the forecast ``name`` in each window; infinite without one."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            squares = ((self.measured - self.forecasts[name]) ** 2).mean(axis=1)
+        squares = ((self.measured - self.forecasts[name]) ** 2).mean(axis=1)
         return np.where(np.isnan(squares), np.inf, squares)
 
     def rmse(self, name: HeldOutForecast = FORECAST) -> Array:
@@ -85,11 +85,9 @@ class HeldOut:
         """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
         return float(error_over(self._sizes(name).mean(), self._sizes(CONSTANT_MEAN).mean()))
 
-    def error_ratios(
-        self, name: HeldOutForecast = FORECAST, baseline: HeldOutForecast = CONSTANT_MEAN
-    ) -> Array:
-        """Returns the mean squared error of the forecast ``name`` over that of the ``baseline``, by window (W,)."""
-        return error_over(self._sizes(name), self._sizes(baseline))
+    def error_ratios(self, baseline: HeldOutForecast = CONSTANT_MEAN) -> Array:
+        """Returns the mean squared error of the forecast over that of the ``baseline``, by window (W,)."""
+        return error_over(self._sizes(FORECAST), self._sizes(baseline))
 
     def _sizes(self, name: HeldOutForecast) -> Array:
         """(W,) squared errors summed over outputs, each in units of its training variance."""
@@ -131,7 +129,7 @@ class HeldOut:
             "median_error_ratio": float(np.median(ratios)),
             "error_ratio_quartiles": np.percentile(ratios, [25, 75]).tolist(),
             "share_worse_than_constant_mean": float((ratios > 1).mean()),
-            "share_worse_than_hold_last": float((self.error_ratios(baseline=HOLD_LAST) > 1).mean()),
+            "share_worse_than_hold_last": float((self.error_ratios(HOLD_LAST) > 1).mean()),
             "inside_90_percent_band": self.coverage,
             "over_expected_error": self.over_expected,
             "failures": [str(failure) for failure in self.failures],

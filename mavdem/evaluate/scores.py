@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.dem.engine.linalg import Array, Pair
+from mavdem.dem.engine.linalg import Array, Pair, may_overflow
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.dem.online import learner
 from mavdem.flight import Flight
@@ -65,6 +65,7 @@ class Mspe(NamedTuple):
     total: float
 
 
+@may_overflow
 def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     """Returns the mean over samples of the squared error (the paper, ``Metric for comparison``).
 
@@ -87,8 +88,7 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
             f"measured and predicted must be (H, m) alike, not {y.shape} and {yhat.shape}"
         )
     # The forecast of an unstable model may overflow.
-    with np.errstate(over="ignore", invalid="ignore"):
-        squares = (y - yhat) ** 2
+    squares = (y - yhat) ** 2
     per_output = np.where(np.isnan(squares), np.inf, squares).mean(axis=0)
     return Mspe(per_output, float(per_output.sum()))
 

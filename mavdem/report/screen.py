@@ -204,7 +204,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
         rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
         rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
-    worse = {name: (held_out.error_ratios(baseline=name) > 1).mean() for name in BASELINES}
+    worse = {name: (held_out.error_ratios(name) > 1).mean() for name in BASELINES}
     quartiles = np.percentile(held_out.error_ratios(), [25, 50, 75])
     windows = len(held_out)
     return [

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.dem.engine.linalg import Array, Pair
+from mavdem.dem.engine.linalg import Array, Pair, may_overflow
 from mavdem.dem.engine.model import recursion
 
 STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
@@ -86,6 +86,7 @@ class SteadyFilter(NamedTuple):
         gain, P = steady_gain(transition, C, process, np.array([[noise**2]]))
         return cls(transition, P, gain[:, 0], float(P[0, 0]) + noise**2, transition - gain @ C)
 
+    @may_overflow
     def smoothed(
         self,
         pushes: Array,
@@ -157,6 +158,7 @@ class KalmanFilter(NamedTuple):
         """Returns (T + 1, n, n) those before each sample and after the last."""
         return self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)]
 
+    @may_overflow
     def states(self, start: Array, pushes: Array, measured: Array) -> Pair:
         """Returns states (…, T + 1, n) before each sample and after the last, and errors (…, T, m) of predicting it.
 
@@ -168,11 +170,10 @@ class KalmanFilter(NamedTuple):
         states = np.empty((*measured.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = start
         closed = np.swapaxes(self.A - self.gains @ self.C, 1, 2)
-        with np.errstate(over="ignore", invalid="ignore"):
-            driven = pushes + np.einsum("...tm,tnm->...tn", measured, self.gains[places])
-            for t, row in enumerate(places):
-                states[..., t + 1, :] = states[..., t, :] @ closed[row] + driven[..., t, :]
-            return states, measured - states[..., :-1, :] @ self.C.T
+        driven = pushes + np.einsum("...tm,tnm->...tn", measured, self.gains[places])
+        for t, row in enumerate(places):
+            states[..., t + 1, :] = states[..., t, :] @ closed[row] + driven[..., t, :]
+        return states, measured - states[..., :-1, :] @ self.C.T
 
     def smoothed(self, states: Array, errors: Array) -> tuple[Array, Array, Array]:
         """Returns means (…, T + 1, n) and covariances (T + 1, n, n) of all states given all measurements.
@@ -188,17 +189,16 @@ class KalmanFilter(NamedTuple):
         heard = self.weights @ self.C
         information = np.zeros((samples + 1, n, n))
         pull = np.zeros_like(states)
-        with np.errstate(over="ignore", invalid="ignore"):
-            for t in range(samples - 1, -1, -1):
-                step = closed[places[t]]
-                seen = heard[places[t]]
-                information[t] = self.C.T @ seen + step.T @ information[t + 1] @ step
-                pull[..., t, :] = errors[..., t, :] @ seen + pull[..., t + 1, :] @ step
-            P = self.covariances_of(samples)
-            means = states + np.einsum("...ti,tij->...tj", pull, P)
-            covariances = P - P @ information @ P
-            rest = np.eye(n) - P[1:] @ information[1:]
-            return means, covariances, rest @ closed[places] @ P[:-1]
+        for t in range(samples - 1, -1, -1):
+            step = closed[places[t]]
+            seen = heard[places[t]]
+            information[t] = self.C.T @ seen + step.T @ information[t + 1] @ step
+            pull[..., t, :] = errors[..., t, :] @ seen + pull[..., t + 1, :] @ step
+        P = self.covariances_of(samples)
+        means = states + np.einsum("...ti,tij->...tj", pull, P)
+        covariances = P - P @ information @ P
+        rest = np.eye(n) - P[1:] @ information[1:]
+        return means, covariances, rest @ closed[places] @ P[:-1]
 
 
 class GaussianModel(NamedTuple):

@@ -105,6 +105,10 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
             raise ValueError(f"{name} must be positive definite") from None
 
 
+may_overflow = np.errstate(over="ignore", invalid="ignore")
+"""Of functions: what an unstable model forecasts, or huge inputs make, becomes infinity or NaN without a warning."""
+
+
 @contextmanager
 def raise_on_overflow() -> Iterator[None]:
     """Raises ``numpy.linalg.LinAlgError`` instead of continuing with infinity or NaN."""

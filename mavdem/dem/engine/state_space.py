@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.dem.engine.kalman import steady_gain
-from mavdem.dem.engine.linalg import Array, Indices
+from mavdem.dem.engine.linalg import Array, Indices, may_overflow
 from mavdem.dem.engine.model import Transition, discretize, recursion
 
 
@@ -96,6 +96,7 @@ class StateSpace:
         first = np.zeros(1, np.intp)
         return np.asarray(self.simulated_from(first, len(inputs), start[None], inputs)[0])
 
+    @may_overflow
     def simulated_from(
         self,
         begins: Indices,
@@ -110,13 +111,13 @@ class StateSpace:
         direct = self.direct(inputs)
         pushes = self._pushes(inputs)
         predicted = np.empty((len(begins), horizon, len(self.C)))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for step in range(horizon):
-                rows = np.minimum(begins + step, len(inputs) - 1)
-                predicted[:, step] = states @ self.C.T + direct[rows]
-                states = states @ self.A.T + pushes[rows]
+        for step in range(horizon):
+            rows = np.minimum(begins + step, len(inputs) - 1)
+            predicted[:, step] = states @ self.C.T + direct[rows]
+            states = states @ self.A.T + pushes[rows]
         return predicted
 
+    @may_overflow
     def simulated_every(
         self,
         steps: int,
@@ -130,8 +131,7 @@ class StateSpace:
         """
         begins = np.arange(0, len(inputs), steps)
         steps = min(steps, len(inputs))
-        with np.errstate(over="ignore", invalid="ignore"):
-            states = self.filtered(start, inputs, outputs)[begins]
+        states = self.filtered(start, inputs, outputs)[begins]
         return self.simulated_from(begins, steps, states, inputs).reshape(-1, len(self.C))[
             : len(inputs)
         ]

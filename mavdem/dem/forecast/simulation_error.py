@@ -22,7 +22,7 @@ from mavdem.dem.engine.gauss_newton import (
     gauss_newton,
 )
 from mavdem.dem.engine.generative import GenerativeModel, Sizes
-from mavdem.dem.engine.linalg import Array, Indices, inverse, logdet
+from mavdem.dem.engine.linalg import Array, Indices, inverse, logdet, may_overflow
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import turning_combinations
@@ -64,6 +64,7 @@ def models_of(
         return StateSpace.of_transition(transition, C[0], gain)
 
 
+@may_overflow
 def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     """Returns outputs (b, H, m, S) of b models over H steps, from the state that the filter finds over h steps.
 
@@ -76,13 +77,12 @@ def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     heard = np.concatenate([B - K @ D, K], axis=-1)
     ahead = []
     # An unstable model may overflow; its errors are then infinite.
-    with np.errstate(over="ignore", invalid="ignore"):
-        states = second @ samples[0]
-        for now in samples[1:]:
-            states = closed @ states + heard @ now
-        for now in inputs[len(outputs) :]:
-            ahead.append(C @ states + D @ now)
-            states = A @ states + B @ now
+    states = second @ samples[0]
+    for now in samples[1:]:
+        states = closed @ states + heard @ now
+    for now in inputs[len(outputs) :]:
+        ahead.append(C @ states + D @ now)
+        states = A @ states + B @ now
     return np.stack(ahead, axis=1)
 
 
@@ -253,9 +253,9 @@ class SimulationError:
         return float(-0.5 * off @ self.prior_precision @ off)
 
 
+@may_overflow
 def _mean_square(errors: Array) -> float:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float((errors**2).mean())
+    return float((errors**2).mean())
 
 
 def fit_simulation(

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import ROUNDING, Array, Indices, Pair
+from mavdem.dem.engine.linalg import ROUNDING, Array, Indices, Pair, may_overflow
 from mavdem.dem.record import Record, Spread
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
@@ -271,6 +271,7 @@ class Var(NamedTuple):
             channels[np.arange(0, len(inputs), steps)[:, None] + np.arange(self.lags)]
         )
 
+    @may_overflow
     def predict(self, past: Array, steps: int) -> Forecast:
         """Returns all channels (…, steps, k) after ``past`` (…, lags, k), outputs first, the inputs unknown.
 
@@ -280,13 +281,13 @@ class Var(NamedTuple):
         maps, constants = self.ahead(steps)
         k = len(self.offset)
         latest = latest_first(self.units.scaled(past))
-        with np.errstate(over="ignore", invalid="ignore"):
-            mean = np.einsum("...i,hki->...hk", latest, maps, optimize=True) + constants
-            # An innovation changes later samples as its own sample does.
-            responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
-            each = np.einsum("hij,jl,hil->hi", responses, self.covariance, responses)
-            return self._physical(mean, each.cumsum(axis=0))
+        mean = np.einsum("...i,hki->...hk", latest, maps, optimize=True) + constants
+        # An innovation changes later samples as its own sample does.
+        responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
+        each = np.einsum("hij,jl,hil->hi", responses, self.covariance, responses)
+        return self._physical(mean, each.cumsum(axis=0))
 
+    @may_overflow
     def ahead(self, steps: int) -> Pair:
         """Returns maps (steps, k, lags k) of the lags, the latest first, and constants (steps, k), to the next samples.
 
@@ -297,12 +298,11 @@ class Var(NamedTuple):
         # Rows of a later sample above those of the samples before it, of columns [lag 1 … lag p, 1].
         later = np.eye(width, width + 1)
         rows = []
-        with np.errstate(over="ignore", invalid="ignore"):
-            for _ in range(steps):
-                first = across @ later
-                first[:, -1] += self.offset
-                later = np.concatenate([first, later[:-k]])
-                rows.append(first)
+        for _ in range(steps):
+            first = across @ later
+            first[:, -1] += self.offset
+            later = np.concatenate([first, later[:-k]])
+            rows.append(first)
         maps = np.array(rows)
         return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
 

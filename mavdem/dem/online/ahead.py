@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.dem.engine.linalg import Array, Pair, one_thread
+from mavdem.dem.engine.linalg import Array, Pair, may_overflow, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice, choose
 from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
 from mavdem.dem.online.memory import Memory, MemoryBlock
@@ -34,13 +34,13 @@ class Prediction(NamedTuple):
     weights: Array
     constants: Array  # (H + 1, m)
 
+    @may_overflow
     def of(self, inputs: Array, outputs: Array) -> Array:
         """Returns (H + 1, m) what the latest samples, (T, r) and (T, m), predict; what overflows is not finite."""
         channels = self.units.scaled(np.hstack([outputs, inputs @ self.combinations]))
         past = initial_lags(channels, LAGS[-1] + 1)[::-1].ravel()
         center, scale = (values[: outputs.shape[1]] for values in self.units)
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(center + scale * (self.weights.dot(past) + self.constants))
+        return np.asarray(center + scale * (self.weights.dot(past) + self.constants))
 
 
 class OnlineJoint:
