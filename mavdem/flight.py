@@ -10,14 +10,14 @@ from typing import Any
 from warnings import warn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mavdem.downstream import FlightDownstream
 from mavdem.facts import Facts
+from mavdem.forecaster import Floats
 from mavdem.heading import Names
 from mavdem.unit_slips import real_numbers, unit_slip
 
-Floats = NDArray[np.float64]
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
 
 

@@ -8,11 +8,12 @@ from math import pi, tan
 from operator import add
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import bilinear, butter, sosfilt, sosfreqz
 
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import HIGHEST
+from mavdem.condition.loop.margins import Complex
 from sitl_scenarios.dynamics import AirState, Body, Four, State, Three
 from sitl_scenarios.motion import Array
 from sitl_scenarios.sensors import RotorNoise
@@ -42,7 +43,7 @@ class Gyro:
         self._last = np.zeros((len(sections), 3, 2))
         self._step = step
 
-    def response(self, frequency: Array) -> NDArray[np.complex128]:
+    def response(self, frequency: Array) -> Complex:
         """(F,) the rates behind the filters by the true ones, at ``frequency`` (F,), Hz."""
         responses = sosfreqz(self._sections, frequency, fs=1 / self._step)
         return responses[1]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -47,7 +48,7 @@ class Motion:
     # Zero on the ground.
     force: Array
     moment: Array
-    armed: NDArray[np.bool_]  # (N,) bool
+    armed: Flags  # (N,) bool
     # (N,) MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing
     landed_state: NDArray[np.uint8]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.loop.margins import Complex, OpenLoop
 from mavdem.files import atomic_write
 from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.dynamics import (
@@ -30,7 +30,7 @@ from sitl_scenarios.dynamics import (
     dynamics,
 )
 from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
-from sitl_scenarios.motion import Array, Arrays, Motion
+from sitl_scenarios.motion import Array, Arrays, Flags, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
@@ -218,7 +218,7 @@ def _response(
     return np.asarray(response / (1 - delays))
 
 
-def margins(frequency: Array, loop: NDArray[np.complex128]) -> Array:
+def margins(frequency: Array, loop: Complex) -> Array:
     """Gain crossover (Hz), phase and gain margin (°, dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz."""
     response = loop[np.newaxis]
     closed = response / (1 + response)
@@ -245,7 +245,7 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
 
 
 def _effects_in(
-    scenario: Scenario, motion: Motion, rows: NDArray[np.bool_], condition: Damage, suffix: str
+    scenario: Scenario, motion: Motion, rows: Flags, condition: Damage, suffix: str
 ) -> dict[str, Array]:
     """Those of some rows; none where there are none."""
     if not rows.any():

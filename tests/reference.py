@@ -3,8 +3,6 @@
 ``test_reference.py --write-golden`` writes it.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re

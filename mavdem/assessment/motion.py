@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mavdem.alignment.drive import Signal, recorded
@@ -32,6 +31,7 @@ from mavdem.alignment.quality import STOP_MARGIN, at_limits
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.steadiness import followed
 from mavdem.condition.condition import vibration_of
+from mavdem.condition.loop.margins import Complex
 from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
@@ -63,7 +63,7 @@ class AttitudeError:
     """
 
     time: Array
-    lean: NDArray[np.complex128]
+    lean: Complex
     size: Array
     lies: Flags
     asked: Flags

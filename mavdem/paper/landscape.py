@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.random import Generator, default_rng
-from numpy.typing import NDArray
 
+from mavdem.condition.loop.margins import Complex
 from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import (
@@ -71,9 +71,7 @@ class ScalarWorld:
         return ((tones @ forced).real + noise)[:, None], (tones @ v).real[:, None]
 
 
-def _harmonics(
-    rng: Generator, omega: Array, smoothness: float, deviation: float
-) -> NDArray[np.complex128]:
+def _harmonics(rng: Generator, omega: Array, smoothness: float, deviation: float) -> Complex:
     """Random harmonics, up to the Nyquist frequency, of a noise whose power is that of a Gaussian kernel."""
     power = np.exp(-((omega * smoothness) ** 2))
     power[0] = 0.0

@@ -42,7 +42,7 @@ from mavdem.report.flight_charts import (
     step_charts,
 )
 from mavdem.report.labels import Labels
-from mavdem.report.loops import gain_blocks, margin_tables
+from mavdem.report.loops import gain_blocks, loops_of, margin_tables
 from mavdem.report.numbers import listed, readable, rounded, with_unit
 from mavdem.report.page import Chapter, Head, document
 from mavdem.report.plans import flown_path, frame_plan, rose_of_wind
@@ -236,12 +236,10 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
     loops = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
     if not loops:
         return Chapter("Control loops", blocks)
-    columns = []
-    for axis, loop in loops.items():
-        shown = {"now": loop}
-        if axis in advice and advice[axis].parameters:
-            shown["advised"] = advice[axis].after
-        columns.append(loop_charts(shown))
+    columns = [
+        loop_charts(loops_of(advice[axis]) if axis in advice else {"now": loop})
+        for axis, loop in loops.items()
+    ]
     caption = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     groups = [Group(tuple(columns), caption)]
     return Chapter("Control loops", [*margin_tables(loops), *blocks], groups)

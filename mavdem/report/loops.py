@@ -44,11 +44,16 @@ def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> Block
     return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
 
 
+def loops_of(advice: Advice) -> dict[str, Loop]:
+    """Returns the loop now and, where gains are advised, with these."""
+    after = {"advised": advice.after} if advice.parameters else {}
+    return {"now": advice.before, **after}
+
+
 def _loop_blocks(advice: Advice) -> Blocks:
     """The margins, now and as advised, and what they rest on."""
     loop = advice.before
-    after = {"advised": advice.after} if advice.parameters else {}
-    blocks = margin_tables({"now": loop, **after})
+    blocks = margin_tables(loops_of(advice))
     if loop.crossover * loop.record.dt > FASTEST:
         (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
         blocks.append(caution(slow.text))

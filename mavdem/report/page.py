@@ -22,7 +22,7 @@ from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.charts import POINTS, Chart, Group
 from mavdem.report.flight_charts import loop_charts
-from mavdem.report.loops import tune_blocks
+from mavdem.report.loops import loops_of, tune_blocks
 from mavdem.report.numbers import named, readable, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import screen, title
@@ -118,9 +118,7 @@ def tune_page(name: str, results: Mapping[str, Advice | Fact]) -> str:
     chapters = []
     for axis, advice in results.items():
         if isinstance(advice, Advice):
-            loops = {"now": advice.before} | (
-                {"advised": advice.after} if advice.parameters else {}
-            )
+            loops = loops_of(advice)
             columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
             chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, said)]))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."

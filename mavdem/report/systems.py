@@ -1,13 +1,11 @@
 """Systems: what the axis's command does to a vehicle, over frequency, by its physical parameters or by DEM's model."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.condition.loop.from_flight import DRAWS
+from mavdem.condition.loop.margins import Complex
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
-
-Complex = NDArray[np.complex128]
 
 
 def model_response(learned: Learned, motors: Array, frequency: Array, output: int) -> Complex:

@@ -15,9 +15,11 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.messages import Payloads, named, parameters, payload, written
-from sitl_scenarios.motion import Array, Motion
+from sitl_scenarios.motion import Array, Flags, Motion
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
 from sitl_scenarios.scenario import Faults, Scenario
+
+Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class Batch:
     def __len__(self) -> int:
         return len(self.time)
 
-    def taken(self, rows: NDArray[np.intp], time: Array) -> Batch:
+    def taken(self, rows: Rows, time: Array) -> Batch:
         """The frames of these rows (M,), in this order, at the times (M,)."""
         return Batch(time, *gathered([(self.data, self.frames)], rows))
 
@@ -87,7 +89,7 @@ class Schedule:
         """Seconds between one message and the next; infinite for none."""
         return self._courses[name][1]
 
-    def due(self, name: str, times: Array) -> NDArray[np.intp]:
+    def due(self, name: str, times: Array) -> Rows:
         """In which of the next cycles, at ``times`` (N,), s, ascending from call to call, a message is sent."""
         first, interval = self._courses[name]
         if not np.isfinite(interval):
@@ -102,7 +104,7 @@ class Schedule:
 
 # From one request for all streams to the next: ``set_stream_rates`` in MAVProxy's mavproxy.py
 MAVPROXY_SECONDS = 15.0
-Placed = tuple[str, NDArray[np.intp], Payloads]
+Placed = tuple[str, Rows, Payloads]
 """A message by name, the rows (n,) of the block in which it is sent, its payloads (n,)."""
 
 
@@ -265,7 +267,7 @@ class Transmitter:
         return joined(batches).taken(order, arrival)
 
 
-def rows_of_motion(motion: Motion, rows: slice | NDArray[np.intp]) -> Motion:
+def rows_of_motion(motion: Motion, rows: slice | Rows) -> Motion:
     """Some rows of a motion."""
     return Motion(**{field.name: getattr(motion, field.name)[rows] for field in fields(Motion)})
 
@@ -321,7 +323,7 @@ class LossyLink:
             self._held = arriving.taken(np.array([behind]), arriving.time[-1:])
         return arriving.taken(np.array(order, np.intp), arriving.time[: len(order)])
 
-    def out(self, time: Array | float) -> NDArray[np.bool_]:
+    def out(self, time: Array | float) -> Flags:
         """Whether the link is lost at a time, s of the motion."""
         begin = np.inf if self._faults.outage is None else self._faults.outage
         since = np.asarray(time) - BOOT_SECONDS - begin

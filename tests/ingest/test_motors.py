@@ -1,7 +1,5 @@
 """Which channels drive motors, and what their outputs mean, by the parameters of real vehicles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

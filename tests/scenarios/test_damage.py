@@ -1,7 +1,5 @@
 """What breaks in flight does what theory says; and flights to learn no model from: limit cycles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

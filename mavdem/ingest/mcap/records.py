@@ -30,7 +30,6 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import Writer
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Facts
@@ -38,7 +37,7 @@ from mavdem.facts.sources import Repair
 from mavdem.heading import Values
 from mavdem.ingest.contents import FREE_BYTES, MAX_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from mavdem.ingest.telemetry import repair
+from mavdem.ingest.telemetry import Array, repair
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
@@ -189,7 +188,7 @@ MAX_STAMP = np.iinfo(np.uint64).max // 1000 - 1
 """The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554."""
 HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
 # Times (T,), s, and columns (T,) by name
-Series = tuple[NDArray[np.float64], Mapping[str, NDArray[np.float64]]]
+Series = tuple[Array, Mapping[str, Array]]
 
 
 def write_mcap(file: BinaryIO, stream: FrameStream) -> int:

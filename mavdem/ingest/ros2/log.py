@@ -107,7 +107,7 @@ def _of_mavros(topic: str, schema: str) -> RosTopic | None:
     return None
 
 
-Fields = Mapping[str, NDArray[np.float64]]  # The numbers of a topic's messages by name, (N,) each
+Fields = Mapping[str, Array]  # The numbers of a topic's messages by name, (N,) each
 
 
 class MavrosTopic(NamedTuple):
