@@ -223,7 +223,7 @@ def of_each(
 
 
 def report_refused(results: Sized, refused: Mapping[str, NotLearnable | Unreadable]) -> None:
-    """Reports on standard error what is ``refused``, by name; raises the first error if nothing is ``found``."""
+    """Reports on standard error what is ``refused``, by name; raises the first error if there are no ``results``."""
     for name, error in refused.items():
         if not results:
             raise error

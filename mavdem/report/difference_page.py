@@ -34,7 +34,7 @@ def comparison_page(
 ) -> str:
     """Returns the HTML of two flights, called ``names``, by documents as ``report.json`` has them.
 
-    ``found`` is their difference, and ``parameters`` those that changed; ``back`` is name and address of the page that
+    ``difference`` is what differs, and ``parameters`` those that changed; ``back`` is name and address of the page that
     leads here.
     """
     both = dict(zip(COLOURS, reviews, strict=True))

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mavdem.alignment.drive import TILT_AXES
-from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
@@ -350,10 +349,10 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
                 groups.append(Group.of(model_charts.forecast(analysis.held_out, labels), said))
         yield Chapter(f"Model of {axis}", blocks, groups)
         if learned is not None:
-            yield _inside(axis, analysis, learned)
+            yield _inside(axis, learned)
 
 
-def _inside(axis: str, analysis: LogAnalysis, learned: Learned) -> Chapter:
+def _inside(axis: str, learned: Learned) -> Chapter:
     """How a model was learned, folded."""
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()]
     blocks = detail_blocks(learned)

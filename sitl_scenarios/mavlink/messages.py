@@ -61,9 +61,7 @@ def by_column(names: str, values: NDArray[Any]) -> Arrays:
     return dict(zip(names.split(), values.T, strict=True))
 
 
-def written(
-    name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot, scenario: Scenario
-) -> Payloads:
+def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot) -> Payloads:
     """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
     fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
     modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]

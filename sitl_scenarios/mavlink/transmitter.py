@@ -243,7 +243,7 @@ class Transmitter:
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
                 sampled = rows_of_motion(motion, rows)
-                payloads = written(name, sampled, boot, self.autopilot, self._scenario)
+                payloads = written(name, sampled, boot, self.autopilot)
                 placed.append((name, rows, payloads))
         return placed
 
