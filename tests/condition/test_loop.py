@@ -326,8 +326,9 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
         assert found.after.bandwidth > 0.98 * SLOWER * before.bandwidth
 
 
-def test_enough_margin_is_left_alone_unless_more_is_asked():
-    advice = advise(loop := made_up(), "sharp")
+@pytest.mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
+def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
+    advice = advise(loop := made_up(factor))
     assert advice.gains and not advice.parameters
     assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, Level.GOOD)
     assert advice.after.controller.parameters == loop.controller.parameters

@@ -125,9 +125,9 @@ def advise(
 ) -> Advice:
     """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]`` and wind moves it least.
 
-    A loop that has these margins keeps its gains unless ``more`` is asked. None where gains must not follow from this
-    flight: for the ``doubts`` about it, gains that change, motors at their limits, a loop that the flight contradicts,
-    or that is unstable.
+    A loop that has these margins, surely or perhaps, keeps its gains unless ``more`` is asked: so do gains that were
+    advised and then flown. None where gains must not follow from this flight: for the ``doubts`` about it, gains that
+    change, motors at their limits, a loop that the flight contradicts, or that is unstable.
     """
     target = TARGETS[tune]
     rating = margin_rating(loop, target)
@@ -135,7 +135,7 @@ def advise(
     chosen = {}
     if not refusals:
         chosen = dict(_gains_of(loop))
-        if more or rating.level is not Level.GOOD:
+        if more or rating.level is Level.BAD:
             chosen |= _best(loop, target)
     after = loop.drawn(slice(len(loop.gains) // 2, None)).changed(chosen)
     return Advice(
