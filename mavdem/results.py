@@ -37,8 +37,13 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
         paths["model.json"].write_text(analysis.learned.to_json() + "\n")
         if RECORDING in paths:
             write_dashboard(paths[RECORDING], assessment)
-        known = analysis.flights, analysis.learned, analysis.held_out
-        write_channels(paths["flight.mcap"], *known, assessment.wind_of_model)
+        write_channels(
+            paths["flight.mcap"],
+            analysis.flights,
+            analysis.learned,
+            analysis.held_out,
+            assessment.wind_of_model,
+        )
 
 
 def write_dashboard(target: Target, assessment: Assessment) -> None:

@@ -66,8 +66,9 @@ def linearised(vehicle: VehicleSpec) -> Linear:
         attitude = Rotation.from_euler("ZYX", angles[::-1])
         w, x, y, z = attitude.as_quat(scalar_first=True).tolist()
         speeds = tuple(map(body.rotor_speed, commands.tolist()))
-        moving = tuple(velocity.tolist()), tuple(rates.tolist())
-        acting = change((w, x, y, z), *moving, speeds, AirState())
+        acting = change(
+            (w, x, y, z), tuple(velocity.tolist()), tuple(rates.tolist()), speeds, AirState()
+        )
         # Of a level vehicle the angles change with the rates.
         return np.array([*velocity, *acting[:3], *rates, *acting[3:6]])
 

@@ -210,9 +210,15 @@ def demand(telemetry: Telemetry, axis: str) -> Motors | None:
         return None
     scale = OutputScale("demand", "", -1.0, 1.0, float(np.diff(np.unique(signal.values)).min()))
     outputs = signal.values[:, None]
-    counts = (signal.sent, signal.left_out)
     return Motors(
-        DEMAND_MESSAGE, signal.time, signal.boot, outputs, demand_geometry(axis), scale, *counts
+        DEMAND_MESSAGE,
+        signal.time,
+        signal.boot,
+        outputs,
+        demand_geometry(axis),
+        scale,
+        signal.sent,
+        signal.left_out,
     )
 
 

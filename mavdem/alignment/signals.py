@@ -534,9 +534,17 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     kept = np.isfinite(angle)
     if not kept.any():
         return sent
-    motion = angle[kept], rate[kept], slope[kept]
-    counts = tuning.sent, tuning.left_out, sent.impossible
-    return Attitude(TUNING_MESSAGE, tuning.time[kept], tuning.boot[kept], *motion, *counts)
+    return Attitude(
+        TUNING_MESSAGE,
+        tuning.time[kept],
+        tuning.boot[kept],
+        angle[kept],
+        rate[kept],
+        slope[kept],
+        tuning.sent,
+        tuning.left_out,
+        sent.impossible,
+    )
 
 
 def _sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
@@ -572,8 +580,17 @@ def _sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     angle, rate, slope = kept.values.T
     if axis == "yaw":
         angle = np.unwrap(angle)
-    counts = kept.sent, kept.left_out, int(np.count_nonzero(impossible))
-    return Attitude(message, kept.time, kept.boot, angle, rate, slope, *counts)
+    return Attitude(
+        message,
+        kept.time,
+        kept.boot,
+        angle,
+        rate,
+        slope,
+        kept.sent,
+        kept.left_out,
+        int(np.count_nonzero(impossible)),
+    )
 
 
 def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:

@@ -107,8 +107,14 @@ class LogAnalysis:
         """The physical parameters of each axis that they were estimated of, with the model or for all axes."""
         if self.axes or self.learned is None:
             return self.axes
-        known = self.learned.physical, self.learned.wind_torque, self.learned.physical_reason
-        return {self.verdict.axis: AxisFigures(self.flights, *known)}
+        return {
+            self.verdict.axis: AxisFigures(
+                self.flights,
+                self.learned.physical,
+                self.learned.wind_torque,
+                self.learned.physical_reason,
+            )
+        }
 
     @property
     def model(self) -> str | None:
@@ -123,10 +129,11 @@ class LogAnalysis:
     @cached_property
     def findings(self) -> Findings:
         """What makes the flight doubtful, and what the model is good for: made once, shown everywhere."""
-        known = self.condition, self.alarms
         # Rates that are sent slowly say nothing of the angle.
         consistency = self.verdict.figures.consistency if self.model == "full" else None
-        return findings_of(self.learned, self.held_out, *known, consistency, self.trim)
+        return findings_of(
+            self.learned, self.held_out, self.condition, self.alarms, consistency, self.trim
+        )
 
     def as_dict(self) -> Values:
         """Returns all figures as plain JSON values: what ``report.json`` has.

@@ -121,8 +121,12 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
             continue
         _, satellites, dilution = np.median(fixed, axis=0).tolist()
         if satellites < FEW_SATELLITES or dilution > 100 * POOR_DILUTION:
-            known = {"satellites": int(satellites), "dilution": dilution / 100}
-            yield Fact(EstimatorLight.FIX_POOR, Level.WATCH, **known)
+            yield Fact(
+                EstimatorLight.FIX_POOR,
+                Level.WATCH,
+                satellites=int(satellites),
+                dilution=dilution / 100,
+            )
 
 
 def _compass(evidence: Evidence) -> Iterator[Fact]:

@@ -46,6 +46,5 @@ def _trim(evidence: Evidence, headroom: float) -> Fact:
     if headroom < LITTLE_HEADROOM and trim.level is not Level.WATCH:
         return Fact(MotorsLight.HEADROOM_LITTLE, Level.WATCH, share=headroom)
     if trim.level is Level.GOOD:
-        known = {"headroom": headroom, **trim.figures}
-        return Fact(MotorsLight.MOTORS_EVEN, Level.GOOD, **known)
+        return Fact(MotorsLight.MOTORS_EVEN, Level.GOOD, headroom=headroom, **trim.figures)
     return trim

@@ -172,8 +172,13 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
     if not STDERR.is_terminal:
         yield lambda _: None
         return
-    columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=STDERR, transient=True) as bar:
+    with Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=STDERR,
+        transient=True,
+    ) as bar:
         task = bar.add_task(printable(title), total=1.0 if measured else None)
         yield lambda fraction: bar.update(task, completed=fraction)
 

@@ -68,8 +68,17 @@ def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
     date = _date(signals, received)
     hardware = vehicle.hardware or board_name_in_texts(_texts(vehicle))
     name, basis = _name(vehicle)
-    kind = vehicle.autopilot, vehicle.vehicle, firmware
-    return Identity(name, basis, vehicle.system, *kind, date, hardware, _place(vehicle))
+    return Identity(
+        name,
+        basis,
+        vehicle.system,
+        vehicle.autopilot,
+        vehicle.vehicle,
+        firmware,
+        date,
+        hardware,
+        _place(vehicle),
+    )
 
 
 def _name(telemetry: Telemetry) -> tuple[str, Basis]:

@@ -131,8 +131,9 @@ def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
         meant = _SAID["events"].get(str(number))
         if meant:
             name, level, subject = meant
-            figures = {"boot": boot, "basis": ("EV",)}
-            yield Fact(Reported(name), Level(level), time=time, subject=subject).but(**figures)
+            yield Fact(Reported(name), Level(level), time=time, subject=subject).but(
+                boot=boot, basis=("EV",)
+            )
 
 
 def reason(number: float | None) -> tuple[str, Level]:

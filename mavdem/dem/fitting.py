@@ -96,14 +96,23 @@ def generative_model(
     each = np.full((settings.d + 1, r), settings.input_precision)
     each[:, motors:] = KNOWN_INPUT
     # Of λ the first is of the measurement noise, the second of the process noise.
-    of_lambda = (
+    prior = Prior(
+        *_parameter_prior(settings, scaling, record, r),
         np.array([settings.lambda_z, settings.lambda_w]),
         np.diag(np.exp(settings.lambda_log_precision)),
     )
-    prior = Prior(*_parameter_prior(settings, scaling, record, r), *of_lambda)
-    groups = np.zeros(m, np.intp), np.ones(n, np.intp)
     return GenerativeModel(
-        n, r, m, p, settings.d, q, *correlations, *groups, np.diag(each.ravel()), prior
+        n,
+        r,
+        m,
+        p,
+        settings.d,
+        q,
+        *correlations,
+        np.zeros(m, np.intp),
+        np.ones(n, np.intp),
+        np.diag(each.ravel()),
+        prior,
     )
 
 

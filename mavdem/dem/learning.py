@@ -170,8 +170,7 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
     order = fit.model.n
     ascent = fit.ascent
     scaling = fit.scaling
-    sizes = order, record.inputs.shape[1], fit.model.m
-    vehicle = of_vehicle(*sizes, scaling.constant)
+    vehicle = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
     scale = scaling.parameter_scale(order)
     precision = fit.model.prior.theta_precision
     prior_covariance = inverse(precision)

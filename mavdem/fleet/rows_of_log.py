@@ -40,7 +40,6 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     rows = []
     pages = {}
     for telemetry in log.vehicles:
-        ids = {"system": telemetry.system, "component": telemetry.component}
         try:
             assessment = assess_signals(log, Signals(telemetry)).with_axis("pitch")
             found = rows_of_assessment(assessment, str(path))
@@ -49,7 +48,11 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
         except Exception as error:  # others in the log keep their rows
             if len(log.vehicles) == 1:
                 raise
-            rows.append(FlightRow.without_flight(str(path), fault(error), **ids))
+            rows.append(
+                FlightRow.without_flight(
+                    str(path), fault(error), system=telemetry.system, component=telemetry.component
+                )
+            )
             continue
         if found[0].axis is not None and page is not None:
             name = f"{key[:16]}-{telemetry.system}-{telemetry.component}.html"

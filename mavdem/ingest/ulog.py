@@ -195,11 +195,15 @@ def _topics(log: ULog) -> tuple[dict[str, dict[int, Columns]], Facts]:
         time[0] = np.clip(log.start_timestamp / 1e6, time[0], time[1:2].min(initial=np.inf))
         topics.setdefault(name, {})[instance] = fields | {"time": time}
     lasted = np.array([dropout.duration for dropout in log.dropouts]) / 1e3  # not what is missing
-    dropouts = {"duration": lasted.sum(), "longest_gap": lasted.max(initial=0)}
     return topics, (
         *(repair(Repair.ULOG_DAMAGED) if log.file_corruption else ()),
         *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=far, flaw=Flaw.FAR_STAMP),
-        *repair(Repair.LOGGER_DROPPED_OUT, count=len(lasted), **dropouts),
+        *repair(
+            Repair.LOGGER_DROPPED_OUT,
+            count=len(lasted),
+            duration=lasted.sum(),
+            longest_gap=lasted.max(initial=0),
+        ),
     )
 
 

@@ -64,8 +64,13 @@ def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> 
                 )
                 axes.plot(time, measured, color=MEASURED, label="measured")
                 if one_step is not None:
-                    ahead = time[1 : len(train)], one_step[1:, output]
-                    axes.plot(*ahead, color=PREDICTED, label="one step", linewidth=0.7)
+                    axes.plot(
+                        time[1 : len(train)],
+                        one_step[1:, output],
+                        color=PREDICTED,
+                        label="one step",
+                        linewidth=0.7,
+                    )
                 for number, (name, forecast) in enumerate(by_name.items(), 1):
                     axes.plot(
                         test.time - train.time[0],

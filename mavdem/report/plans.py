@@ -92,8 +92,7 @@ def _rose(
     unit = " %" if each != 1.0 else ""
     decimals = 0 if scale < REACH else 1
     rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (REACH / 2, REACH)]
-    known = {"petals": petals, "rings": rings, "arrow": arrow}
-    return Plan("Wind rose", said, _drawn("rose", **known))
+    return Plan("Wind rose", said, _drawn("rose", petals=petals, rings=rings, arrow=arrow))
 
 
 def flown_path(timeline: Timeline | None) -> Plan | None:

@@ -188,8 +188,15 @@ def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> Blocks:
         return []
     largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
     is_uncertain = wind.scale_error > HALF_WIDTH["wind"]
-    known = {"wind": wind, "largest": largest, "is_uncertain": is_uncertain}
-    return [*section("torque", **known, share=physical.wind_share)]
+    return [
+        *section(
+            "torque",
+            wind=wind,
+            largest=largest,
+            is_uncertain=is_uncertain,
+            share=physical.wind_share,
+        )
+    ]
 
 
 def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:

@@ -225,11 +225,11 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     rows = np.insert(rows, starts, np.nan, axis=0)
     time = np.insert(time, starts, time[starts])
     _, _, measured, predicted, band, torque, torque_band, wind, wind_band, *outputs = rows.T
-    ahead = ANGLE.scale * predicted, ANGLE.scale * band
-    around = TORQUE.scale * torque, TORQUE.scale * torque_band
     angles = (
         Line("measured", MEASURED, time, ANGLE.scale * measured),
-        Line.around(f"{AHEAD:g} s ahead", PREDICTED, time, *ahead),
+        Line.around(
+            f"{AHEAD:g} s ahead", PREDICTED, time, ANGLE.scale * predicted, ANGLE.scale * band
+        ),
     )
     motors = (
         Line(short(name), colour, time, 100 * values)
@@ -239,7 +239,17 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         over_time(axis.capitalize(), ANGLE.name, angles),
         over_time("Motors", "%", motors),
         over_time(
-            "Wind torque", TORQUE.name, [Line.around(f"on {axis}", DISTURBANCE, time, *around)]
+            "Wind torque",
+            TORQUE.name,
+            [
+                Line.around(
+                    f"on {axis}",
+                    DISTURBANCE,
+                    time,
+                    TORQUE.scale * torque,
+                    TORQUE.scale * torque_band,
+                )
+            ],
         ),
         over_time("Wind now", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
     )

@@ -29,15 +29,15 @@ def vehicle_text(twin: Twin, ending: str, source: str) -> str:
     linear, quadratic = (
         (0.0, 0.0) if twin.drag is None else (twin.drag.linear.mean(), twin.drag.quadratic.mean())
     )
-    known = {
-        "weight": twin.mass * GRAVITY / 4,
-        "linear": linear,
-        "quadratic": quadratic,
-        "math": math,
-    }
     return (
         made.get_template(f"vehicle{ending}").render(
-            twin=twin, source=source, gravity=GRAVITY, **known
+            twin=twin,
+            source=source,
+            gravity=GRAVITY,
+            weight=twin.mass * GRAVITY / 4,
+            linear=linear,
+            quadratic=quadratic,
+            math=math,
         )
         + "\n"
     )

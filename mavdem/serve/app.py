@@ -350,8 +350,7 @@ class Server:
 
     async def _receive(self, request: HttpRequest) -> Added:
         self.rights.need(request, Use.UPLOAD)
-        waits = "stage = ?", [Stage.WAITING]
-        _, waiting = await run_in_threadpool(self.library.find, *waits, 0)
+        _, waiting = await run_in_threadpool(self.library.find, "stage = ?", [Stage.WAITING], 0)
         limits = {Crowd.UPLOADS: (self._uploads, MOST_UPLOADS), Crowd.LOGS: (waiting, MOST_WAITING)}
         for crowd, (count, most) in limits.items():
             if count >= most:

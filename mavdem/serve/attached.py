@@ -124,5 +124,6 @@ class Attached:
         frames = session.recording.frames
         self._silent = self._silent + 1 if frames == self._frames > 0 else 0
         self._frames = frames
-        known = session.history, session.status, session.account()
-        self._page = live_page(session.link.name, AXIS, *known, None)
+        self._page = live_page(
+            session.link.name, AXIS, session.history, session.status, session.account(), None
+        )

@@ -241,7 +241,15 @@ def sinks_for(
         # A window, which stays open after the process ends.
         with socket.create_server((LOOPBACK, 0)) as probe:
             port = int(probe.getsockname()[1])
-        limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", "1GB")
-        _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
+        _start(
+            "--server-memory-limit",
+            SERVER_MEMORY,
+            "--memory-limit",
+            "1GB",
+            "--port",
+            str(port),
+            "--expect-data-soon",
+            "--hide-welcome-screen",
+        )
         sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
     return sinks

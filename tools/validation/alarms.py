@@ -122,10 +122,11 @@ def replayed(recording: Path) -> list[Values]:
     stamped = read_stream(recording).stamped_frames()
     frames = sorted((stamp / 1e6, data) for stamp, data in stamped)
     link = Mock(speaks_first=False, dropped=0, events=list)
-    shown = Mock(return_value=None), Mock(), Mock()
     with patch.object(mavdem.live.session, "time") as clock:
         clock.monotonic = clock.time = Mock(return_value=frames[0][0])
-        session = LiveSession(link, LiveStream(), Settings(), *shown)
+        session = LiveSession(
+            link, LiveStream(), Settings(), Mock(return_value=None), Mock(), Mock()
+        )
         for _, batch in groupby(frames, lambda frame: frame[0] // 0.01):
             link.receive.return_value = [*batch]
             clock.time.return_value = link.receive.return_value[-1][0]

@@ -383,8 +383,9 @@ def filtered(parameters: Array, motion: Motion) -> Filtered:
         states[:, t] = run.states
         spreads[:, t] = run.spreads
         if finite[t]:
-            step = motion.axes[t], motion.velocity[t], motion.force[t], float(motion.doubt[t])
-            errors[t], expected[t] = run.update(*step)
+            errors[t], expected[t] = run.update(
+                motion.axes[t], motion.velocity[t], motion.force[t], float(motion.doubt[t])
+            )
             states[1, t] = run.states
             spreads[1, t] = run.spreads
     return Filtered(run.total, errors, expected, states, spreads, run.decay)

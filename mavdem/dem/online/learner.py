@@ -244,13 +244,15 @@ class OnlineLearner:
         (expected, ahead) = self._ahead.predict(self._memory)
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y - expected, self._ahead.errors)
-        later = (
+        estimate = Estimate(
+            time,
+            expected,
+            expected_band,
             time + self._dt * np.array(self.horizons),
             ahead,
             np.array(ahead_band),
             self._ahead.error_ratio,
         )
-        estimate = Estimate(time, expected, expected_band, *later)
         if tracker is None:
             return estimate
         energy = tracker.evaluate(self._memory)

@@ -210,8 +210,12 @@ class FrameStream:
         """The stamp and the bytes of each frame; a frame without a stamp has that of the frame before."""
         last = np.maximum.accumulate(np.where(self.stamps > 0, np.arange(len(self.stamps)), 0))
         content = self.data.data
-        ends = self.frames.start.tolist(), self.frames.end.tolist()
-        for stamp, start, end in zip(self.stamps[last].tolist(), *ends, strict=True):
+        for stamp, start, end in zip(
+            self.stamps[last].tolist(),
+            self.frames.start.tolist(),
+            self.frames.end.tolist(),
+            strict=True,
+        ):
             yield stamp, bytes(content[start:end])
 
 

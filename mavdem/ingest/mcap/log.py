@@ -184,9 +184,13 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
             written.append(_Piece(place, message.log_time, frame))
     names = [name for name, _ in unknown.most_common(5)]
     more = len(unknown) - len(names)
-    undecodable = {"flaw": Flaw.UNDECODABLE, "names": sorted(wrong)}
     left_out = (
-        *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=wrong.total(), **undecodable),
+        *repair(
+            Repair.LOGGED_MESSAGES_LEFT_OUT,
+            count=wrong.total(),
+            flaw=Flaw.UNDECODABLE,
+            names=sorted(wrong),
+        ),
         *repair(Repair.JSON_OF_NO_DIALECT, count=unknown.total(), names=names, more=more),
     )
     return _part(written), unknown.total() + wrong.total(), left_out

@@ -214,10 +214,9 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     if not made:
         raise Unreadable(Source.ROS2_DAMAGED, path=source)
     code = Repair.LOGGED_MESSAGES_LEFT_OUT
-    failed = {"count": undecodable.total(), "names": sorted(+undecodable)}
     repairs = (
         *anew.repairs(),
-        *repair(code, flaw=Flaw.UNDECODABLE, **failed),
+        *repair(code, flaw=Flaw.UNDECODABLE, count=undecodable.total(), names=sorted(+undecodable)),
     )
     vehicles = tuple(
         replace(vehicle, repairs=repairs + vehicle.repairs) for vehicle in numbered(made)
@@ -264,8 +263,13 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
         if len(said) == len(vehicles):
             yield vehicle
             continue
-        numbering = {"name": namespace or "/", "given": vehicle.system, "system": system}
-        further = repair(Repair.SYSTEM_NUMBERED, **numbering) if len(vehicles) > 1 else ()
+        further = (
+            repair(
+                Repair.SYSTEM_NUMBERED, name=namespace or "/", given=vehicle.system, system=system
+            )
+            if len(vehicles) > 1
+            else ()
+        )
         yield replace(vehicle, system=system, repairs=vehicle.repairs + further)
 
 
@@ -288,8 +292,18 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
     ids = topics.get("vehicle_status", {})
     system = _most_frequent_id(ids, "system_id", 0)
     component = _most_frequent_id(ids, "component_id", 1)
-    who = system, component, name_of_kind, enum_name("MAV_AUTOPILOT", PX4)
-    return Telemetry(*who, messages, {}, source, repairs, translated_from=PX4_BRIDGE, names=names)
+    return Telemetry(
+        system,
+        component,
+        name_of_kind,
+        enum_name("MAV_AUTOPILOT", PX4),
+        messages,
+        {},
+        source,
+        repairs,
+        translated_from=PX4_BRIDGE,
+        names=names,
+    )
 
 
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
@@ -313,9 +327,19 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
     }
     if not messages:
         return None
-    who = 0, AUTOPILOT_COMPONENT, UNNAMED, enum_name("MAV_AUTOPILOT", autopilot)
     names = {topic.message: name for name, topic in MAVROS_TOPICS.items()}
-    return Telemetry(*who, messages, {}, source, repairs, translated_from=MAVROS, names=names)
+    return Telemetry(
+        0,
+        AUTOPILOT_COMPONENT,
+        UNNAMED,
+        enum_name("MAV_AUTOPILOT", autopilot),
+        messages,
+        {},
+        source,
+        repairs,
+        translated_from=MAVROS,
+        names=names,
+    )
 
 
 def _on_one_clock(
