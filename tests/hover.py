@@ -148,8 +148,11 @@ def with_demand(telemetry, rate=100.0, pace=1.0, group=0.0):
     controls = np.zeros((len(time), 8))
     controls[:, 0] = 0.1 * np.sin(pace * time)
     controls[:, 3] = 0.5
-    fields = {"controls": controls, "group_mlx": np.full(len(time), group)}
-    return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, **fields))
+    return changed(
+        telemetry,
+        "ACTUATOR_CONTROL_TARGET",
+        **columns(time, controls=controls, group_mlx=np.full(len(time), group)),
+    )
 
 
 def disarmed(telemetry):
@@ -161,8 +164,11 @@ def disarmed(telemetry):
 def with_texts(telemetry, *texts, severity=()):
     """The telemetry with texts of the autopilot, one a second from 1 s on."""
     time = np.arange(1.0, len(texts) + 1)
-    fields = {"text": np.array(texts), "severity": np.array(severity or [6] * len(texts))}
-    return changed(telemetry, "STATUSTEXT", **columns(time, **fields))
+    return changed(
+        telemetry,
+        "STATUSTEXT",
+        **columns(time, text=np.array(texts), severity=np.array(severity or [6] * len(texts))),
+    )
 
 
 def px4_rotors(*rotors):

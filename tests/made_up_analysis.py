@@ -96,9 +96,14 @@ def model(parameters, **wind):
         "false_gusts_per_minute": 0.1,
     }
     known = SimpleNamespace(**(torque | gusts | wind))
-    white = {"wind_torque": known, "one_step": lambda: np.zeros((900, 2)), "dt": 0.01}
     return SimpleNamespace(
-        record=record, physical=parameters, physical_reason=None, stable=True, **white
+        record=record,
+        physical=parameters,
+        physical_reason=None,
+        stable=True,
+        wind_torque=known,
+        one_step=lambda: np.zeros((900, 2)),
+        dt=0.01,
     )
 
 
@@ -137,8 +142,15 @@ def analysis(parameters):
     windows = held_out()
     verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
-    known = verdict, SimpleNamespace(name="a"), condition, None
-    return LogAnalysis(*known, learned=learned, held_out=windows, watched=True)
+    return LogAnalysis(
+        verdict,
+        SimpleNamespace(name="a"),
+        condition,
+        None,
+        learned=learned,
+        held_out=windows,
+        watched=True,
+    )
 
 
 def assessment(parameters, **lights):

@@ -156,9 +156,16 @@ def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
     time = HOVER.stamps(100.0)
     controls = np.full((len(time), 8), np.nan)
     controls[:, :3] = np.sin(time)[:, None]
-    demand = {"time": time, "boot": np.zeros(len(time), dtype=np.int64), "controls": controls}
     telemetry = HOVER.telemetry(without=("SERVO_OUTPUT_RAW", "EXTENDED_SYS_STATE"))
-    reason = refused_for(changed(telemetry, "ACTUATOR_CONTROL_TARGET", **demand))
+    reason = refused_for(
+        changed(
+            telemetry,
+            "ACTUATOR_CONTROL_TARGET",
+            time=time,
+            boot=np.zeros(len(time), dtype=np.int64),
+            controls=controls,
+        )
+    )
     assert reason.code is Reason.NO_EVIDENCE_OF_FLIGHT
 
 

@@ -36,8 +36,15 @@ def segments_of(log):
 def test_a_flight_carries_the_cautions_of_its_verdict():
     telemetry = HOVER.telemetry()
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
-    flight, verdict = learnable_flight(log_of(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
+    flight, verdict = learnable_flight(
+        log_of(
+            changed(
+                telemetry,
+                "SERVO_OUTPUT_RAW",
+                servo1_raw=np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"]),
+            )
+        )
+    )
     assert verdict.cautions and verdict.figures.saturation == approx(0.5, abs=0.1)
     assert flight.cautions == verdict.cautions
     assert flight.provenance["cautions"] == [str(caution) for caution in verdict.cautions]
@@ -131,14 +138,18 @@ def with_targets(rate=10.0, type_mask=0, start=0.0, end=np.inf):
     roll = 0.1 * np.sin(time)
     pitch = 0.05 * np.cos(time)
     yaw = 0.02 * time
-    fields = {
-        "type_mask": np.full(len(time), type_mask, dtype=np.uint8),
-        "q": quaternion(roll, pitch, yaw),
-        "body_roll_rate": time,
-        "body_pitch_rate": 2 * time,
-        "body_yaw_rate": 3 * time,
-    }
-    return changed(HOVER.telemetry(), "ATTITUDE_TARGET", **columns(time, **fields))
+    return changed(
+        HOVER.telemetry(),
+        "ATTITUDE_TARGET",
+        **columns(
+            time,
+            type_mask=np.full(len(time), type_mask, dtype=np.uint8),
+            q=quaternion(roll, pitch, yaw),
+            body_roll_rate=time,
+            body_pitch_rate=2 * time,
+            body_yaw_rate=3 * time,
+        ),
+    )
 
 
 def flight_of(telemetry):

@@ -73,14 +73,18 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
     yaw_rate = 0.8
     roll_rate = 0.4 * np.cos(time)
     pitch_rate = -0.2 * np.sin(2 * time)
-    fields = {
-        "roll": roll,
-        "pitch": pitch,
-        "rollspeed": roll_rate - yaw_rate * np.sin(pitch),
-        "pitchspeed": pitch_rate * np.cos(roll) + yaw_rate * np.cos(pitch) * np.sin(roll),
-        "yawspeed": -pitch_rate * np.sin(roll) + yaw_rate * np.cos(pitch) * np.cos(roll),
-    }
-    telemetry = changed(HOVER.telemetry(), "ATTITUDE", **columns(time, **fields))
+    telemetry = changed(
+        HOVER.telemetry(),
+        "ATTITUDE",
+        **columns(
+            time,
+            roll=roll,
+            pitch=pitch,
+            rollspeed=roll_rate - yaw_rate * np.sin(pitch),
+            pitchspeed=pitch_rate * np.cos(roll) + yaw_rate * np.cos(pitch) * np.sin(roll),
+            yawspeed=-pitch_rate * np.sin(roll) + yaw_rate * np.cos(pitch) * np.cos(roll),
+        ),
+    )
     telemetry = changed(
         telemetry, "ATTITUDE", yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi
     )

@@ -60,14 +60,18 @@ def asked(telemetry, rate=None, angle=None):
     none = 0 * TIME
     half = none if angle is None else angle / 2
     ignored = IGNORED["rates"] if rate is None else IGNORED["attitude"]
-    fields = {
-        "type_mask": np.full(len(TIME), ignored),
-        "q": np.column_stack([np.cos(half), np.sin(half), none, none]),
-        "body_roll_rate": none if rate is None else rate,
-        "body_pitch_rate": none,
-        "body_yaw_rate": none,
-    }
-    return changed(telemetry, "ATTITUDE_TARGET", **columns(TIME, **fields))
+    return changed(
+        telemetry,
+        "ATTITUDE_TARGET",
+        **columns(
+            TIME,
+            type_mask=np.full(len(TIME), ignored),
+            q=np.column_stack([np.cos(half), np.sin(half), none, none]),
+            body_roll_rate=none if rate is None else rate,
+            body_pitch_rate=none,
+            body_yaw_rate=none,
+        ),
+    )
 
 
 def flight(rate, setpoint):
@@ -192,8 +196,7 @@ def test_tracking_has_the_error_without_the_delay():
 def test_tracking_has_the_error_of_the_rate():
     telemetry = changed(HOVER.telemetry(), "ATTITUDE", rollspeed=np.full(len(TIME), 0.03))
     targets = asked(telemetry, rate=0 * TIME).messages["ATTITUDE_TARGET"]
-    both = {**targets, "type_mask": np.zeros(len(TIME))}
-    made = changed(telemetry, "ATTITUDE_TARGET", **both)
+    made = changed(telemetry, "ATTITUDE_TARGET", **(targets | {"type_mask": np.zeros(len(TIME))}))
     assert tracking_light(evidence(made)).figures["rate_error"] == approx(0.03, rel=0.01)
 
 

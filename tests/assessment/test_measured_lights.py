@@ -195,8 +195,12 @@ def test_levels_of_the_filter(telemetry, code, level):
     ],
 )
 def test_gps(satellites, dilution, code):
-    figures = {"satellites_visible": satellites + 0 * TIME, "eph": 100 * dilution + 0 * TIME}
-    report = columns(TIME, fix_type=3 + 0 * TIME, **figures)
+    report = columns(
+        TIME,
+        fix_type=3 + 0 * TIME,
+        satellites_visible=satellites + 0 * TIME,
+        eph=100 * dilution + 0 * TIME,
+    )
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
 
 

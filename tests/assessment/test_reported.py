@@ -87,8 +87,15 @@ def test_a_text_in_chunks_is_one():
 
 def test_what_is_said_again_soon_is_once_with_its_count_and_span():
     times = np.array([1.0, 1.0 + AGAIN_SECONDS, 1.1 + 2 * AGAIN_SECONDS])
-    fields = {"text": np.array([b"GPS Glitch"] * 3), "severity": np.full(3, 4)}
-    found = once(said(changed(FLOWN, "STATUSTEXT", **columns(times, **fields))))
+    found = once(
+        said(
+            changed(
+                FLOWN,
+                "STATUSTEXT",
+                **columns(times, text=np.array([b"GPS Glitch"] * 3), severity=np.full(3, 4)),
+            )
+        )
+    )
     spans = [(fact.time, fact.until, fact.figures["count"]) for fact in found]
     assert spans == [(1.0, 1.0 + AGAIN_SECONDS, 2), (times[2], None, 1)]
 

@@ -123,8 +123,13 @@ def test_an_interrupt_while_starting_ends_the_process(tmp_path):
     """Ctrl-C comes as numpy begins to be imported."""
     (tmp_path / "numpy.py").write_text("import signal; signal.raise_signal(signal.SIGINT)\n")
     path = os.pathsep.join([str(tmp_path), str(FLIGHT.parents[1])])
-    surroundings = {"env": {**os.environ, "PYTHONPATH": path}, "timeout": PATIENCE}
-    done = subprocess.run([*MAVDEM, "info", FLIGHT], capture_output=True, text=True, **surroundings)
+    done = subprocess.run(
+        [*MAVDEM, "info", FLIGHT],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=PATIENCE,
+    )
     assert done.returncode == -signal.SIGINT and done.stderr == ""
 
 

@@ -44,9 +44,11 @@ def uneven(rate):
     beat = HOVER.stamps(1.0)
     current = 15 + 3 * np.sin(1.3 * beat)
     volts = 16.0 - 0.01 * beat - 0.05 * current
-    power = {"voltage_battery": 1e3 * volts, "current_battery": 1e2 * current}
-    telemetry = changed(telemetry, "SYS_STATUS", **columns(beat, **power))
-    shaking = {"vibration_x": np.full_like(beat, 2.0), "vibration_y": np.full_like(beat, 3.0)}
+    telemetry = changed(
+        telemetry,
+        "SYS_STATUS",
+        **columns(beat, voltage_battery=1e3 * volts, current_battery=1e2 * current),
+    )
     clips = {
         "clipping_0": np.where(beat > 30, 4, 1) + np.where(beat.round() == 20, 1e9, 0),  # damaged
         "clipping_1": np.zeros_like(beat),
@@ -55,7 +57,13 @@ def uneven(rate):
     return changed(
         telemetry,
         "VIBRATION",
-        **columns(beat, **shaking, vibration_z=np.full_like(beat, 5.0), **clips),
+        **columns(
+            beat,
+            vibration_x=np.full_like(beat, 2.0),
+            vibration_y=np.full_like(beat, 3.0),
+            vibration_z=np.full_like(beat, 5.0),
+            **clips,
+        ),
     )
 
 
@@ -97,10 +105,16 @@ def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
 
 def test_without_motor_outputs_the_lean_is_known_all_the_same():
     telemetry = uneven(4.0)
-    states = {
-        "landed_state": np.where((HOVER.stamps(1.0) > 6) & (HOVER.stamps(1.0) < HOVER.landed), 2, 1)
-    }
-    telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(HOVER.stamps(1.0), **states))
+    telemetry = changed(
+        telemetry,
+        "EXTENDED_SYS_STATE",
+        **columns(
+            HOVER.stamps(1.0),
+            landed_state=np.where(
+                (HOVER.stamps(1.0) > 6) & (HOVER.stamps(1.0) < HOVER.landed), 2, 1
+            ),
+        ),
+    )
     messages = {name: one for name, one in telemetry.messages.items() if name != "SERVO_OUTPUT_RAW"}
     found = condition_of(Signals(Telemetry(**{**vars(telemetry), "messages": messages})))
     assert found.hover is None and found.settled > 50
@@ -110,12 +124,18 @@ def test_without_motor_outputs_the_lean_is_known_all_the_same():
 def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
     telemetry = uneven(10.0)
     beat = HOVER.stamps(1.0)
-    power = {
-        "voltage_battery": np.full_like(beat, 16e3),
-        "current_battery": np.where(beat < 20, 100.0, 0.0),
-    }
     found = condition_of(
-        Signals(changed(telemetry, "SYS_STATUS", **columns(beat, **power)))
+        Signals(
+            changed(
+                telemetry,
+                "SYS_STATUS",
+                **columns(
+                    beat,
+                    voltage_battery=np.full_like(beat, 16e3),
+                    current_battery=np.where(beat < 20, 100.0, 0.0),
+                ),
+            )
+        )
     ).battery
     assert found is not None and found.voltage_mean == 16.0
     assert found.current_mean is None

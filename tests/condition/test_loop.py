@@ -284,8 +284,24 @@ def made_up(factor=1.0):
         input_range=(1000.0, 2000.0),
     )
     covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
-    plant = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance, status, dict.fromkeys(status, "")
-    return loop_of(Physical(*plant, 0, 0.1, (WIND,), 0.01, {}, ()), record)
+    return loop_of(
+        Physical(
+            0.18 * np.array(X_ROLL),
+            1.5,
+            0.03,
+            0.006,
+            covariance,
+            status,
+            dict.fromkeys(status, ""),
+            0,
+            0.1,
+            (WIND,),
+            0.01,
+            {},
+            (),
+        ),
+        record,
+    )
 
 
 @pytest.mark.slow

@@ -47,14 +47,18 @@ def flight(rate, setpoint, angle=None, wanted=None):
     telemetry = changed(
         telemetry, "ATTITUDE", rollspeed=rate, roll=none if angle is None else angle
     )
-    fields = {
-        "type_mask": np.full(len(TIME), 128 if wanted is None else 0),
-        "q": np.column_stack([np.cos(half), np.sin(half), none, none]),
-        "body_roll_rate": setpoint,
-        "body_pitch_rate": none,
-        "body_yaw_rate": none,
-    }
-    return changed(telemetry, "ATTITUDE_TARGET", **columns(TIME, **fields))
+    return changed(
+        telemetry,
+        "ATTITUDE_TARGET",
+        **columns(
+            TIME,
+            type_mask=np.full(len(TIME), 128 if wanted is None else 0),
+            q=np.column_stack([np.cos(half), np.sin(half), none, none]),
+            body_roll_rate=setpoint,
+            body_pitch_rate=none,
+            body_yaw_rate=none,
+        ),
+    )
 
 
 def measured(telemetry, response=rate_response):

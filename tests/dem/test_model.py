@@ -284,8 +284,11 @@ def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     assert_allclose(following, P, atol=size)
     first = np.eye(1, 4)
     gain, P = steady_gain(A, first, joint[:4, :4], joint[4:5, 4:5])
-    rows = A[None], first, joint[None, :4, :4], joint[None, 4:5, 4:5]
-    assert_allclose(steady_gain(*rows)[0][0], gain, atol=1e-8 * abs(gain).max())
+    assert_allclose(
+        steady_gain(A[None], first, joint[None, :4, :4], joint[None, 4:5, 4:5])[0][0],
+        gain,
+        atol=1e-8 * abs(gain).max(),
+    )
     # A state that grows unseen has none.
     with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

@@ -44,12 +44,15 @@ def motion(scenario):
 @pytest.fixture(scope="module")
 def flight(scenario, motion):
     flown = hover(scenario, motion)
-    names = {
-        "input_names": MOTORS,
-        "input_units": ("µs",) * 4,
-        "output_names": ("roll", "roll rate"),
-    }
-    return Flight(flown.time, flown.inputs, flown.outputs[:, 2:], dt=flown.dt, **names)
+    return Flight(
+        flown.time,
+        flown.inputs,
+        flown.outputs[:, 2:],
+        dt=flown.dt,
+        input_names=MOTORS,
+        input_units=("µs",) * 4,
+        output_names=("roll", "roll rate"),
+    )
 
 
 @pytest.fixture(scope="module")

@@ -162,14 +162,15 @@ def health_figures(path):
     condition = condition_of(signals)
     layout = signals.motors.layout
     signatures = motor_signatures(layout)
-    known = (
+    return HealthFigures(
+        path.stem,
+        layout.names,
         signatures,
         balance_of_signals(signals),
         None,
         condition.collective,
         condition.battery.voltage_mean,
     )
-    return HealthFigures(path.stem, layout.names, *known)
 
 
 @pytest.fixture(scope="module")

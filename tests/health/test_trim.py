@@ -18,8 +18,14 @@ from mavdem.ingest.motors import PlaceBasis
 
 def flown(mean, lean=(0.0, 0.0), error=0.003):
     """A balance that the lean has not moved in this flight, as far as it shows."""
-    steady = np.full(3, error), np.radians(lean), np.zeros((3, 2)), np.full((3, 2), 0.5)
-    return BalanceFigures(np.array(mean), *steady, 60.0)
+    return BalanceFigures(
+        np.array(mean),
+        np.full(3, error),
+        np.radians(lean),
+        np.zeros((3, 2)),
+        np.full((3, 2), 0.5),
+        60.0,
+    )
 
 
 @pytest.mark.parametrize(

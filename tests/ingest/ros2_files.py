@@ -131,8 +131,15 @@ def px4_flight(
     """A quadrotor's hover: attitude, rates and motors at each of the times, s, and its status."""
     for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
         if row % 50 == 0:
-            status = {"arming_state": 2, "system_type": QUADROTOR, "vehicle_type": 1, **ids}
-            recorder.px4("vehicle_status", time, prefix, **status)
+            recorder.px4(
+                "vehicle_status",
+                time,
+                prefix,
+                arming_state=2,
+                system_type=QUADROTOR,
+                vehicle_type=1,
+                **ids,
+            )
         recorder.px4("vehicle_angular_velocity", time, prefix, xyz=[rate, 0.0, 0.0])
         recorder.px4(
             "vehicle_attitude", time, prefix, q=[np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0]
@@ -150,8 +157,9 @@ def mavros_flight(
     """The same as MAVROS tells it, on the companion's clock."""
     for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
         if row % 50 == 0:
-            state = {"connected": True, "armed": True, "mode": mode}
-            recorder.mavros("state", "mavros_msgs/msg/State", time, node, **state)
+            recorder.mavros(
+                "state", "mavros_msgs/msg/State", time, node, connected=True, armed=True, mode=mode
+            )
             recorder.mavros(
                 "extended_state", "mavros_msgs/msg/ExtendedState", time, node, landed_state=2
             )

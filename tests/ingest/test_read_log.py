@@ -70,8 +70,9 @@ def test_stray_heartbeats_and_none_do_not_change_who_flies(tmp_path, beats, who)
 
 
 def parameter(name, value, kind=9, component=1):
-    fields = {"param_id": name, "param_value": value, "param_type": kind}
-    return message("PARAM_VALUE", component=component, **fields)
+    return message(
+        "PARAM_VALUE", component=component, param_id=name, param_value=value, param_type=kind
+    )
 
 
 COPIED = float(np.int32(-7).view(np.float32))

@@ -330,8 +330,13 @@ def test_the_battery_of_either_bridge(tmp_path):
         mavros_flight(recorder, node="/uav/mavros")
         for row in range(5):
             recorder.px4("battery_status", 20.0 + row, voltage_v=16.0 - row, connected=True)
-            volts = {"node": "/uav/mavros", "voltage": 16.0 - row}
-            recorder.mavros("battery", "sensor_msgs/msg/BatteryState", UNIX + 20.0 + row, **volts)
+            recorder.mavros(
+                "battery",
+                "sensor_msgs/msg/BatteryState",
+                UNIX + 20.0 + row,
+                node="/uav/mavros",
+                voltage=16.0 - row,
+            )
 
     for vehicle in read_log(written(tmp_path, write)).vehicles:
         signal = Signals(vehicle).voltage
@@ -345,8 +350,14 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
     mavros_flight(recorder)
     at = float(UNIX + TIMES[50])
     turned = {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
-    fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
-    recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
+    recorder.mavros(
+        "setpoint_raw/target_attitude",
+        "mavros_msgs/msg/AttitudeTarget",
+        at,
+        orientation=xyzw(to_ros(rpy)),
+        body_rate=turned,
+        type_mask=1,
+    )
     vehicle = recorder.vehicle()
     assert [(one.name, one.signal.values.tolist()) for one in setpoints(vehicle, "roll")] == [
         ("roll setpoint", [approx(rpy[0])])

@@ -114,10 +114,11 @@ def flight(times: NDArray[np.float64]) -> list[bytes]:
     for row, (time, angle, rate) in enumerate(
         zip(times.tolist(), *(part.tolist() for part in roll(times)), strict=True)
     ):
-        q = (np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0)
         motors = [0.5 - angle, 0.5 + angle, 0.5 + angle, 0.5 - angle, *OFF]
         pieces.append(data("vehicle_angular_velocity", time, rate, 0.0, 0.0))
-        pieces.append(data("vehicle_attitude", time, *q, 0))
+        pieces.append(
+            data("vehicle_attitude", time, np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0, 0)
+        )
         pieces.append(data("vehicle_torque_setpoint", time, angle, 0.0, 0.0))
         pieces.append(data("actuator_motors", time, *motors))
         pieces.append(data("cpuload", time, 0.5))

@@ -25,9 +25,17 @@ def roll(smoothness, output_noise, *, outputs=2):
     A = np.array([[0.0, 1.0], [-4.0, -1.2]])
     B = np.array([[0.0], [4.0]])
     C = np.eye(outputs, 2)
-    noise = np.array([KINEMATIC_NOISE, 3.0]), np.full(outputs, output_noise)
     free = np.array([2, 3, 5])
-    return System(A, B, C, *noise, smoothness * DT, DT, free)
+    return System(
+        A,
+        B,
+        C,
+        np.array([KINEMATIC_NOISE, 3.0]),
+        np.full(outputs, output_noise),
+        smoothness * DT,
+        DT,
+        free,
+    )
 
 
 class Embedding(NamedTuple):
@@ -49,13 +57,7 @@ def generative_model(system, embedding, prior):
     theta_mean[system.free] = prior.mean
     theta_precision[np.ix_(system.free, system.free)] = prior.precision
     lambda_mean = -2 * np.log(np.concatenate([system.output_noise, system.state_noise]))
-    correlations = (
-        temporal_precision(p, system.smoothness),
-        temporal_precision(q, system.smoothness),
-    )
-    groups = (np.arange(m), m + np.arange(n))
     inputs = KNOWN * np.eye(r * (p + 1))
-    of_noise = lambda_mean, KNOWN * np.eye(m + n)
     return GenerativeModel(
         n,
         r,
@@ -63,8 +65,10 @@ def generative_model(system, embedding, prior):
         p,
         p,
         q,
-        *correlations,
-        *groups,
+        temporal_precision(p, system.smoothness),
+        temporal_precision(q, system.smoothness),
+        np.arange(m),
+        m + np.arange(n),
         inputs,
-        Prior(theta_mean, theta_precision, *of_noise),
+        Prior(theta_mean, theta_precision, lambda_mean, KNOWN * np.eye(m + n)),
     )

@@ -93,9 +93,14 @@ def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
     with ExitStack() as clocks:
         for clock in ("time.monotonic", "sitl_scenarios.mavlink.live.monotonic"):
             clocks.enter_context(patch(clock, lambda: wire.now))
-        quiet = {"show": lambda _: NullView(), "report": lambda _: None, "say": lambda _: None}
         session = LiveSession(
-            SessionEnd(wire), LiveStream(asked=True), Settings(), rate=RATE, **quiet
+            SessionEnd(wire),
+            LiveStream(asked=True),
+            Settings(),
+            rate=RATE,
+            show=lambda _: NullView(),
+            report=lambda _: None,
+            say=lambda _: None,
         )
         ground = VehicleEnd(wire, session)
         fly_live(scenario, Simulation(scenario), ground, ground.speed, lambda _: None)

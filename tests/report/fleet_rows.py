@@ -75,14 +75,13 @@ def fleet_rows(flights, seed=1):
             + 0.06 * faulty * np.eye(4)[2]
         )
         for axis in ("roll", "pitch"):
-            known = {"damping": None if rng.random() < 0.2 else float(0.6 + 0.1 * rng.normal())}
             rows.append(
                 flight_row(
                     f"quad-{vehicle}",
                     flown,
                     axis,
                     trim_share=tuple(share / share.mean()),
-                    **known,
+                    damping=None if rng.random() < 0.2 else float(0.6 + 0.1 * rng.normal()),
                     **found,
                 )
             )

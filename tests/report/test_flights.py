@@ -86,8 +86,13 @@ WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1
 
 
 def test_wind_battery_and_lean_are_conditions():
-    other = {"wind_torque_sd": 4.0, "voltage_mean": 14.0, "lean_roll": 0.2}
-    text = text_of(difference_blocks(vehicle_difference(flown(0), flown(1, **other))))
+    text = text_of(
+        difference_blocks(
+            vehicle_difference(
+                flown(0), flown(1, wind_torque_sd=4.0, voltage_mean=14.0, lean_roll=0.2)
+            )
+        )
+    )
     for words in ("battery 16.0 → 14.0 V", "+11° of roll", "wind torque on roll 46 → 229 °/s²"):
         assert words in text
 

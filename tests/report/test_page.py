@@ -171,8 +171,14 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
     width, scheme, flight, tmp_path
 ):
     # dark and light
-    options = "--virtual-time-budget=36000000", f"--blink-settings=preferredColorScheme={scheme}"
-    title, (zoomed, wider, whole, label, fits) = shown(flight, ZOOM, tmp_path, width, *options)
+    title, (zoomed, wider, whole, label, fits) = shown(
+        flight,
+        ZOOM,
+        tmp_path,
+        width,
+        "--virtual-time-budget=36000000",
+        f"--blink-settings=preferredColorScheme={scheme}",
+    )
     # modes, motors twice and wind torque; angle and rate of three axes; the spectrogram
     assert fits and len(whole) == 11 and label.startswith("Modes") and title == HOSTILE
     assert_allclose(zoomed, 15.0, atol=0.5)

@@ -175,8 +175,16 @@ def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
 
 @pytest.mark.slow
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
-    by_chance = {"loss": 0.1, "delay": 0.05, "jitter": 0.03, "reordered": 0.2}
-    faults = Faults(**by_chance, reboot=6.0, outage=9.0, outage_seconds=2.0, clock_jump=12.0)
+    faults = Faults(
+        loss=0.1,
+        delay=0.05,
+        jitter=0.03,
+        reordered=0.2,
+        reboot=6.0,
+        outage=9.0,
+        outage_seconds=2.0,
+        clock_jump=12.0,
+    )
     motion = made_up_motion()
     flown = scenario(faults=faults)
     whole = written(flown, motion)

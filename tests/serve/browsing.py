@@ -49,8 +49,13 @@ class Page:
 
     def run(self, script):
         """What an expression is, once it is that."""
-        given = {"expression": script, "awaitPromise": True, "returnByValue": True}
-        result = self.command("Runtime.evaluate", userGesture=True, **given)
+        result = self.command(
+            "Runtime.evaluate",
+            userGesture=True,
+            expression=script,
+            awaitPromise=True,
+            returnByValue=True,
+        )
         assert "exceptionDetails" not in result, result
         return result["result"].get("value")
 
@@ -71,8 +76,13 @@ class Page:
         self.until(f"location.href === {json.dumps(address)} && document.readyState === 'complete'")
 
     def size(self, width, dark=False):
-        size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
-        self.command("Emulation.setDeviceMetricsOverride", **size)
+        self.command(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=1000,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.command("Emulation.setEmulatedMedia", features=[scheme])
 
