@@ -458,16 +458,14 @@ class Signals(VehicleSignals):
         That is PID_TUNING, or else attitude and rate setpoint.
         """
         attitude = self.attitude
-        tuning = tuning_rates(
-            self.telemetry, self.axis, None if attitude is None else attitude.rate
-        )
+        tuning = tuning_rates(self.telemetry, self.axis, attitude and attitude.rate)
         if tuning is not None and (attitude is None or len(tuning.time) >= len(attitude.time)):
             rate, asked = tuning.values.T
             return replace(tuning, values=rate), replace(tuning, values=asked)
         asked_rates = [setpoint.signal for setpoint in self.setpoints if setpoint.unit == "rad/s"]
-        if self.attitude is None or not asked_rates:
+        if attitude is None or not asked_rates:
             return None
-        return self.attitude.rates, asked_rates[0]
+        return attitude.rates, asked_rates[0]
 
 
 def fixes(columns: Columns) -> tuple[Array, Flags]:
