@@ -458,7 +458,7 @@ class Signals(VehicleSignals):
         That is PID_TUNING, or else attitude and rate setpoint.
         """
         attitude = self.attitude
-        tuning = tuning_rates(self.telemetry, self.axis, attitude and attitude.rate)
+        tuning = tuning_rates(self.telemetry, self.axis, attitude)
         if tuning is not None and (attitude is None or len(tuning.time) >= len(attitude.time)):
             rate, asked = tuning.values.T
             return replace(tuning, values=rate), replace(tuning, values=asked)
@@ -487,10 +487,10 @@ def usual_rate(stream: Attitude | Motors | Signal) -> float:
     return rate_without_gaps(np.diff(stream.time)[np.diff(stream.boot) == 0])
 
 
-def tuning_rates(telemetry: Telemetry, axis: str, body_rate: Array | None) -> Signal | None:
+def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Signal | None:
     """Returns body rate and its setpoint (N, 2), rad/s, from PID_TUNING; None where there are none.
 
-    Firmware sends deg/s or rad/s, which the ``body_rate`` of other messages tells, where there is one.
+    Firmware sends deg/s or rad/s, which the attitude that was ``sent`` tells, where there is one.
     """
     columns = telemetry.messages.get(TUNING_MESSAGE)
     if columns is None:
@@ -500,7 +500,7 @@ def tuning_rates(telemetry: Telemetry, axis: str, body_rate: Array | None) -> Si
     tuning = series(columns, pair, columns["axis"] == 1 + AXES.index(axis))
     if not len(tuning.time):
         return None
-    if body_rate is not None and tuning.values[:, 0].std() > DEGREES * body_rate.std():
+    if sent is not None and tuning.values[:, 0].std() > DEGREES * sent.rate.std():
         return replace(tuning, values=np.radians(tuning.values))
     return tuning
 
@@ -511,7 +511,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     The angle is then the integral of the rate, brought to the angles that were sent.
     """
     sent = _sent_attitude(telemetry, axis)
-    tuning = None if sent is None else tuning_rates(telemetry, axis, sent.rate)
+    tuning = tuning_rates(telemetry, axis, sent)
     if sent is None or tuning is None:
         return sent
     lengths = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
