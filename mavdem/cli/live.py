@@ -158,9 +158,8 @@ class Dashboard:
     "--request-rate",
     type=Number(1, 1000),
     metavar="HZ",
-    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing, and "
-    "for the parameters of its motors and gains; what comes faster already stays as it is. Without it nothing is "
-    "ever sent.",
+    help="Ask for attitude and motor outputs at this rate, for what shows a landing at 4 Hz, and for the parameters "
+    "of motors and gains; nothing becomes slower. Without it nothing is ever sent.",
 )
 @file_option(
     "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."
@@ -192,9 +191,8 @@ def live_command(
 
     LINK is a connection string of pymavlink: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
     serial port such as /dev/ttyACM0,115200. A dashboard shows the measured and the predicted roll, the free energy, the
-    model and the wind disturbance. The first model comes 4 to 10 s after take-off: one of the climb, which is replaced
-    and never written. Oscillation, motors at their limits or that weaken, vibration, battery and the autopilot's
-    warnings are watched from take-off on, without a model too; alarms are in red.
+    model and the wind disturbance. The first model comes 4 to 10 s after take-off. Oscillation, motors, vibration,
+    battery and the autopilot's warnings are watched from take-off on; alarms are in red.
 
     Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C, SIGTERM
     and SIGHUP end it and write the model; a second one changes nothing.
