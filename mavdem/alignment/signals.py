@@ -16,7 +16,7 @@ DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -208,6 +208,11 @@ class VehicleSignals:
         return {}
 
     @cached_property
+    def plants(self) -> dict[Hashable, Any]:
+        """Plants by axis, inputs and flights, or why there are none, where it was looked for them."""
+        return {}
+
+    @cached_property
     def tilts(self) -> tuple[Attitude, ...]:
         """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
         tilts = (attitude(self.telemetry, axis) for axis in TILT_AXES)
@@ -384,7 +389,7 @@ class Signals(VehicleSignals):
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
         other = replace(self, axis=axis, inputs=inputs)
-        known = {"settled": self.settled, **vars(self)}
+        known = {"settled": self.settled, "plants": self.plants, **vars(self)}
         vars(other).update({name: known[name] for name in known if name in vars(VehicleSignals)})
         return other
 

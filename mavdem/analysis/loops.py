@@ -8,10 +8,9 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
-from mavdem.analysis.figures import AxisFigures
+from mavdem.analysis.figures import AxisFigures, plant_of
 from mavdem.analysis.gains import autotuned, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
-from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.condition.loop.loop import Loop, margin_rating
 from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
@@ -52,7 +51,7 @@ def loops_of_log(
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
     try:
-        plant = plant_in_loop(signals, flights)
+        plant = plant_of(signals, flights)
     except NotLearnable:
         # With parts of other gains among them all flights may refuse what these allow.
         of_all = figures and caution is None and figures.physical

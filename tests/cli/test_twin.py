@@ -67,7 +67,7 @@ def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder
     alike = json.loads((folder / "said.json").read_text())["alike"]
     assert list(alike) == ["roll", "pitch", "yaw"]
     for axis, compared in alike.items():
-        assert abs(compared["levels"]).max() < 1.5  # dB
+        assert np.abs(compared["levels"]).max() < 1.5  # dB
         names = ("sway", "rate") if axis != "yaw" else ("rate",)
         for name in names:
             assert compared[name][1] == approx(compared[name][0], rel=0.1), (axis, name)
