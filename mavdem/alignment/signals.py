@@ -583,16 +583,9 @@ def _sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     angle, rate, slope = kept.values.T
     if axis == "yaw":
         angle = np.unwrap(angle)
+    far_out = int(np.count_nonzero(impossible))
     return Attitude(
-        message,
-        kept.time,
-        kept.boot,
-        angle,
-        rate,
-        slope,
-        kept.sent,
-        kept.left_out,
-        int(np.count_nonzero(impossible)),
+        message, kept.time, kept.boot, angle, rate, slope, kept.sent, kept.left_out, far_out
     )
 
 
