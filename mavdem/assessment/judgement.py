@@ -88,7 +88,11 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
     checked = [light for light in OF_VEHICLE if lights[light].level is Level.GOOD]
     unknown = [light for light in OF_VEHICLE if light not in checked]
     if not checked:
-        return Fact(Headline.NOTHING_CHECKED, because=lights[Light.LOG])
+        # A log that has all that is needed is no reason.
+        reasons = [
+            light for light in (Light.LOG, *unknown) if lights[light].level is not Level.GOOD
+        ]
+        return Fact(Headline.NOTHING_CHECKED, because=lights[reasons[0]])
     # Battery and estimator alone say nothing of how it flies.
     level = Level.GOOD if OF_MOTION.intersection(checked) else Level.UNKNOWN
     return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown)

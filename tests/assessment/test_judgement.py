@@ -74,7 +74,9 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     dark = dict.fromkeys(Light, Level.UNKNOWN)
     little = headline(lights(**{**dark, "power": Level.GOOD}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, Level.UNKNOWN)
-    assert headline(lights(**dark)).code is Headline.NOTHING_CHECKED
+    nothing = headline(lights(**{**dark, "log": Level.GOOD}))
+    assert nothing.code is Headline.NOTHING_CHECKED
+    assert nothing.figures["because"].level is Level.UNKNOWN
 
 
 def test_a_sound_vehicle_is_told_what_its_model_is_worth():
