@@ -49,6 +49,7 @@ from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import (
+    FREQUENT_ENOUGH,
     Array,
     Columns,
     Flags,
@@ -464,7 +465,11 @@ class Signals(VehicleSignals):
         """
         attitude = self.attitude
         tuning = tuning_rates(self.telemetry, self.axis, attitude)
-        if tuning is not None and (attitude is None or len(tuning.time) >= len(attitude.time)):
+        if tuning is not None and (
+            attitude is None
+            or attitude.message == TUNING_MESSAGE
+            or len(tuning.time) > len(attitude.time)
+        ):
             rate, asked = tuning.values.T
             return replace(tuning, values=rate), replace(tuning, values=asked)
         asked_rates = [setpoint.signal for setpoint in self.setpoints if setpoint.unit == "rad/s"]
@@ -511,7 +516,7 @@ def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Sign
 
 
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns angle and body rate of ``axis``, with the rates of PID_TUNING where those come clearly faster.
+    """Returns angle and body rate of ``axis``, with the rates of PID_TUNING where those come clearly faster throughout.
 
     The angle is then the integral of the rate, brought to the angles that were sent.
     """
@@ -525,6 +530,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     rate = tuning.values[:, 0]
     angle = np.full_like(rate, np.nan)
     slope = rate.copy()
+    covered = 0
     for boot, rows in rows_by(sent.boot).items():
         time = sent.time[rows]
         within = (tuning.boot == boot) & (tuning.time >= time[0]) & (tuning.time <= time[-1])
@@ -533,10 +539,12 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
             turned = cumulative_trapezoid(rate[within], at, initial=0)
             drift = sent.angle[rows] - np.interp(time, at, turned)
             angle[within] = turned + np.interp(at, time, drift)
+            covered += int(np.count_nonzero((time >= at[0]) & (time <= at[-1])))
             slope[within] += np.interp(at, time, sent.slope[rows] - sent.rate[rows])
-    kept = np.isfinite(angle)
-    if not kept.any():
+    # What is flown without these rates is not to be lost.
+    if covered < FREQUENT_ENOUGH * len(sent.time):
         return sent
+    kept = np.isfinite(angle)
     return Attitude(
         TUNING_MESSAGE,
         tuning.time[kept],

@@ -64,6 +64,9 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
     assert_allclose(roll.angle, HOVER.roll(roll.time), atol=2e-4)
     assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
     assert signals.attitude(telemetry, "pitch").message == "ATTITUDE"
+    half = {name: values[: len(time) // 2] for name, values in tuning.items()}
+    part = changed(telemetry, "PID_TUNING", **half)
+    assert signals.attitude(part, "roll").message == "ATTITUDE", "the rest has attitude too"
 
 
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
