@@ -2,6 +2,7 @@
 
 import re
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite
@@ -14,7 +15,7 @@ from mavdem.condition.loop.loop import Loop, margin_rating
 from mavdem.condition.said import texts
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
 from mavdem.flight import Flight, Flights
 from mavdem.ingest.mavlink.definitions import parameters_sent
@@ -23,11 +24,9 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
 """What the names of one axis's parameters have in them."""
-
-
 AUTOTUNE = frozenset({"Autotune"})
 """The mode of ArduPilot whose gains no parameter has."""
-FOUND = re.compile(r"\b([PID]):([\d.]+)")
+FOUND = re.compile(r"\b([PID]):(\d+\.?\d*)")
 """A gain that ArduPilot's AutoTune ended with, in "Roll Rate: P:0.116, I:0.116, D:0.0006" and "Roll Angle P:36.000"."""
 
 
@@ -111,8 +110,9 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
     Those after are the parameters or, until they are set, what it said that it found. Where the ``loop`` is known, so
     is how its margins rate with either.
     """
-    named = f"AutoTune: {signals.axis.capitalize()} "
-    words = [text for text in texts(signals.telemetry) if text.text.startswith(named)]
+    named = f"AutoTune: {signals.axis.capitalize()}"
+    begins = f"{named} ", f"{named}("  # "Yaw(E)", "Yaw(D)": by its error's filter, or D
+    words = [text for text in texts(signals.telemetry) if text.text.startswith(begins)]
     stamps = [(text.boot, text.time) for text in words]
     if signals.telemetry.autopilot == "PX4":
         for _, signal in signals.injected:
@@ -151,5 +151,15 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
     )
     if isinstance(loop, Fact):
         return tuned
-    ratings = [margin_rating(loop.changed(gains)) for gains in (before, after)]
+    ratings = ratings_of(loop, (before, after))
+    if not ratings:
+        return tuned
     return tuned.but(min(ratings[1].level, Level.WATCH, key=list(Level).index), ratings=ratings)
+
+
+def ratings_of(loop: Loop, gains: Iterable[Parameters]) -> Facts:
+    """Returns how the margins of a ``loop`` rate with other ``gains``; nothing where some are no controller's."""
+    try:
+        return tuple(margin_rating(loop.changed(values)) for values in gains)
+    except NotLearnable:
+        return ()

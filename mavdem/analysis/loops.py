@@ -9,9 +9,9 @@ from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
 from mavdem.analysis.figures import AxisFigures, plant_of
-from mavdem.analysis.gains import autotuned, with_one_set_of_gains
+from mavdem.analysis.gains import autotuned, ratings_of, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
-from mavdem.condition.loop.loop import Loop, margin_rating
+from mavdem.condition.loop.loop import Loop
 from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -25,7 +25,7 @@ def loops_of_axes(
     start: float = 0.0,
     figures: Mapping[str, AxisFigures] = MappingProxyType({}),
 ) -> dict[str, Loop | Fact]:
-    """Returns the loops of roll, pitch and yaw, or why there are none; ``known`` are figures by axis."""
+    """Returns the loops of roll, pitch and yaw, or why there are none; ``figures`` are by axis."""
     loops = dict[str, Loop | Fact]()
     for axis in AXES:
         try:
@@ -62,7 +62,6 @@ def loops_of_log(
     loop = loop_of(plant, Record.of(flights))
     if caution is not None:
         other_gains = (dict(values) for _, values in caution.figures["parts"])
-        ratings = [margin_rating(loop.changed(gains)) for gains in other_gains]
-        caution = caution.but(ratings=ratings)
+        caution = caution.but(ratings=ratings_of(loop, other_gains))
     own = filter(None, (caution, autotuned(signals, loop)))
     return replace(loop, cautions=(*own, *loop.cautions))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns
+from hover import Hover, changed, columns, with_texts
 from pytest import approx
 from recorded_flights import recorded
 
@@ -81,3 +81,12 @@ def test_a_recorded_autotune_has_its_span_and_what_it_found():
     _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
     assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
     assert autotuned(signals.about("pitch"), refusal) is None
+
+
+def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
+    said = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
+    tuned = autotuned(
+        Signals(with_texts(Hover().telemetry(), *said), "yaw"), Fact(Loops.NOT_STEERED)
+    )
+    assert tuned.figures["changes"] == (("ATC_RAT_YAW_P", None, 0.5), ("ATC_RAT_YAW_I", None, 0.05))
+    assert (tuned.time, tuned.until) == (1.0, 1.0)
