@@ -233,6 +233,7 @@ class Phase:
             self._take_back(max((end for _, end in flights if end < now), default=now))
             self.steady = False
             self._settled_from = None
+            self._risen_from = inf
         if flight is not None:
             # The take-off is carried on once the mean collective around it is known; later it is no longer in sight.
             if not self.steady or (isfinite(flight[0]) and now < self._start + AVERAGING_SECONDS):

@@ -101,7 +101,9 @@ class LiveSession:
         self._key: tuple[float, tuple[str, ...]] | None = None  # step and inputs of its rows
         # with s: when it came
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
+        # the last that is kept, and the last of a way up
         self._newest: Learned | None = None
+        self._rising: Learned | None = None
         self._setup: Setup | None = None
         self._display: Display | None = None
         self.request: RateRequest | None = None  # for rates, once sent
@@ -392,7 +394,9 @@ class LiveSession:
             newest = learner.learned
             # Of the way up no model is kept, nor is one written at the end.
             self._kept |= row.settled
-            if row.settled and newest is not None and newest is not self._newest:
+            if not row.settled:
+                self._rising = newest
+            elif newest is not None and newest not in (self._newest, self._rising):
                 self._newest = newest
                 self._landed = False
                 self._models.append((row.time, newest))

@@ -8,7 +8,7 @@ from mavdem.alignment.drive import Signal
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.facts.session import Session
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import ARMED, IN_AIR, ON_GROUND
+from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND
 from mavdem.live.decisions import Phase
 from mavdem.live.recent import Recent
 
@@ -63,6 +63,11 @@ def test_what_has_risen_for_a_while_flies_freely_before_it_is_settled_unless_it_
     still = Vehicle()
     still.fly(4.0, climb=0.0)
     assert not still.phase.free(still.time)
+    lands = Vehicle()
+    lands.fly(5.0, climb=1.0, landed=IN_AIR)
+    lands.fly(20.0, climb=0.0, landed=IN_AIR)
+    lands.fly(1.5, climb=0.0, landed=LANDING)
+    assert not lands.phase.free(lands.time) and not lands.phase.carries
 
 
 def test_a_descent_is_no_settled_flight_until_it_is_over():

@@ -192,8 +192,8 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     one, _, said = session_of(batches(9.0))
     run(one)
     record = one.learner._memory.record()
-    early, late, next_flight = (
-        mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(3)
+    early, late, next_flight, climbing = (
+        mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(4)
     )
     learner = Mock(
         until=50.0,
@@ -201,6 +201,10 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     )
     one.learner = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True, True)
+    learner.learned = climbing
+    for settled in (False, True):
+        one._take(row._replace(time=49.0, settled=settled))
+    assert all(model is not climbing for _, model in one._models)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
         one._take(row._replace(time=at))
     assert one._named(late).model is one._models[-1][1].model
