@@ -375,13 +375,15 @@ class Library:
 
     def recover(self) -> None:
         """Gives what dead servers were doing to others, and removes what they left half done, but no recording."""
-        for server in self.dead_servers():
+        # Once: of one that dies meanwhile the recording would be swept and not entered.
+        dead = self.dead_servers()
+        for server in dead:
             for part in (self.folder / INCOMING).glob(f"{server}-*.tlog"):
                 with suppress(FileNotFoundError):  # another server has taken it
                     if part.stat().st_size:
                         self.entered(part, part.name.removeprefix(f"{server}-"))
         with self._transaction() as db:
-            for server in self.dead_servers():
+            for server in dead:
                 self._release(db, server)
                 for part in (self.folder / INCOMING).glob(f"{server}-*"):
                     part.unlink(missing_ok=True)
