@@ -42,11 +42,7 @@ from mavdem.live.link import (
     LinkLost,
 )
 from mavdem.live.messages import Frame
-from mavdem.live.rate_request import (
-    Arrivals,
-    RateRequest,
-    greeting,
-)
+from mavdem.live.rate_request import Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
 from mavdem.live.shown import Display, ShownRow
 from mavdem.live.stream import LiveStream
@@ -101,9 +97,8 @@ class LiveSession:
         self._key: tuple[float, tuple[str, ...]] | None = None  # step and inputs of its rows
         # with s: when it came
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
-        # the last that is kept, and the last of a way up
-        self._newest: Learned | None = None
-        self._rising: Learned | None = None
+        self._newest: Learned | None = None  # that is kept
+        self._rising: Learned | None = None  # the last of a way up
         self._setup: Setup | None = None
         self._display: Display | None = None
         self.request: RateRequest | None = None  # for rates, once sent
@@ -394,9 +389,8 @@ class LiveSession:
             newest = learner.learned
             # Of the way up no model is kept, nor is one written at the end.
             self._kept |= row.settled
-            if not row.settled:
-                self._rising = newest
-            elif newest is not None and newest not in (self._newest, self._rising):
+            self._rising = self._rising if row.settled else newest
+            if newest is not None and newest not in (self._newest, self._rising):
                 self._newest = newest
                 self._landed = False
                 self._models.append((row.time, newest))

@@ -65,8 +65,8 @@ def test_what_has_risen_for_a_while_flies_freely_before_it_is_settled_unless_it_
     assert not still.phase.free(still.time)
     lands = Vehicle()
     lands.fly(5.0, climb=1.0, landed=IN_AIR)
-    lands.fly(20.0, climb=0.0, landed=IN_AIR)
-    lands.fly(1.5, climb=0.0, landed=LANDING)
+    lands.fly(20.0, climb=0.05, landed=IN_AIR)
+    lands.fly(1.5, climb=0.05, landed=LANDING)
     assert not lands.phase.free(lands.time) and not lands.phase.carries
 
 
