@@ -520,7 +520,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
 
     The angle is then the integral of the rate, brought to the angles that were sent.
     """
-    sent = _sent_attitude(telemetry, axis)
+    sent = sent_attitude(telemetry, axis)
     tuning = tuning_rates(telemetry, axis, sent)
     if sent is None or tuning is None:
         return sent
@@ -558,8 +558,8 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     )
 
 
-def _sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """That of ATTITUDE or, where it is clearly faster, ATTITUDE_QUATERNION."""
+def sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
+    """Returns that of ATTITUDE or, where it is clearly faster, ATTITUDE_QUATERNION."""
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
         return None

@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.alignment import phases
 from mavdem.alignment.drive import AXES, Signal, floats, recorded, series
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, attitude
+from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals, sent_attitude
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
 from mavdem.confidence import Interval
 from mavdem.dem.airflow.identification import LONGEST_SECONDS
@@ -67,7 +67,8 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
 def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
-    angles = [angle for axis in AXES if (angle := attitude(telemetry, axis)) is not None]
+    # As it was sent: between two angles a reset of the yaw is no jump.
+    angles = [angle for axis in AXES if (angle := sent_attitude(telemetry, axis)) is not None]
     moving = _moving(telemetry)
     if len(angles) < len(AXES) or moving is None:
         missing = AXES[len(angles) :]
