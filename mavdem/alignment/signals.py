@@ -129,9 +129,8 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     targets = telemetry.messages.get(TARGET_MESSAGE)
     found = []
     if targets is not None:
-        ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(
-            np.int64
-        )
+        masks = targets.get("type_mask", np.zeros(len(targets["time"])))
+        ignored = np.asarray(masks).astype(np.int64)
         rates = np.where(ignored & IGNORED[axis], np.nan, floats(targets, f"body_{axis}_rate"))
         rates[abs(rates) > MAX_BODY_RATE] = np.nan
         found.append(
@@ -315,20 +314,16 @@ class VehicleSignals:
             return series(
                 columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), valid
             )
-        if (columns := self.telemetry.messages.get("GLOBAL_POSITION_INT", {})) and len(
-            columns["time"]
-        ):
+        columns = self.telemetry.messages.get("GLOBAL_POSITION_INT", {})
+        if columns and len(columns["time"]):
             places, fixed = fixes(columns)
             angles = np.radians(places)
             if fixed.any():
                 first = angles[np.argmax(fixed)]
                 moved = (angles - first + np.pi) % (2 * np.pi) - np.pi  # across the date line too
                 plane = EARTH_RADIUS * moved * [1.0, np.cos(first[0])]
-                return series(
-                    columns,
-                    np.column_stack([plane, -floats(columns, "relative_alt") / 1000]),
-                    fixed,
-                )
+                down = -floats(columns, "relative_alt") / 1000
+                return series(columns, np.column_stack([plane, down]), fixed)
         return None
 
     @cached_property
@@ -465,11 +460,8 @@ class Signals(VehicleSignals):
         """
         attitude = self.attitude
         tuning = tuning_rates(self.telemetry, self.axis, attitude)
-        if tuning is not None and (
-            attitude is None
-            or attitude.message == TUNING_MESSAGE
-            or len(tuning.time) > len(attitude.time)
-        ):
+        others = 0 if attitude is None or attitude.message == TUNING_MESSAGE else len(attitude.time)
+        if tuning is not None and len(tuning.time) > others:
             rate, asked = tuning.values.T
             return replace(tuning, values=rate), replace(tuning, values=asked)
         asked_rates = [setpoint.signal for setpoint in self.setpoints if setpoint.unit == "rad/s"]

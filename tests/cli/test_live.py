@@ -156,7 +156,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
             assert live.poll() is None and flying.poll() is None, said
             time.sleep(0.05)
 
-    wait_for(re.compile(r"Watched: .*[ ,]motors \(\d+ s\)").search)
+    wait_for(re.compile(r"Watched: .*\bmotors\b.*\(since \d+ s\)").search)
     assert "The model is being learned" in error.read_text()
     live.send_signal(signal.SIGINT)
     wait_for(lambda said: "Ending takes some seconds" in said)
