@@ -100,8 +100,14 @@ def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, fl
 
 
 def _with_parameters(flight: Flight, values: Parameters) -> Flight:
-    known = {"parameters": {**flight.provenance["parameters"], **values}, "earlier": {}}
-    return replace(flight, provenance={**flight.provenance, **known})
+    return replace(
+        flight,
+        provenance={
+            **flight.provenance,
+            "parameters": {**flight.provenance["parameters"], **values},
+            "earlier": {},
+        },
+    )
 
 
 def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:

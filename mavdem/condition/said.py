@@ -184,12 +184,16 @@ def _joined(first: Fact, fact: Fact) -> Fact:
     """The first, with what the next of its kind adds."""
     last = max(_last(first), _last(fact))
     basis = dict.fromkeys((*first.figures["basis"], *fact.figures["basis"]))
-    added = {"basis": tuple(basis), "count": first.figures["count"] + 1}
     return Fact(
         first.code,
         max(first.level, fact.level, key=list(Level).index),
         time=first.time,
         until=None if last == first.time else last,
         subject=first.subject or fact.subject,
-        **{**fact.figures, **first.figures, **added},
+        **{
+            **fact.figures,
+            **first.figures,
+            "basis": tuple(basis),
+            "count": first.figures["count"] + 1,
+        },
     )

@@ -230,8 +230,13 @@ def estimate_wind(
         sensed = air[place == n]
         if len(sensed) * fine.step >= INDEPENDENT_SECONDS:
             north, east = sensed.mean(axis=0).tolist()
-            layer = {"speed": float(np.hypot(north, east)), "direction": coming_from(north, east)}
-            layers.append({"height": float(LAYER * (n + 0.5)), **layer})
+            layers.append(
+                {
+                    "height": float(LAYER * (n + 0.5)),
+                    "speed": float(np.hypot(north, east)),
+                    "direction": coming_from(north, east),
+                }
+            )
     through_air = fine.velocity[:, :2] - air
     moved = float(np.nanmean(np.hypot(*through_air.T)))
     sd = found.relative_sd(moved)

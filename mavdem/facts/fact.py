@@ -84,8 +84,14 @@ class Fact:
         if unknown := figures.keys() - UNITS.keys():
             raise ValueError(f"figures without a unit in facts/units.toml: {sorted(unknown)}")
         own = tuple((name, _plain(value)) for name, value in figures.items())
-        values = {"code": code, "level": level, "time": _plain(time), "until": _plain(until)}
-        for name, value in {**values, "subject": subject, "_figures": own}.items():
+        for name, value in {
+            "code": code,
+            "level": level,
+            "time": _plain(time),
+            "until": _plain(until),
+            "subject": subject,
+            "_figures": own,
+        }.items():
             object.__setattr__(self, name, value)
 
     @property

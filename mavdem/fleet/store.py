@@ -185,8 +185,19 @@ class Store:
                 self.db.executemany("delete from logs where path = ?", gone)
                 return
             size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
-            spent = outcome.seconds, outcome.megabytes, *limits, metadata.version("mavdem")
-            entry = path, source.version, size, outcome.key, log, outcome.ended, *spent, tracked
+            entry = (
+                path,
+                source.version,
+                size,
+                outcome.key,
+                log,
+                outcome.ended,
+                outcome.seconds,
+                outcome.megabytes,
+                *limits,
+                metadata.version("mavdem"),
+                tracked,
+            )
             places = ", ".join("?" * len(entry))
             self.db.execute(f"insert or replace into logs values ({places})", entry)
             self._delete_rows("log = ?", [log])
@@ -292,8 +303,12 @@ def _assessed(rows: FlightRows, assess: AssessRows, healthy: FlightRows) -> Flig
 
 
 def _values(source: Source, limits: Limits) -> Values:
-    own = {"path": as_text(source.path), "mavdem": metadata.version("mavdem")}
-    return {**source._asdict(), **limits._asdict(), **own}
+    return {
+        **source._asdict(),
+        **limits._asdict(),
+        "path": as_text(source.path),
+        "mavdem": metadata.version("mavdem"),
+    }
 
 
 def _row(text: str, file: str | None = None) -> FlightRow:

@@ -65,8 +65,15 @@ def _rendered(fact: Fact, part: str) -> str:
     flown_part = "remedy" if "remedy" in of_code else "sentence"
     if part == flown_part and "is_flown" in of_code and "is_grounded" in fact.figures:
         return ""
-    known = {"level": fact.level, "time": fact.time, "until": fact.until, "subject": fact.subject}
-    figures = {"remedy": "", "is_grounded": False, **known, **fact.figures}
+    figures = {
+        "remedy": "",
+        "is_grounded": False,
+        "level": fact.level,
+        "time": fact.time,
+        "until": fact.until,
+        "subject": fact.subject,
+        **fact.figures,
+    }
     return _template(fact.code, part).render(figures).strip()
 
 

@@ -210,9 +210,17 @@ class WebServer(Viewer):
                 raise OSError(taken) from error
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
-        ports = ("--port", str(port), "--web-viewer-port", str(page_port))
-        options = ["--server-memory-limit", SERVER_MEMORY, "--serve-web", *ports]
-        self.process = _start(*options, *filter(None, [recording]), watched=True)
+        self.process = _start(
+            "--server-memory-limit",
+            SERVER_MEMORY,
+            "--serve-web",
+            "--port",
+            str(port),
+            "--web-viewer-port",
+            str(page_port),
+            *filter(None, [recording]),
+            watched=True,
+        )
 
     def close(self) -> None:
         """Ends it."""

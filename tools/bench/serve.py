@@ -68,8 +68,21 @@ def served(folder: str) -> Iterator[Served]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = int(probe.getsockname()[1])
-    words = ["serve", folder, "--port", str(port), "--no-browser", "--jobs", "2"]
-    process = subprocess.Popen([sys.executable, "-m", "mavdem", *words], stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "mavdem",
+            "serve",
+            folder,
+            "--port",
+            str(port),
+            "--no-browser",
+            "--jobs",
+            "2",
+        ],
+        stderr=subprocess.DEVNULL,
+    )
     server = Served(process, f"http://127.0.0.1:{port}")
     try:
         until(lambda: get(f"{server.address}/static/serve.js").ok)

@@ -83,8 +83,15 @@ def read(logs: tuple[Path, ...]) -> None:
             count = reader(str(path))
             runs = repeat(partial(reader, str(path)), number=1, repeat=3)
             seconds = min(runs)
-            speeds = {"MB/s": size / seconds, "messages/s": count / seconds}
-            rows.append({"file": path.name, "by": reader.__name__, "s": seconds, **speeds})
+            rows.append(
+                {
+                    "file": path.name,
+                    "by": reader.__name__,
+                    "s": seconds,
+                    "MB/s": size / seconds,
+                    "messages/s": count / seconds,
+                }
+            )
     show(pd.DataFrame(rows))
 
 
@@ -124,8 +131,18 @@ def over_udp(rate: float, folder: Path) -> dict[str, Any]:
     scenario = folder / "hover.toml"
     scenario.write_text(HOVER.format(rate=rate))
     mavdem = [sys.executable, "-m", "mavdem"]
-    kept = ["--rrd", str(folder / "live.rrd"), "--record", str(folder / "live.tlog")]
-    words = [*mavdem, "live", f"udpin:{LINK}", "--duration", "50", "--json", *kept]
+    words = [
+        *mavdem,
+        "live",
+        f"udpin:{LINK}",
+        "--duration",
+        "50",
+        "--json",
+        "--rrd",
+        str(folder / "live.rrd"),
+        "--record",
+        str(folder / "live.tlog"),
+    ]
     with (folder / "live.json").open("w+") as said:
         session = subprocess.Popen(words, stdout=said)
         time.sleep(10.0)  # until it listens

@@ -71,8 +71,11 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
         arm = ARMS[values["vehicle"]["model"]]
         far = rng.uniform(*SHIFT) * arm
         bearing = rng.uniform(0.0, 2 * np.pi)
-        ahead = {"forward": far * np.cos(bearing), "right": far * np.sin(bearing)}
-        values["load"] = {"start": start, **ahead}
+        values["load"] = {
+            "start": start,
+            "forward": far * np.cos(bearing),
+            "right": far * np.sin(bearing),
+        }
     values["stream"]["rate"] = rate
     return flight_of(values, "SERVO_OUTPUT_RAW")
 

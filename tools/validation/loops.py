@@ -257,8 +257,16 @@ def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Valu
                 continue
             for figure, (estimate, low, high) in estimates_of(loop).items():
                 true = truth.get(axis, {}).get(figure, np.nan)
-                ends = {"low": low, "high": high, "true": true}
-                rows.append(row | {"figure": figure, "estimate": estimate, **ends})
+                rows.append(
+                    row
+                    | {
+                        "figure": figure,
+                        "estimate": estimate,
+                        "low": low,
+                        "high": high,
+                        "true": true,
+                    }
+                )
     return rows
 
 

@@ -196,8 +196,9 @@ def simulated(seed: int, part: int, jobs: int) -> None:
     is_quick = (rows["steering"] == QUICK) & (rows["rate"] >= 100)
     quick = rows[is_quick]
     slow = rows[rows["rate"] == 50].assign(steering="all, 50 Hz")
-    every = rows.assign(steering="all"), quick.assign(steering=f"{QUICK}, 100 Hz or more"), slow
-    grouped = pd.concat([rows, *every]).groupby(["steering", "of"], sort=False)
+    grouped = pd.concat(
+        [rows, rows.assign(steering="all"), quick.assign(steering=f"{QUICK}, 100 Hz or more"), slow]
+    ).groupby(["steering", "of"], sort=False)
     for name in PARAMETERS:
         lines = grouped.apply(line_of, name)
         show(f"**{name.capitalize()}**", lines.reset_index())

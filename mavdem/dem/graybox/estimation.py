@@ -117,8 +117,14 @@ def _chosen(
 def _values(parameters: Parameters, theta: Array, dt: float) -> Array:
     """(r + 3,) effects, damping, lag and delay."""
     effect = parameters.effect(theta)
-    late = parameters.damping(theta), parameters.lag(theta, dt), theta[parameters.motors + 3]
-    return np.array([*effect, *late])
+    return np.array(
+        [
+            *effect,
+            parameters.damping(theta),
+            parameters.lag(theta, dt),
+            theta[parameters.motors + 3],
+        ]
+    )
 
 
 def _logarithms(values: Array) -> Array:
