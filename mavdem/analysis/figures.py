@@ -149,11 +149,11 @@ class LogAnalysis:
             **figures,
             "axes": {
                 name: {
-                    "physical": physical_values(analysis.physical),
-                    "wind": analysis.wind,
-                    "reason": analysis.reason,
+                    "physical": physical_values(of_axis.physical),
+                    "wind": of_axis.wind,
+                    "reason": of_axis.reason,
                 }
-                for name, analysis in self.axes.items()
+                for name, of_axis in self.axes.items()
             },
             "hover": self.condition.hover,
             **self.tier.as_dict(),

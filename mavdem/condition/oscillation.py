@@ -151,5 +151,5 @@ def _limit_cycles(
             # Lines of an alias may be of any frequency.
             lasting = lasted >= LASTING_SHARE * whole and (frequency >= STEERED or not is_fast)
             if limit >= LIMITED_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
-                fastest = frequency if is_fast else None
-                yield Oscillation(axis, fastest, strength, limit, growing, lasted)
+                seen_frequency = frequency if is_fast else None
+                yield Oscillation(axis, seen_frequency, strength, limit, growing, lasted)

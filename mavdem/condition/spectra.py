@@ -123,8 +123,8 @@ def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:
             yield name, message, values
     about = [signals.about(axis) for axis in AXES]
     for rates in (
-        [axis.rates[0] for axis in about if axis.rates is not None],
-        [axis.attitude.rates for axis in about if axis.attitude is not None],
+        [of_axis.rates[0] for of_axis in about if of_axis.rates is not None],
+        [of_axis.attitude.rates for of_axis in about if of_axis.attitude is not None],
     ):
         if len(rates) == len(AXES) and len({len(rate.time) for rate in rates}) == 1:
             table = np.column_stack([rate.values for rate in rates])
@@ -145,8 +145,8 @@ def _spectrum(
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
     if usual > 1 / SLOWEST or len(sampled.time) * usual < SECONDS / 2:
         return None
-    windows = np.log2(SECONDS / usual)
-    size = int(2 ** np.round(windows))
+    octaves = np.log2(SECONDS / usual)
+    size = int(2 ** np.round(octaves))
     times = []
     powers = []
     for part in parts:

@@ -152,7 +152,7 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
     """
     variance = changes.variance + more
     errors = changes.moved - shift
-    squares = ((errors) ** 2 / variance).sum(axis=-1)
+    squares = (errors**2 / variance).sum(axis=-1)
     power = (changes.freedom + variance.shape[-1]) / 2
     return np.asarray(
         -np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom)
@@ -416,11 +416,11 @@ class MotorWatch:
         rivals = [*other_motors, _log_sum(load), stranger, 0.0]
         odds = float(motors[best] - _log_sum(rivals))
         if motors[best] >= self._enough and odds >= STRONG_EVIDENCE_NATS:
-            place = int(np.argmax(by_window[best]))
-            since = int(windows[place])
-            if self._is_of_no_turn(since, changes, place):
+            window = int(np.argmax(by_window[best]))
+            blocks_since = int(windows[window])
+            if self._is_of_no_turn(blocks_since, changes, window):
                 largest = rises[best, -1]
-                self._motors_changed(largest, since, changes, place, odds)
+                self._motors_changed(largest, blocks_since, changes, window, odds)
             return
         seconds = windows * BLOCK_SECONDS
         lasting_load = load + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
@@ -430,25 +430,25 @@ class MotorWatch:
         stranger = others + log(OTHERS_BESIDE_LOADS)
         odds = float(loaded - _log_sum([*motors, stranger, 0.0]))
         if loaded >= self._enough and odds >= STRONG_EVIDENCE_NATS:
-            place = int(np.argmax(lasting_load))
-            since = int(windows[place])
-            leant = changes.moved[place] * self._flat
+            window = int(np.argmax(lasting_load))
+            blocks_since = int(windows[window])
+            leant = changes.moved[window] * self._flat
             size = float(np.linalg.norm(leant))
-            if self._is_of_no_turn(since, changes, place):
-                self._found(None, since, odds, size)
+            if self._is_of_no_turn(blocks_since, changes, window):
+                self._found(None, blocks_since, odds, size)
         elif strange.max() >= self._enough:
-            since = int(windows[np.argmax(strange)])
+            blocks_since = int(windows[np.argmax(strange)])
         else:
             return
         # What comes is compared with what is now.
-        self._keep(since)
+        self._keep(blocks_since)
 
     def _keep(self, n: int) -> None:
         """Forgets all but the last ``n`` blocks."""
         drop = max(len(self._times) - n, 0)
         del self._times[:drop], self._blocks[:drop], self._headings[:drop]
 
-    def _is_of_no_turn(self, n: int, changes: _Changes, motor: int) -> bool:
+    def _is_of_no_turn(self, n: int, changes: _Changes, window: int) -> bool:
         """Whether steady flight alone shows the change ``n`` blocks ago, and no turn of the nose explains it.
 
         Between two headings the wind's torque differs as between a sound and a weak motor: what changed must show at
@@ -457,9 +457,9 @@ class MotorWatch:
         if self._steady_blocks * BLOCK_SECONDS < LEAST_SECONDS:
             return False
         blocks = np.array(self._blocks)
-        weights = changes.moved[motor] / changes.variance[motor]
+        weights = changes.moved[window] / changes.variance[window]
         now = blocks[-n:].mean(axis=0)
-        whole = changes.moved[motor] @ weights
+        whole = changes.moved[window] @ weights
         shown = (blocks - now) @ weights / whole
         turned = _turn(np.array(self._headings), self._headings[-1])
         sector_width = 2 * np.pi / SECTORS

@@ -467,7 +467,7 @@ class Server:
                 entries, _ = await run_in_threadpool(self.library.find, where, values, MOST_FILES)
                 now = [self._progress_of(entry) for entry in entries]
                 watched = [entry.id for entry in entries if not entry.is_done]
-                changed = [row.as_dict() for row in now if row not in before]
+                changed = [progress.as_dict() for progress in now if progress not in before]
                 before = now
                 if changed:
                     yield f"data: {json.dumps(changed)}\n\n"

@@ -65,8 +65,8 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         found = rows_of_assessment(assessment.with_axis("pitch"), log.source)
         judged.append((assessment, found))
     # Of several vehicles the page is of the one that flew, the first of them.
-    assessment, _ = next((vehicle for vehicle in judged if vehicle[1][0].status == OK), judged[0])
-    rows = [row for _, rows_of_axis in judged for row in rows_of_axis]
+    assessment, _ = next((both for both in judged if both[1][0].status == OK), judged[0])
+    rows = [row for _, rows_of_vehicle in judged for row in rows_of_vehicle]
     place = f"{RESULTS}/{digest}/{PAGE}"
     tell(Stage.DRAWING, **_told(assessment, rows))
     names = result_files(assessment)
