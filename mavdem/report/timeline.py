@@ -254,7 +254,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         over_time("Wind now", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
     )
     charts_drawn = tuple(
-        row for row in charts if any(np.isfinite(line.y).any() for line in row.lines)
+        chart for chart in charts if any(np.isfinite(line.y).any() for line in chart.lines)
     )
     span = float(time[0]), float(time[-1])
     return Timeline(
