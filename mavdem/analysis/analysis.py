@@ -182,7 +182,7 @@ def _without_model(
 
 def _refused(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
     """Why there is no model of the slow motion either, after why there is no full one."""
-    if analysis.reason is None or str(refusal) == str(analysis.reason):
+    if analysis.reason is None or refusal == analysis.reason:
         return analysis
     reason = Fact(NoModel.SLOW_MODEL_REFUSED, because=analysis.reason, refusal=refusal)
     return replace(analysis, reason=reason)
