@@ -231,7 +231,7 @@ def assess_signals(
     ending = ending_of(signals, events)
     changes = while_controlled(analysis.alarms, ending)
     events += [*losses_of(changes), *(change.fact for change in changes if not change.weak)]
-    events += filter(None, tuned)
+    events += filter(None, [ending, *tuned])
     evidence = Evidence(
         log,
         signals,

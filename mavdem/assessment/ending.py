@@ -50,6 +50,8 @@ TOGETHER = (
     FailedFirst.THRUST_SPENT_FIRST,
 )
 """What all motors do, so that no word of the autopilot on one of them is clear."""
+LANDING_THRUSTS = ("MPC_THR_HOVER", "MPC_THR_MIN", "MOT_THST_HOVER", "MOT_SPIN_MIN")
+"""Parameters by which an autopilot tells a landed vehicle from one that descends."""
 NEAR_SHARE = 2 / 3
 """Of half the angle between neighbouring motors: what points so near to one points to no other."""
 SPENT_SHARE = 0.9
@@ -136,8 +138,12 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     cause = _by_commands(signals, boot, span, [event.subject for event in at_stop], fell)
     if cause is None or fell is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
+    own = signals.telemetry.parameters
     if _seemed_landed(signals, boot, onset):
-        return Fact(FailedFirst.LANDING_ASSUMED_FIRST, Level.BAD, time=cause.time)
+        settings = [(name, own[name]) for name in LANDING_THRUSTS if name in own]
+        return Fact(
+            FailedFirst.LANDING_ASSUMED_FIRST, Level.BAD, time=cause.time, settings=settings
+        )
     return cause
 
 

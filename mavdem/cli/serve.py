@@ -49,7 +49,7 @@ SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 @click.option(
     "--link",
     metavar="LINK",
-    help="Attach to a vehicle, as `mavdem live` does: its page while it flies, and its log at the end.",
+    help="Attach to a vehicle, as `mavdem live` does: its page while it flies, and its log when the server ends.",
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
 def serve_command(

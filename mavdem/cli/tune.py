@@ -19,7 +19,7 @@ from mavdem.condition.loop.advice import Advice, advise, lowered
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.heading import Values
@@ -120,7 +120,14 @@ def tune_command(
     }
     judgement = assessment.judgement
     if gains:
-        step = Fact(NextStep.LOAD_GAINS, judgement.headline.level, is_written=out is not None)
+        level = judgement.headline.level
+        doubted = {caution.code for advised in advised_axes for caution in advised.before.cautions}
+        step = Fact(
+            NextStep.LOAD_GAINS,
+            level,
+            is_written=out is not None,
+            is_biased=Loops.EFFECT_BIASED in doubted and level is not Level.BAD,
+        )
         judgement = judgement._replace(next_step=step)
     document |= judgement._asdict()
     document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
@@ -140,7 +147,7 @@ def tune_command(
         blocks = tune_blocks(found, verbose)
         blocks += [Sentence(notch.advised, "Notch filter:")] if notch else []
         page = [] if out is None else [Sentence(str(out / names[0]), "Page:")]
-        print_screen(None, blocks, lights, [above, following, *page], verbose)
+        print_screen(None, [], lights, [*blocks, above, following, *page], verbose)
     if refusal:
         raise click.exceptions.Exit(1)
 

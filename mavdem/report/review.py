@@ -14,13 +14,14 @@ COLUMNS = 80
 
 
 def screen_of(assessment: Assessment) -> str:
-    """Returns the screen of an ``assessment``: of ``COLUMNS``, at most ``LINES`` but for two that are not its own."""
+    """Returns the screen of an ``assessment``: of ``COLUMNS``, ``LINES``; a long next step takes more."""
     lead = title_of(assessment)
     first = brief(f"{lead.lead} {lead.text}", COLUMNS)
     lights = [_light(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
-    last = [*_wrapped(headline(assessment.headline)), *_wrapped(f"Next: {assessment.next_step}")]
-    room = LINES - 3 - len(lights) - len(last)
+    found = wrap(headline(assessment.headline), COLUMNS, max_lines=2, placeholder=" …")
+    last = [*found, *wrap(f"Next: {assessment.next_step}", COLUMNS)]
+    room = max(LINES - 3 - len(lights) - len(last), 0)
     alarms = [*_alarms(assessment)][:room]
     return "\n".join([first, *lights, *alarms, *last])
 
@@ -51,8 +52,3 @@ def _alarms(assessment: Assessment) -> Iterator[str]:
     for event in assessment.events:
         if event.level is Level.BAD and event.time != assessment.headline.time:
             yield brief(headline(event), COLUMNS)
-
-
-def _wrapped(text: str) -> list[str]:
-    """The text in two lines at most."""
-    return wrap(text, COLUMNS, max_lines=2, placeholder=" …")
