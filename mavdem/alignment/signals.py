@@ -510,11 +510,12 @@ def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Sign
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     """Returns angle and body rate of ``axis``, with the rates of PID_TUNING where those come clearly faster throughout.
 
-    The angle is then the integral of the rate, brought to the angles that were sent.
+    The angle is then the integral of the rate, brought to the angles that were sent. Only a log's PID_TUNING is taken: in
+    a stream it has no stamp of its own.
     """
     sent = sent_attitude(telemetry, axis)
     tuning = tuning_rates(telemetry, axis, sent)
-    if sent is None or tuning is None:
+    if sent is None or tuning is None or telemetry.called(TUNING_MESSAGE) == TUNING_MESSAGE:
         return sent
     lengths = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
     if preferred_message(lengths) == sent.message:
@@ -526,6 +527,9 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     for boot, rows in rows_by(sent.boot).items():
         time = sent.time[rows]
         within = (tuning.boot == boot) & (tuning.time >= time[0]) & (tuning.time <= time[-1])
+        steps = np.diff(time, append=time[-1])
+        outages = steps > 3 * np.median(steps)
+        within &= ~outages[np.searchsorted(time, tuning.time, side="right") - 1]
         if np.any(within):
             at = tuning.time[within]
             turned = cumulative_trapezoid(rate[within], at, initial=0)

@@ -149,7 +149,7 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
         Loops.AUTOTUNED,
         Level.GOOD,
         time=begin,
-        until=max(stamps)[1],
+        until=max(time for of_boot, time in stamps if of_boot == boot),
         subject=signals.axis,
         boot=boot,
         changes=changes,

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import dct
+from scipy.ndimage import median_filter
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, Segments, recorded_parts, settled_segments, within
@@ -37,7 +38,7 @@ from mavdem.files import AnyPath
 from mavdem.heading import Names, Numbers
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
-from mavdem.ingest.telemetry import Array, rows_by
+from mavdem.ingest.telemetry import Array
 
 
 @dataclass(frozen=True)
@@ -365,11 +366,9 @@ def vibration_of(signals: Signals) -> MeasuredVibration | None:
     counted = np.column_stack([floats(columns, name) for name in CLIPS])
     measured = series(columns, np.column_stack([columns.get("levels", first), counted]))
     levels, counts = np.split(measured.values, [-len(CLIPS)], axis=1)
-    rises = np.zeros_like(counts)
-    for rows in rows_by(measured.boot).values():
-        # The counts are of the boot so far: one that a later one is below was damaged.
-        sound = np.minimum.accumulate(counts[rows[::-1]])[::-1]
-        rises[rows] = np.diff(sound, axis=0, prepend=sound[:1])
+    # The counts are of the boot so far; one that stands out from both beside it was damaged.
+    sound = median_filter(counts, size=(3, 1), mode="mirror")
+    rises = np.clip(np.diff(sound, axis=0, prepend=sound[:1]), 0, None)
     axes = ("",) if len(names) == 1 else tuple("xyz")
     # A firmware may send zeros.
     vibration = MeasuredVibration(axes, replace(measured, values=levels), rises)

@@ -11,6 +11,7 @@ from hover import (
     Hover,
     changed,
     columns,
+    only,
     px4_rotors,
     with_demand,
     with_pulses,
@@ -58,12 +59,17 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
     achieved = per_rad * HOVER.roll_rate(time)
     axis = np.ones(len(time))
     tuning = columns(time, axis=axis, achieved=achieved, desired=0 * time)
-    telemetry = changed(HOVER.telemetry(2.5), "PID_TUNING", **tuning)
+    stream = changed(HOVER.telemetry(2.5), "PID_TUNING", **tuning)
+    assert signals.attitude(stream, "roll").message == "ATTITUDE", "it has no stamps of its own"
+    telemetry = replace(stream, names={"PID_TUNING": "RATE"})
     roll = signals.attitude(telemetry, "roll")
     assert roll.message == "PID_TUNING" and len(roll.time) > 0.95 * len(time)
     assert_allclose(roll.angle, HOVER.roll(roll.time), atol=2e-4)
     assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
     assert signals.attitude(telemetry, "pitch").message == "ATTITUDE"
+    without = only(telemetry, lambda time: (time < 10.0) | (time > 15.0), "ATTITUDE")
+    steps = np.diff(signals.attitude(without, "roll").time)
+    assert steps.max() == approx(5.0, abs=0.9), "an outage of the angle is one"
     half = {name: values[: len(time) // 2] for name, values in tuning.items()}
     part = changed(telemetry, "PID_TUNING", **half)
     assert signals.attitude(part, "roll").message == "ATTITUDE", "the rest has attitude too"
