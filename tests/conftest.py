@@ -9,6 +9,8 @@ from hypothesis import settings
 # Read when NumPy and SciPy are imported, here and in every process that a test starts: for small matrices more threads
 # only wait for each other.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
+# Else pymavlink knows no extension fields until it has read a frame that has some.
+os.environ["MAVLINK20"] = "1"
 
 
 def pytest_addoption(parser):

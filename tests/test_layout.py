@@ -196,35 +196,35 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 18600,
-    "analysis": 8700,
-    "assessment": 17850,
+    "alignment": 19200,
+    "analysis": 8900,
+    "assessment": 17800,
     "baselines": 5250,
-    "cli": 16950,
-    "condition": 39700,
-    "dem": 66700,
+    "cli": 17050,
+    "condition": 39600,
+    "dem": 66750,
     "documents": 10200,
     "evaluate": 8150,
     "export": 2550,
-    "facts": 5450,
-    "fleet": 15250,
+    "facts": 5400,
+    "fleet": 15100,
     "health": 10700,
-    "ingest": 40700,
-    "live": 30850,
-    "mavdem": 5350,
-    "paper": 11450,
-    "report": 32550,
-    "serve": 12800,
-    "sitl_scenarios": 31750,
-    "tools": 17700,
-    "view": 10950,
+    "ingest": 40400,
+    "live": 30900,
+    "mavdem": 5400,
+    "paper": 11400,
+    "report": 32250,
+    "serve": 12700,
+    "sitl_scenarios": 31550,
+    "tools": 16800,
+    "view": 10900,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_600
-TEST_NODES = 249_900
-NODES_A_LINE = 11.0  # condition, health and tools
+ALL_NODES = 418_500
+TEST_NODES = 247_700
+NODES_A_LINE = 10.9  # condition, health and tools
 """Of code: more is packed, not short."""
-ALL_CONSTANTS = 698
+ALL_CONSTANTS = 696
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 

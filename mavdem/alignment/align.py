@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from mavdem.alignment import phases
+from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
-from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
+from mavdem.alignment.signals import MINIMUM_RATE, Signals, axis_outputs, held
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight

@@ -7,6 +7,7 @@ import numpy as np
 
 from mavdem.alignment import phases, quality
 from mavdem.alignment.align import Segment, Segments, align, settled_segments
+from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import (
     DEMAND_MESSAGE,
     MAX_BODY_RATE,
@@ -17,7 +18,7 @@ from mavdem.alignment.drive import (
 )
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.rate_advice import ask_for_rate
-from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, usual_rate
+from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from mavdem.alignment.attitude import ATTITUDE_MESSAGES
 from mavdem.alignment.drive import message_counts
 from mavdem.alignment.learnability import (
     MINIMUM_DURATION,
@@ -12,7 +13,7 @@ from mavdem.alignment.learnability import (
     learnabilities,
     learnability_of,
 )
-from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, Signals
+from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.learnability import Caution, Reason

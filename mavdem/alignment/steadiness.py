@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.alignment.attitude import attitude
 from mavdem.alignment.drive import AXES, TILT_AXES, Signal
 from mavdem.alignment.phases import Intervals, both, of_boot, settled, where
-from mavdem.alignment.signals import Signals, attitude, held, setpoints
+from mavdem.alignment.signals import Signals, held, setpoints
 from mavdem.ingest.telemetry import Array, Flags
 
 TURN_SECONDS = 1.0

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from mavdem.alignment.drive import AXES
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
@@ -16,6 +16,7 @@ from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
+from mavdem.flight import Flights
 from mavdem.ingest import Log
 
 
@@ -41,8 +42,7 @@ def loops_of_log(
 ) -> Loop:
     """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none.
 
-    The plant is the one that is identified in its loop; else the one that inputs and outputs alone tell, which those
-    ``figures`` may have.
+    The ``figures`` of the axis may have its plant.
     """
     segments, verdict = usable_segments(signals, log.components)
     if not segments:
@@ -50,18 +50,30 @@ def loops_of_log(
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
-    try:
-        plant = plant_of(signals, flights)
-    except NotLearnable:
-        # With parts of other gains among them all flights may refuse what these allow.
-        of_all = figures and caution is None and figures.physical
-        alone = of_all or physical(flights)
-        if not (isinstance(alone, Physical) and alone.identifiable):
-            raise
-        plant = alone
+    # With parts of other gains among them all flights may refuse what these allow.
+    known = figures.physical if figures is not None and caution is None else None
+    plant = _plant(signals, flights, known)
     loop = loop_of(plant, Record.of(flights))
     if caution is not None:
         other_gains = (dict(values) for _, values in caution.figures["parts"])
         caution = caution.but(ratings=ratings_of(loop, other_gains))
     own = filter(None, (caution, autotuned(signals, loop)))
     return replace(loop, cautions=(*own, *loop.cautions))
+
+
+def _plant(signals: Signals, flights: Flights, known: Physical | None) -> Physical:
+    """The plant in its loop, else the one that inputs and outputs alone tell, which may be ``known``.
+
+    The loops of yaw are slower than what the spectra of a loop begin with: there it is the other way round.
+    """
+    is_slow = signals.axis not in TILT_AXES
+    alone = known or (physical(flights) if is_slow else None)
+    if is_slow and isinstance(alone, Physical) and alone.identifiable and not alone.bias:
+        return alone
+    try:
+        return plant_of(signals, flights)
+    except NotLearnable:
+        alone = alone or physical(flights)
+        if not (isinstance(alone, Physical) and alone.identifiable):
+            raise
+        return alone

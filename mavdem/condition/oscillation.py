@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.align import Segment, Segments
+from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.quality import at_limits
-from mavdem.alignment.signals import MINIMUM_RATE, Attitude
+from mavdem.alignment.signals import MINIMUM_RATE
 from mavdem.condition.resonance import TINY, evenly_sampled, spectra_of, windows_of
 
 WINDOWS = (4.0, 8.0)

@@ -21,6 +21,7 @@ import numpy as np
 
 from mavdem.alignment import drive, phases
 from mavdem.alignment.align import Segment, mean_rate
+from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import AXES, TILT_AXES, Motors, Signal, recorded
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import (
@@ -31,7 +32,7 @@ from mavdem.alignment.phases import (
     both,
 )
 from mavdem.alignment.quality import QualityFigures
-from mavdem.alignment.signals import CLIMB_FIELDS, Attitude, Signals
+from mavdem.alignment.signals import CLIMB_FIELDS, Signals
 from mavdem.analysis import AxisFigures
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.assess import loop_by

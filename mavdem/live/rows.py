@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment import align
+from mavdem.alignment.attitude import ATTITUDE_MESSAGES
 from mavdem.alignment.learnability import MAX_STEP_RATIO
-from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, ROUNDING
+from mavdem.alignment.signals import MINIMUM_RATE, ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.heading import Numbers

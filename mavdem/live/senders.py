@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from math import inf
 
-from mavdem.alignment.signals import ATTITUDE_MESSAGES
+from mavdem.alignment.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions, enum_name

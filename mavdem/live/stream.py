@@ -11,18 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.align import STEP_TOLERANCE
+from mavdem.alignment.attitude import ATTITUDE_MESSAGES
 from mavdem.alignment.drive import (
     TILT_AXES,
     preferred_message,
 )
 from mavdem.alignment.learnability import too_slow
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
-from mavdem.alignment.signals import (
-    ATTITUDE_MESSAGES,
-    HOLD_SECONDS,
-    MINIMUM_RATE,
-    TARGET_MESSAGE,
-)
+from mavdem.alignment.signals import HOLD_SECONDS, MINIMUM_RATE, TARGET_MESSAGE
 from mavdem.alignment.steadiness import strays
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag

@@ -12,8 +12,9 @@ import numpy as np
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, within
+from mavdem.alignment.attitude import attitude
 from mavdem.alignment.drive import AXES, Signal
-from mavdem.alignment.signals import Setpoint, Signals, attitude, held
+from mavdem.alignment.signals import Setpoint, Signals, held
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point

@@ -21,7 +21,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx
 from scipy.spatial.transform import Rotation
 
-from mavdem.alignment import drive, signals
+from mavdem.alignment import attitude, drive
 from mavdem.alignment.phases import airborne_collective
 from mavdem.alignment.signals import Signals
 from mavdem.facts.learnability import MotorObstacle
@@ -45,8 +45,8 @@ def with_quaternion(rate):
 
 def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     telemetry = with_quaternion(100.0)
-    roll = signals.attitude(telemetry, "roll")
-    pitch = signals.attitude(telemetry, "pitch")
+    roll = attitude.attitude(telemetry, "roll")
+    pitch = attitude.attitude(telemetry, "pitch")
     assert roll.message == pitch.message == "ATTITUDE_QUATERNION"
     assert_allclose(roll.angle, HOVER.roll(roll.time), atol=1e-12)
     assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
@@ -60,19 +60,19 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
     axis = np.ones(len(time))
     tuning = columns(time, axis=axis, achieved=achieved, desired=0 * time)
     stream = changed(HOVER.telemetry(2.5), "PID_TUNING", **tuning)
-    assert signals.attitude(stream, "roll").message == "ATTITUDE", "it has no stamps of its own"
+    assert attitude.attitude(stream, "roll").message == "ATTITUDE", "it has no stamps of its own"
     telemetry = replace(stream, names={"PID_TUNING": "RATE"})
-    roll = signals.attitude(telemetry, "roll")
+    roll = attitude.attitude(telemetry, "roll")
     assert roll.message == "PID_TUNING" and len(roll.time) > 0.95 * len(time)
     assert_allclose(roll.angle, HOVER.roll(roll.time), atol=2e-4)
     assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
-    assert signals.attitude(telemetry, "pitch").message == "ATTITUDE"
+    assert attitude.attitude(telemetry, "pitch").message == "ATTITUDE"
     without = only(telemetry, lambda time: (time < 10.0) | (time > 15.0), "ATTITUDE")
-    steps = np.diff(signals.attitude(without, "roll").time)
+    steps = np.diff(attitude.attitude(without, "roll").time)
     assert steps.max() == approx(5.0, abs=0.9), "an outage of the angle is one"
     half = {name: values[: len(time) // 2] for name, values in tuning.items()}
     part = changed(telemetry, "PID_TUNING", **half)
-    assert signals.attitude(part, "roll").message == "ATTITUDE", "the rest has attitude too"
+    assert attitude.attitude(part, "roll").message == "ATTITUDE", "the rest has attitude too"
 
 
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
@@ -97,7 +97,7 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
     telemetry = changed(
         telemetry, "ATTITUDE", yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi
     )
-    heading = signals.attitude(telemetry, "yaw")
+    heading = attitude.attitude(telemetry, "yaw")
     assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
     assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
     for axis, derivative in (
@@ -105,7 +105,7 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
         ("pitch", pitch_rate),
         ("yaw", np.full(len(time), yaw_rate)),
     ):
-        assert_allclose(signals.attitude(telemetry, axis).slope, derivative, atol=1e-12)
+        assert_allclose(attitude.attitude(telemetry, axis).slope, derivative, atol=1e-12)
 
 
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
@@ -117,8 +117,8 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     lost = shuffled["time"][7]
     for row in np.flatnonzero(shuffled["time"] == lost):
         shuffled["roll"][row] = np.nan
-    got = signals.attitude(changed(telemetry, "ATTITUDE", **shuffled), "roll")
-    whole = signals.attitude(telemetry, "roll")
+    got = attitude.attitude(changed(telemetry, "ATTITUDE", **shuffled), "roll")
+    whole = attitude.attitude(telemetry, "roll")
     assert_array_equal(got.time, whole.time[whole.time != lost])
     assert_array_equal(got.angle, whole.angle[whole.time != lost])
 

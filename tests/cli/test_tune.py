@@ -1,8 +1,13 @@
 """``mavdem tune``: margins and gains of a simulated flight, its files, and refusals."""
 
+from unittest.mock import Mock
+
 import pytest
 from command_line import refused, run, strict_json
 from recorded_flights import FLIGHT, SLOW, shared
+
+from mavdem.errors import NotLearnable
+from mavdem.facts.loops import Loops
 
 
 @pytest.mark.slow
@@ -76,6 +81,8 @@ def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_without_a_plant_the_measured_margins_are_shown(capsys):
+def test_without_a_plant_the_measured_margins_are_shown(capsys, monkeypatch):
     log = shared("sitl_raw/ap_sid.BIN.xz")
+    refusal = NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=20.0)
+    monkeypatch.setattr("mavdem.analysis.loops.loop_of", Mock(side_effect=refusal))
     assert "by system identification" in refused(capsys, 1, "tune", log, "--axis", "pitch")

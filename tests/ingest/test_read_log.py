@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import flight, frame, heartbeat, message, refused, tlog
 
-from mavdem.alignment.signals import attitude
+from mavdem.alignment.attitude import attitude
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log

@@ -23,7 +23,7 @@ import click
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from mavdem.alignment import drive, signals
+from mavdem.alignment import attitude, drive
 from mavdem.dem.parallel import stay_in_this_process
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import best_tier
@@ -37,7 +37,7 @@ def ours(path: str) -> int:
     for vehicle in log.vehicles:
         for columns in vehicle.messages.values():
             len(columns["time"]) / max(columns["time"][-1] - columns["time"][0], 1e-9)
-        signals.attitude(vehicle, "roll")
+        attitude.attitude(vehicle, "roll")
         drive.motors_or_obstacle(vehicle)
         drive.demand(vehicle, "roll")
     return log.frames

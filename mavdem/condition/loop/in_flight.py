@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import Motors, Signal
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Attitude, Signals
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
