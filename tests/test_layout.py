@@ -222,7 +222,7 @@ NODES = {
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 418_500
 TEST_NODES = 247_700
-NODES_A_LINE = 10.9  # condition, health and tools
+NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 696
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
