@@ -94,6 +94,7 @@ class NextStep(Code):
     KEEP_PARAMETERS = auto()
     KEEP_MODEL = auto()
     LOAD_GAINS = auto()
+    LAND_NOW = auto()
 
 
 class NoModel(Code):

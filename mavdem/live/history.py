@@ -19,6 +19,7 @@ from mavdem.confidence import Interval
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.session import Session
@@ -97,13 +98,20 @@ class SessionStatus:
         """What is judged of the flight, by its model and without."""
         known = self.judgement or self._unjudged
         seen = dict(self.lights)
+        weak = [alarm.fact for alarm in self.alarms if alarm.weak]
+        if weak:
+            seen[Light.MOTORS] = worst([*weak, seen.get(Light.MOTORS, weak[0])])
         if self.mean_wind is not None:
             seen[Light.WIND] = self.mean_wind.light
         lights = {name: worst([seen.get(name, fact), fact]) for name, fact in known.lights.items()}
+        headline, following, _ = known
         bad = [fact for fact in lights.values() if fact.level is Level.BAD]
-        if not bad or known.headline.level is Level.BAD:
-            return known._replace(lights=lights)
-        return Judgement(bad[0], next_step_of(bad[0], lights, None), lights)
+        if bad and headline.level is not Level.BAD:
+            headline = bad[0]
+            following = next_step_of(headline, lights, None)
+        if self.flying and headline.level is Level.BAD:
+            following = Fact(NextStep.LAND_NOW, Level.BAD, because=headline)
+        return Judgement(headline, following, lights)
 
     @property
     def _unjudged(self) -> Judgement:

@@ -292,5 +292,5 @@ def status_document(
     )
     blocks = []
     if status.findings is not None:
-        blocks = [markdown(verdict_blocks(status.findings, status.judgement))]
+        blocks = [markdown(verdict_blocks(status.findings, status.judged))]
     return "\n\n".join([title.text, *blocks, *(sentence.text for sentence in details), LEGEND])
