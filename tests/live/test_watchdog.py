@@ -86,9 +86,9 @@ def test_what_was_wrong_is_the_headline_of_the_session(hot):
     assert judged.headline.code is MotorsLight.MOTOR_LIMITED
     assert judged.lights["margins"].code is MarginsLight.OSCILLATES
     assert judged.next_step.figures["because"] is judged.headline
-    assert judged.next_step.code is NextStep.DO_AS_ADVISED
-    flying = replace(hot.stream.status(), alarms=(), flying=True).judged
-    assert flying.next_step.code is NextStep.LAND_NOW
+    assert judged.next_step.code is NextStep.LAND_NOW
+    landed = replace(hot.stream.status(), alarms=(), flying=False).judged
+    assert landed.next_step.code is NextStep.DO_AS_ADVISED
 
 
 def test_a_motor_at_its_limit_is_named(hot):
