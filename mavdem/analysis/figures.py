@@ -265,7 +265,7 @@ def physical_values(physical: Physical | None) -> Values | None:
 def plant_of(signals: Signals, flights: Flights) -> Physical:
     """Returns what :func:`plant_in_loop` returns or raises, which takes half a second: once for the same flights."""
     plants = signals.plants
-    spans = [(one.provenance["segment"]["boot"], *one.time[[0, -1]]) for one in flights]
+    spans = [(flight.provenance["segment"]["boot"], *flight.time[[0, -1]]) for flight in flights]
     gains = frozenset(flights[0].provenance["parameters"].items())
     key = signals.axis, signals.inputs, *spans, gains
     if key not in plants:

@@ -137,10 +137,10 @@ class InputChoice:
         _, width = drive.outputs_by_port(motors.message, messages[motors.message])
         picks = tuple(divmod(n - 1, width) for n in motors.layout.channels)
         # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
-        known = output_scale(motors.outputs, vehicle.parameters, motors.layout.drivers)
+        scale = output_scale(motors.outputs, vehicle.parameters, motors.layout.drivers)
         recent = motors.time >= now - KEPT_SECONDS
         parts = {name: getattr(motors, name)[recent] for name in ("time", "boot", "outputs")}
-        motors = replace(motors, scale=replace(motors.scale, stop=known.stop), **parts)
+        motors = replace(motors, scale=replace(motors.scale, stop=scale.stop), **parts)
         recent = collective.time >= now - KEPT_SECONDS
         shown = collective.time[recent], collective.boot[recent], collective.values[recent]
         return Inputs(motors, picks, Signal(*shown) if recent.any() else None)
@@ -351,5 +351,5 @@ def judged(
     loops: dict[str, Loop | Fact] = dict.fromkeys(AXES, Fact(Unjudged.NOT_JUDGED, because=None))
     loops |= {axis: loop_by(physical, learned.record)}
     evidence = evidence_of(signals, condition, events=tuple(losses_of(alarms)), loops=loops)
-    found = findings_of(learned, None, condition, alarms)
-    return found, judge(evidence, found.purposes)
+    findings = findings_of(learned, None, condition, alarms)
+    return findings, judge(evidence, findings.purposes)

@@ -96,15 +96,17 @@ class SessionStatus:
     @property
     def judged(self) -> Judgement:
         """What is judged of the flight, by its model and without."""
-        known = self.judgement or self._unjudged
+        judgement = self.judgement or self._unjudged
         seen = dict(self.lights)
         weak = [alarm.fact for alarm in self.alarms if alarm.weak]
         if weak:
             seen[Light.MOTORS] = worst([*weak, seen.get(Light.MOTORS, weak[0])])
         if self.mean_wind is not None:
             seen[Light.WIND] = self.mean_wind.light
-        lights = {name: worst([seen.get(name, fact), fact]) for name, fact in known.lights.items()}
-        headline, following, _ = known
+        lights = {
+            name: worst([seen.get(name, fact), fact]) for name, fact in judgement.lights.items()
+        }
+        headline, following, _ = judgement
         bad = [fact for fact in lights.values() if fact.level is Level.BAD]
         if bad and headline.level is not Level.BAD:
             headline = bad[0]

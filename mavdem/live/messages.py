@@ -72,20 +72,20 @@ class FrameReader:
         """Returns the frames that the next bytes complete, in order; good ones do not depend on how bytes are cut."""
         data = self._rest + piece
         begin = 0
-        place = self._searched
+        offset = self._searched
         read = []
-        while (length := _announced(data, place)) <= len(data) - place:
-            frame = _frame_of(data[place : place + length]) if length else None
+        while (length := _announced(data, offset)) <= len(data) - offset:
+            frame = _frame_of(data[offset : offset + length]) if length else None
             if frame is None or frame.verdict != framing.GOOD:
-                place += 1
+                offset += 1
                 continue
-            others = _filling(data[begin:place])
+            others = _filling(data[begin:offset])
             self.unread += len(others)
             read += [*others, frame]
-            begin = place = place + length
-        begin = max(begin, place - MAX_UNDECIDED)
+            begin = offset = offset + length
+        begin = max(begin, offset - MAX_UNDECIDED)
         self._rest = data[begin:]
-        self._searched = place - begin
+        self._searched = offset - begin
         return read
 
 

@@ -51,8 +51,8 @@ class MotorAlarms:
         if not weak:
             return None
         shares, errors = np.outer([1.0, 0.0], np.ones(len(inputs)))
-        for place, alarm in weak.items():
-            shares[place], errors[place] = alarm.sound_share
+        for motor, alarm in weak.items():
+            shares[motor], errors[motor] = alarm.sound_share
         used = inputs - low
         return WeakMotors(self.changed, low + shares * used, errors * used)
 

@@ -125,14 +125,14 @@ class RateRequest:
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
     def due(
-        self, now: float, measured: Mapping[int, float] | None, known: Container[bytes] = ()
+        self, now: float, measured: Mapping[int, float] | None, answered: Container[bytes] = ()
     ) -> list[bytes]:
         """Returns frames to send at ``now``, s of a monotonic clock.
 
         ``measured``: Hz by message id, once known; ``known``: names of the parameters that came.
         """
         frames = []
-        while self._parameters and self._parameters[0] in known:
+        while self._parameters and self._parameters[0] in answered:
             self._parameters.popleft()
         if self._parameters and now >= self._next:
             name = self._parameters.popleft()

@@ -412,8 +412,8 @@ class LiveSession:
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
         if self._display is not None:
             sample = row.time, self.history.shift, row.segment, row.outputs, row.inputs
-            known = estimate, learner.learned, self.stream.air.row, self.stream.pose
-            self._display.put(ShownRow(*sample, *known))
+            latest = estimate, learner.learned, self.stream.air.row, self.stream.pose
+            self._display.put(ShownRow(*sample, *latest))
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them."""
@@ -484,8 +484,8 @@ class LiveSession:
         if setup is None or learned.record.inputs.shape[1] != len(setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
-        known = self.stream.parameters.items()
-        gains = {name: value for name, value in known if CONTROL_PARAMETERS.match(name)}
+        parameters = self.stream.parameters.items()
+        gains = {name: value for name, value in parameters if CONTROL_PARAMETERS.match(name)}
         record = replace(
             learned.record,
             input_names=setup.layout.names,
@@ -573,8 +573,10 @@ class LiveSession:
 
     def _log(self, fact: Fact) -> None:
         now = time.monotonic()
-        known = fact.figures
-        about = known["because"] if fact.code is Watch.OTHER_VEHICLE_ALARM else known.get("text")
+        figures = fact.figures
+        about = (
+            figures["because"] if fact.code is Watch.OTHER_VEHICLE_ALARM else figures.get("text")
+        )
         kind = fact.code, fact.subject, about
         self._last_said = {
             before: at for before, at in self._last_said.items() if now - at < AGAIN_SECONDS

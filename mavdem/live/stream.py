@@ -417,8 +417,8 @@ class LiveStream:
         if self._inputs is None or not attitude.time:
             return None
         roll, pitch, p, q = np.array(attitude.values).T
-        known = self._attitude or "", np.array(attitude.time), self.boot
-        tilts = tilt_of(*known, roll, p), tilt_of(*known, pitch, q)
+        motion = self._attitude or "", np.array(attitude.time), self.boot
+        tilts = tilt_of(*motion, roll, p), tilt_of(*motion, pitch, q)
         return Motion(self._inputs.motors, dict(zip(TILT_AXES, tilts, strict=True)))
 
     def latest(self) -> tuple[Setup, AlignedRow] | None:

@@ -91,18 +91,18 @@ class Watchdog:
         yield from self._reported(recent, now)
         yield None
         since = self._phases[-1][0]
-        found = {}
+        watched = {}
         if is_flying:
             whole = self._signals(vehicle, now, -inf)
             condition = Condition(duration=now - since)
-            found[Watched.BATTERY] = power_light(evidence_of(whole, condition))
+            watched[Watched.BATTERY] = power_light(evidence_of(whole, condition))
             if settled_since is not None:
                 recent.settled[self._recent.boot] = [(settled_since, now)]
-                found[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
+                watched[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
             yield None
-            found |= dict(self._of_motion(motion, since, now))
-        self._note(found, motion, is_flying, now)
-        yield from self._changes(found, now)
+            watched |= dict(self._of_motion(motion, since, now))
+        self._note(watched, motion, is_flying, now)
+        yield from self._changes(watched, now)
         self._reviewed = now
 
     def _signals(self, vehicle: Telemetry, now: float, since: float) -> Signals:
@@ -161,9 +161,9 @@ class Watchdog:
                 Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject=name, share=share),
             )
 
-    def _changes(self, found: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
+    def _changes(self, watched: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
         """What became wrong, or worse, and what no longer is."""
-        for what, fact in found.items():
+        for what, fact in watched.items():
             light = str(LIGHTS[what])
             self.lights[light] = worst([fact, self.lights.get(light, fact)])
             if fact.level not in (Level.WATCH, Level.BAD):
@@ -180,7 +180,7 @@ class Watchdog:
                 yield Fact(Watch.ALARM_OVER, Level.GOOD, time=self._seen[what], because=over)
 
     def _note(
-        self, found: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
+        self, watched: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
     ) -> None:
         """Keeps since when each is watched, and why it is not."""
         sent = set(self._recent.columns(OF_ITSELF, now - MEMORY_SECONDS))

@@ -60,7 +60,7 @@ class WindRow(NamedTuple):
     def by_compass(self) -> tuple[float, float, float, float, float]:
         """Speed and the ends of its interval, m/s; the direction it comes from and its half width, degrees."""
         speed, origin, half, turned = (
-            float(one[0]) for one in by_compass(self.velocity[None], self.band[None])
+            float(figure[0]) for figure in by_compass(self.velocity[None], self.band[None])
         )
         turned = min(float(np.hypot(turned, quantile() * HEADING_SD)), 180.0)
         return speed, max(speed - half, 0.0), speed + half, origin, turned
@@ -177,16 +177,16 @@ class LiveWind:
 
     def _table(self, since: float, until: float) -> tuple[Array, Array, Array]:
         """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""
-        rows = np.array([one for one in self._attitudes if since <= one[0] < until]).reshape(-1, 4)
-        known = np.array(
-            [one for one in self._velocities if since - LONGEST_STEP <= one[0]]
+        rows = np.array([row for row in self._attitudes if since <= row[0] < until]).reshape(-1, 4)
+        velocities = np.array(
+            [row for row in self._velocities if since - LONGEST_STEP <= row[0]]
         ).reshape(-1, 4)
-        after = np.searchsorted(known[:, 0], rows[:, 0])
-        inside = (after > 0) & (after < len(known))
+        after = np.searchsorted(velocities[:, 0], rows[:, 0])
+        inside = (after > 0) & (after < len(velocities))
         rows = rows[inside]
         after = after[inside]
-        rows = rows[known[after, 0] - known[after - 1, 0] <= LONGEST_STEP]
-        moved = [np.interp(rows[:, 0], known[:, 0], part) for part in known.T[1:]]
+        rows = rows[velocities[after, 0] - velocities[after - 1, 0] <= LONGEST_STEP]
+        moved = [np.interp(rows[:, 0], velocities[:, 0], part) for part in velocities.T[1:]]
         return rows[:, 0], rows[:, 1:], np.column_stack(moved)
 
     def _check(self, time: float) -> None:

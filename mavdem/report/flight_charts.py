@@ -73,15 +73,15 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     lines: tuple[list[Line], ...] = ([], [], [])
     marks = []
     for (name, loop), colour in zip(loops.items(), COLOURS, strict=False):
-        one: OpenLoop = getattr(loop, which)
-        shown = one.frequency >= LOWEST
-        response = one.response[:, shown]
+        opened: OpenLoop = getattr(loop, which)
+        shown = opened.frequency >= LOWEST
+        response = opened.response[:, shown]
         turned = np.unwrap(np.angle(response), axis=1)
         turned -= 2 * np.pi * (turned[:, :1] > 0)
         drawn = 20 * np.log10(abs(response)), np.degrees(turned), 1 / abs(1 + response)
         for values, those in zip(drawn, lines, strict=True):
-            those.append(banded(name, colour, one.frequency[shown], values))
-        marks.append(Mark(one.crossover, f"{one.phase_margin:.0f}°", colour))
+            those.append(banded(name, colour, opened.frequency[shown], values))
+        marks.append(Mark(opened.crossover, f"{opened.phase_margin:.0f}°", colour))
     return tuple(
         chart._replace(title=f"{title}: {chart.title}", lines=tuple(those), marks=tuple(marks))
         for chart, those in zip(charts, lines, strict=True)

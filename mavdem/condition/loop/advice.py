@@ -157,21 +157,21 @@ def _best(loop: Loop, target: Target) -> Parameters:
     """
     from scipy.optimize import minimize  # it takes half a second to import
 
-    known = _gains_of(loop)
+    gains = _gains_of(loop)
     largest = {loop.controller.names["angle"]: LARGEST_ANGLE[loop.axis]}
-    most = [max(value, largest.get(name, np.inf)) for name, value in known.items()]
+    most = [max(value, largest.get(name, np.inf)) for name, value in gains.items()]
     half = len(loop.gains) // 2
     many = loop.drawn(slice(1, half), EFFECTS, COARSE)
     few = loop.drawn(slice(1, half, -(-half // CHOOSING)), EFFECTS, COARSE)
     frequency, shown = _gyro(loop)
     density = np.ones(len(frequency)) if shown is None else shown
     loudest = LOUDER * _demand(loop.controller, frequency, density)
-    slowest = [SLOWER * one.bandwidth for one in (few.rate, few.attitude)]
+    slowest = [SLOWER * margins_now.bandwidth for margins_now in (few.rate, few.attitude)]
 
     def stepped(steps: Array) -> Parameters:
         factors = np.exp(steps).clip(1 / STEP, STEP)
-        new = np.minimum(factors * list(known.values()), most)
-        return {name: float(f"{value:.4g}") for name, value in zip(known, new, strict=True)}
+        new = np.minimum(factors * list(gains.values()), most)
+        return {name: float(f"{value:.4g}") for name, value in zip(gains, new, strict=True)}
 
     def margins(now: Loop) -> float:
         scores = scores_of(target, now.rate, now.attitude)
@@ -186,11 +186,11 @@ def _best(loop: Loop, target: Target) -> Parameters:
         return float(np.log(now.lean_in(few.wind)) + np.maximum(crossed, 0.0) @ PRICES)
 
     # there are several minima: less I, or more of it with less P
-    begun = map(np.array, product((-1.0, -0.4, 0.6), repeat=len(known)))
-    steps = min(begun, key=lambda one: cost(one, 1.0))
+    begun = map(np.array, product((-1.0, -0.4, 0.6), repeat=len(gains)))
+    steps = min(begun, key=lambda trial: cost(trial, 1.0))
     aim = 1.0
     for size, tries in PASSES:
-        simplex = np.vstack([steps, steps + size * np.eye(len(known))])
+        simplex = np.vstack([steps, steps + size * np.eye(len(gains))])
         steps = minimize(
             cost,
             steps,
@@ -207,8 +207,8 @@ def _best(loop: Loop, target: Target) -> Parameters:
 def _gains_of(loop: Loop) -> Parameters:
     """The gains that there are, by name; a gain of 0 stays so."""
     names = (loop.controller.names[gain] for gain in GAINS)
-    known = loop.controller.parameters
-    return {name: known[name] for name in names if known.get(name)}
+    parameters = loop.controller.parameters
+    return {name: parameters[name] for name in names if parameters.get(name)}
 
 
 def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
@@ -263,7 +263,7 @@ def _noise(loop: Loop, after: Controller) -> Noise | None:
     if density is None:
         return None
     now = loop.controller
-    size, new = (_demand(one, frequency, density) for one in (now, after))
+    size, new = (_demand(chain, frequency, density) for chain in (now, after))
     by_d = _demand(now, frequency, density, replace(now, d=0.0))
     return Noise(frequency[0], frequency[-1], size, new, by_d, (new / size) ** 2)
 

@@ -173,12 +173,12 @@ def controller_of(
     }
     given = tuple(map(float, weights))
     if any(name.startswith(("ATC_RAT_", "RATE_RLL_")) for name in own):
-        known = _ardupilot(own, axis, given)
+        values = _ardupilot(own, axis, given)
     elif any(name.startswith("MC_") for name in own):
-        known = _px4(own, axis, len(given) == 1)
+        values = _px4(own, axis, len(given) == 1)
     else:
         raise NotLearnable(Controllers.NO_GAINS)
-    return Controller(axis=axis, parameters=own, weights=given, **known)
+    return Controller(axis=axis, parameters=own, weights=given, **values)
 
 
 def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
@@ -196,15 +196,15 @@ def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
         filters = {"error_filter": "FILT_HZ"}
     names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": angle}
     names |= {name: rate + end for name, end in filters.items()} | {"expo": "MOT_THST_EXPO"}
-    known = _gains(own, names, rate)
+    values_of = _gains(own, names, rate)
     if is_old:
         is_x = len(weights) != 1 and own.get("FRAME") in OLD_X_FRAMES
         scale = OLD_SCALE_X if is_x else OLD_SCALE
-        known |= {gain: scale * known[gain] for gain in "pid"}
-    known |= {
+        values_of |= {gain: scale * values_of[gain] for gain in "pid"}
+    values_of |= {
         "gyro_filter": own.get("INS_GYRO_FILTER", 0.0),
         "gyro_rate": 1000 * 2 ** np.clip(own.get("INS_GYRO_RATE", 0.0), 0.0, 3.0),
-        "notches": tuple(one for prefix in NOTCHES for one in _harmonic_notches(own, prefix)),
+        "notches": tuple(notch for prefix in NOTCHES for notch in _harmonic_notches(own, prefix)),
         "derivative_ff": own.get(f"{rate}D_FF", 0.0),
         "target_notches": tuple(_pid_notches(own, f"{rate}NTF")),
         "error_notches": tuple(_pid_notches(own, f"{rate}NEF")),
@@ -222,9 +222,9 @@ def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
         if frame != 1 or len(weights) != MOTORS or not any(weights) or not begin < end:
             raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot")
         largest = max(map(abs, weights))
-        known["mixer"] = tuple(one / largest / 2 for one in weights)
-        known["spin"] = (begin, end)
-    return known
+        values_of["mixer"] = tuple(weight / largest / 2 for weight in weights)
+        values_of["spin"] = (begin, end)
+    return values_of
 
 
 def _is_moving(own: Parameters, prefix: str) -> bool:
@@ -290,14 +290,14 @@ def _px4(own: Parameters, axis: str, is_demand: bool) -> Values:
     rate = f"MC_{axis.upper()}RATE_"
     names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": f"MC_{axis.upper()}_P"}
     names |= {"derivative_filter": "IMU_DGYRO_CUTOFF", "expo": "THR_MDL_FAC"}
-    known = _gains(own, names, rate)
-    known |= {gain: own.get(f"{rate}K", 1.0) * known[gain] for gain in "pid"}
+    values_of = _gains(own, names, rate)
+    values_of |= {gain: own.get(f"{rate}K", 1.0) * values_of[gain] for gain in "pid"}
     notches = [
         Notch(own.get(f"IMU_GYRO_{name}", 0.0), own.get(f"IMU_GYRO_{number}_BW", 0.0), inf)
         for number, name in (("NF0", "NF0_FRQ"), ("NF1", "NF1_FRQ"), ("NF", "NF_FREQ"))
     ]
-    return known | {
-        "notches": tuple(one for one in notches if one.frequency > 0 and one.bandwidth > 0),
+    return values_of | {
+        "notches": tuple(notch for notch in notches if notch.frequency > 0 and notch.bandwidth > 0),
         # its drivers filter at the rate of the sensor's own buffer
         "gyro_rate": 8000.0,
         "output_filter": own.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,

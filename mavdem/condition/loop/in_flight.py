@@ -67,7 +67,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     limits, too little was asked of it, or the phase margin stays unknown.
     """
     boot = max(flights, key=len).provenance["segment"]["boot"]
-    flights = [one for one in flights if one.provenance["segment"]["boot"] == boot]
+    flights = [flight for flight in flights if flight.provenance["segment"]["boot"] == boot]
     record = Record.of(flights)
     controller = known_controller(record)
     directions = demand_directions(controller, record)
@@ -99,14 +99,14 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
             )
         axis = Axis(_used(seen, known), known, rounding)
         try:
-            found = identified(axis)
-            steered = axis.steered_share(found.theta)
+            fit = identified(axis)
+            steered = axis.steered_share(fit.theta)
             if not steered >= LEAST_STEERED:
                 raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
             # A controller of another gain than its parameters': the model makes up for something else.
-            if abs((found.theta - MEAN) / SD)[CONTROLLER] > SURE_DEVIATIONS:
+            if abs((fit.theta - MEAN) / SD)[CONTROLLER] > SURE_DEVIATIONS:
                 raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
-            plant = _physical(found, directions)
+            plant = _physical(fit, directions)
             _check(plant, directions, controller)
         except np.linalg.LinAlgError:
             raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
@@ -131,8 +131,8 @@ def _streams(
     shares = drive.scale.fraction(drive.outputs)
     demand = here(drive, controller.demanded(shares))
     angle = here(attitude, attitude.angle)
-    asked = {one.unit: here(one.signal, one.signal.values) for one in signals.setpoints}
-    asked = {unit: one for unit, one in asked.items() if np.diff(one.values).any()}
+    asked = {given.unit: here(given.signal, given.signal.values) for given in signals.setpoints}
+    asked = {unit: messages for unit, messages in asked.items() if np.diff(messages.values).any()}
     if "rad/s" not in asked:
         raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
     setpoint = asked["rad/s"]
@@ -144,7 +144,7 @@ def _streams(
         candidates.append(setpoint.values + wanted - turned)
     streams = [here(attitude, attitude.rate), demand]
     for values in candidates:
-        streams += [Messages(setpoint.time, one) for one in (values, values + turned)]
+        streams += [Messages(setpoint.time, wanted) for wanted in (values, values + turned)]
     limited = controller.limited(shares, drive.scale.stop)
     rounding = drive.scale.step / float(np.linalg.norm(directions))
     return streams, here(drive, limited.astype(np.float64)), rounding
@@ -152,14 +152,17 @@ def _streams(
 
 def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
     """Where windows begin, s: every half of one, in settled flight, where all messages come."""
-    begin = max(one.time[0] for one in streams)
-    end = min(one.time[-1] for one in streams)
+    begin = max(stream.time[0] for stream in streams)
+    end = min(stream.time[-1] for stream in streams)
     for flight in flights:
         first = max(float(flight.time[0]), begin)
         last = min(float(flight.time[-1]), end) - WINDOW_SECONDS
         for start in np.arange(first, last + 1e-6, WINDOW_SECONDS / 2):
             edges = {"prepend": start, "append": start + WINDOW_SECONDS}
-            if all(np.diff(one.time[_inside(one, start)], **edges).max() < 1 for one in streams):
+            if all(
+                np.diff(stream.time[_inside(stream, start)], **edges).max() < 1
+                for stream in streams
+            ):
                 yield float(start)
 
 
@@ -177,19 +180,19 @@ def _known(controller: Controller) -> KnownController:
     )
 
 
-def _used(found: Spectra, known: KnownController) -> Spectra:
+def _used(spectra: Spectra, controller: KnownController) -> Spectra:
     """Of rate, output and that setpoint which explains the output better by the controller."""
-    slow = found.frequency < SLOW
-    at = found.frequency[slow]
-    unlike = np.stack([known.back(at), np.ones(len(at)), -known.forward(at)])
+    slow = spectra.frequency < SLOW
+    at = spectra.frequency[slow]
+    unlike = np.stack([controller.back(at), np.ones(len(at)), -controller.forward(at)])
 
     def left(setpoint: int) -> float:
-        power = found.of((RATE, OUTPUT, setpoint)).mean[slow]
-        counts = found.counts[slow]
+        power = spectra.of((RATE, OUTPUT, setpoint)).mean[slow]
+        counts = spectra.counts[slow]
         return float(np.einsum("j,aj,jab,bj->", counts, unlike, power, unlike.conj()).real)
 
-    best = min(range(2, len(found.late), 2), key=left)
-    return found.of((RATE, OUTPUT, best, best + 1))
+    best = min(range(2, len(spectra.late), 2), key=left)
+    return spectra.of((RATE, OUTPUT, best, best + 1))
 
 
 def _check(plant: Physical, directions: Array, controller: Controller) -> None:
@@ -203,18 +206,18 @@ def _check(plant: Physical, directions: Array, controller: Controller) -> None:
         raise NotLearnable(Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within))
 
 
-def _physical(found: Identified, directions: Array) -> Physical:
+def _physical(fit: Identified, directions: Array) -> Physical:
     """Without the gyro's filters, and with what the model lacks."""
-    values = dict(zip(NAMES, np.exp(found.theta).tolist(), strict=True))
+    values = dict(zip(NAMES, np.exp(fit.theta).tolist(), strict=True))
     effect, damping, lag, delay = (values[name] for name in MODEL_ERRORS)
     motors = effect * directions / (directions @ directions)
     slopes = np.zeros((len(motors) + 3, 4))
     slopes[:-3, 0] = motors
     slopes[-3:, 1:] = np.diag([damping, lag, delay])
-    whole = slopes @ found.covariance[np.ix_(PLANT, PLANT)] @ slopes.T
+    whole = slopes @ fit.covariance[np.ix_(PLANT, PLANT)] @ slopes.T
     # a longer lag with a shorter delay is made up for by more effect
     slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
-    unseen = BETWEEN * found.axis.between / np.array([np.inf, np.inf, lag, delay])
+    unseen = BETWEEN * fit.axis.between / np.array([np.inf, np.inf, lag, delay])
     errors = np.square(list(MODEL_ERRORS.values())) + unseen**2
     whole += slopes * errors @ slopes.T
     plant = Physical(
@@ -233,10 +236,10 @@ def _physical(found: Identified, directions: Array) -> Physical:
         ),
         noise=float(np.hypot(values["noise"], values["unfiltered"])),
         refinements={},
-        windows=len(found.axis.spectra.densities),
+        windows=len(fit.axis.spectra.densities),
         filtered=False,
     )
-    seen = found.axis.spectra
+    seen = fit.axis.spectra
     at = seen.frequency[seen.frequency <= BAND_HZ[1]]
     motor = np.abs(effect / (1 + 2j * np.pi * at * lag)) ** 2
     width = np.gradient(at)

@@ -146,10 +146,10 @@ class _Zeros(NamedTuple):
         before = others[self.rows, self.columns]
         return before + self.share * (others[self.rows, self.columns + 1] - before)
 
-    def least(self, found: Array) -> Array:
+    def least(self, crossings: Array) -> Array:
         """(N,) the least of what was ``found`` (K,); NaN of nothing."""
         least = np.full(self.loops, np.nan)
-        np.fmin.at(least, self.rows, found)
+        np.fmin.at(least, self.rows, crossings)
         return least
 
 

@@ -76,26 +76,26 @@ def measured_response(
         for pieces in (plain, corrected)
     ]
     ways = [
-        _compared(found, record.dt, controller, at, closed)
-        for found in spectra
-        if found is not None
+        _compared(cross, record.dt, controller, at, closed)
+        for cross in spectra
+        if cross is not None
     ]
-    return max(ways, key=lambda one: one.fit, default=None)
+    return max(ways, key=lambda way: way.fit, default=None)
 
 
 def _compared(
-    found: Spectra, dt: float, controller: Controller, at: Array, closed: Complex
+    cross: Spectra, dt: float, controller: Controller, at: Array, closed: Complex
 ) -> MeasuredResponse:
     """The response by the spectra of setpoint, rate and demand."""
-    hertz = found.frequency
-    of_rate = found.power[1, 1].real
-    coherence = found.coherence
+    hertz = cross.frequency
+    of_rate = cross.power[1, 1].real
+    coherence = cross.coherence
     is_unclear = (hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)
     unclear = hertz[is_unclear]
     highest = float(min([*unclear, at[-1], hertz[-1]]))
     inside = (hertz >= LOWEST) & (hertz < highest)
     predicted = np.interp(hertz, at, closed)
-    unlike = np.abs(found.response - predicted) ** 2 * found.driver
+    unlike = np.abs(cross.response - predicted) ** 2 * cross.driver
     by_wind = (1 - coherence) * of_rate
     fit = agreement = 0.0
     if inside.any():
@@ -108,9 +108,9 @@ def _compared(
     positive = np.maximum(hertz, hertz[1])
     forward, back = transfer(controller, positive)
     asks = np.stack([forward, -back])
-    likewise = (asks.conj() * found.power[:2, 2]).sum(axis=0)
-    asked = np.einsum("if,ijf,jf->f", asks.conj(), found.power[:2, :2], asks).real
-    least = SURE_COHERENCE * asked * found.power[2, 2].real
+    likewise = (asks.conj() * cross.power[:2, 2]).sum(axis=0)
+    asked = np.einsum("if,ijf,jf->f", asks.conj(), cross.power[:2, :2], asks).real
+    least = SURE_COHERENCE * asked * cross.power[2, 2].real
     sure = np.abs(likewise) ** 2 > least
     sure &= (hertz > LOWEST) & (hertz < 0.25 / dt)
     gain = np.nan

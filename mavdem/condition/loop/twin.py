@@ -122,7 +122,10 @@ def twin_of(
 def _arm(parameters: Mapping[str, float], mass: float) -> tuple[tuple[float, float], bool]:
     """How far forward and right the motors are, m, and whether the parameters have it."""
     places = np.array(
-        [[parameters.get(f"CA_ROTOR{n}_P{one}", 0.0) for n in range(4)] for one in "XY"]
+        [
+            [parameters.get(f"CA_ROTOR{n}_P{coordinate}", 0.0) for n in range(4)]
+            for coordinate in "XY"
+        ]
     )
     if places.all() and np.abs(places).max() != 1.0:  # of 1 m they are no metres
         ahead, aside = np.abs(places).mean(axis=1).tolist()
@@ -135,8 +138,8 @@ def _parameters(logged: Mapping[str, float], autopilot: str) -> tuple[dict[str, 
     """The parameters that the simulation flies, and the control cycle, s."""
     name = LOOP_RATES[autopilot]
     rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST)
-    known = {one: value for one, value in logged.items() if not one.startswith("CA_")}
-    return known | {name: rate}, 1 / rate
+    kept = {name: value for name, value in logged.items() if not name.startswith("CA_")}
+    return kept | {name: rate}, 1 / rate
 
 
 def _inertia(body: Twin, axis: str, loop: Loop) -> float:
@@ -228,11 +231,11 @@ def _again(loop: Loop, segment: slice) -> Again | None:
         return None
     columns = [record.setpoint_names.index(name) for name in names]
     asked = record.setpoints[segment, columns]
-    known = np.isfinite(asked).all(axis=1)
-    if known.mean() < 0.5:
+    finite = np.isfinite(asked).all(axis=1)
+    if finite.mean() < 0.5:
         return None
     at = np.arange(len(asked))
-    *angles, rate = (evenly(np.interp(at, at[known], column[known])) for column in asked.T)
+    *angles, rate = (evenly(np.interp(at, at[finite], column[finite])) for column in asked.T)
     outputs = record.outputs[segment]
     if not angles:
         # A heading that is only held is turned by roll and pitch of a leaned vehicle.
@@ -241,7 +244,7 @@ def _again(loop: Loop, segment: slice) -> Again | None:
     # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
     corrected = loop.controller.angle * (angles[0] - outputs[:, 0])
     ahead = np.gradient(angles[0], record.dt)
-    apart = [np.std(rate - one) for one in (ahead, corrected + ahead, corrected)]
+    apart = [np.std(rate - wanted) for wanted in (ahead, corrected + ahead, corrected)]
     if not loop.controller.derivative_of_error or np.argmin(apart):
         rate = rate - corrected
     return Again(outputs, np.column_stack([angles[0], rate]))
@@ -265,7 +268,7 @@ def alike(loop: Loop, outputs: Array, flown: Sequence[Array]) -> dict[str, list[
     from scipy.signal import detrend, welch  # it takes half a second to import
 
     dt = loop.record.dt
-    every = np.array([outputs, *(one[:, -outputs.shape[1] :] for one in flown)])
+    every = np.array([outputs, *(motion[:, -outputs.shape[1] :] for motion in flown)])
     every = every[:, round(SETTLES / dt) :]
     length = int(min(WINDOW / dt, every.shape[1] / 2))
     frequency, power = welch(every[..., -1], 1 / dt, nperseg=length, detrend=detrend)
@@ -276,5 +279,8 @@ def alike(loop: Loop, outputs: Array, flown: Sequence[Array]) -> dict[str, list[
     if loop.axis != "yaw":
         angles = np.degrees(every[..., 0])
         values |= {"lean": angles.mean(axis=1), "sway": angles.std(axis=1)}
-    found = {name: [float(one[0]), float(one[1:].mean())] for name, one in values.items()}
-    return {"levels": (10 * np.log10(ratio)).tolist(), **found}
+    shares = {
+        name: [float(of_flights[0]), float(of_flights[1:].mean())]
+        for name, of_flights in values.items()
+    }
+    return {"levels": (10 * np.log10(ratio)).tolist(), **shares}

@@ -43,10 +43,10 @@ def identified(axis: Axis) -> Identified:
         theta = objective.moved(theta)
         begun.append(objective.ascended(objective.quadratic(theta, theta), FIRST_STEPS))
     ended = []
-    for one in sorted(begun, key=lambda one: one.value)[-2:]:
-        theta = objective.moved(one.at)
+    for fit in sorted(begun, key=lambda fit: fit.value)[-2:]:
+        theta = objective.moved(fit.at)
         ended.append(objective.ascended(objective.quadratic(theta, theta), MAX_STEPS))
-    best = max(ended, key=lambda one: one.value)
+    best = max(ended, key=lambda fit: fit.value)
     if not np.isfinite(best.value):
         raise np.linalg.LinAlgError("nothing has a likelihood")
     return Identified(axis, best.at, inverse(best.curvature))
@@ -78,7 +78,7 @@ class _LogJoint(NamedTuple):
         """The most probable of parameters ``theta`` and those with steps at other times between messages."""
         at = np.eye(len(theta))[NAMES.index("step_time")]
         others = [theta + at * (MEAN + far * SD - theta) for far in (-2, -1, 1, 2)]
-        return max([theta, *others], key=lambda one: self.value(one)[0])
+        return max([theta, *others], key=lambda parameters: self.value(parameters)[0])
 
     def _limited(self, step: Array) -> Array:
         """A step that changes no parameter by more than ``LONGEST_STEP``."""

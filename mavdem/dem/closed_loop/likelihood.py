@@ -87,12 +87,12 @@ CONTROLLER = NAMES.index("controller")
 class Axis:
     """Densities of one axis's spectra as its controller, and parameters in the order of ``NAMES``, have them."""
 
-    def __init__(self, spectra: Spectra, known: KnownController, rounding: float) -> None:
+    def __init__(self, spectra: Spectra, controller: KnownController, rounding: float) -> None:
         """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand."""
         self.spectra = spectra.of((RATE, OUTPUT, SETPOINT))
-        self.known = known
+        self.known = controller
         # beyond 1 kHz gyro filters leave nothing, and folds cost time
-        highest = min(0.5 / known.cycle, 1000.0)
+        highest = min(0.5 / controller.cycle, 1000.0)
         folds = np.arange(-np.ceil(highest / spectra.rate), np.ceil(highest / spectra.rate) + 1)
         frequency = spectra.frequency[:, None] + folds * spectra.rate
         self.inside = np.abs(frequency) < highest
@@ -111,9 +111,9 @@ class Axis:
             READ_SHARE**2 * asked_for,
         ]
         self.read = np.array(own)
-        self.forward = known.forward(self.frequency)
-        self.back = known.back(self.frequency)
-        self.gyro = known.gyro(self.frequency)
+        self.forward = controller.forward(self.frequency)
+        self.back = controller.back(self.frequency)
+        self.gyro = controller.gyro(self.frequency)
         asked = mean[:, ASKED, ASKED].real
         self.asked = _unfolded(asked, size, folds == 0, self.inside)
         late = np.array(self.spectra.late)
@@ -123,10 +123,10 @@ class Axis:
         self.stamps = np.exp(turns * (late - late[SETPOINT])).mean(axis=-1)
         self.asked_seen = asked
         # the angle that is taken off is of another cycle than the controller's, with noise of its own
-        other = np.abs(late[SETPOINT] - late[RATE]) > known.cycle / 2
-        self.asked_noise = 2 * float(other.mean()) * known.angle**2
-        self.between = max(1 / spectra.rate - known.cycle, 0.0)
-        self.step = self.inside / (1 - np.exp(-2j * np.pi * self.frequency * known.cycle))
+        other = np.abs(late[SETPOINT] - late[RATE]) > controller.cycle / 2
+        self.asked_noise = 2 * float(other.mean()) * controller.angle**2
+        self.between = max(1 / spectra.rate - controller.cycle, 0.0)
+        self.step = self.inside / (1 - np.exp(-2j * np.pi * self.frequency * controller.cycle))
 
     def densities(self, thetas: Array, is_asked: bool = True) -> Complex:
         """Returns (b, J, C, C) of parameters (b, k); of a vehicle of which something ``is_asked``, or nothing.
@@ -182,13 +182,15 @@ class Axis:
         sources *= self.inside
         step = self.step * np.exp(self.turns * late * self.between)
         step /= step.sum(axis=-1, keepdims=True)
-        of_steps = [(one[0] * step) @ at for one, at in zip(seen, self.stamps.T, strict=True)]
+        of_steps = [
+            (density[0] * step) @ at for density, at in zip(seen, self.stamps.T, strict=True)
+        ]
         number, bands, _ = step.shape
         by_band = np.moveaxis(sources, (2, 1), (0, 1)).reshape(bands, number, -1)
         whole = np.empty((number, bands, len(seen), len(seen)), complex)
-        for i, one in enumerate(seen):
+        for i, density in enumerate(seen):
             for t, other in enumerate(seen[: i + 1]):
-                folded = np.moveaxis(one * other.conj() * self.turned[:, i, t], 1, 0)
+                folded = np.moveaxis(density * other.conj() * self.turned[:, i, t], 1, 0)
                 # Matrices of real numbers: of complex ones NumPy would make the sources complex.
                 parts = folded.reshape(bands, -1, 1).view(np.float64)
                 pair = (by_band @ parts).view(np.complex128)[..., 0].T
@@ -265,8 +267,8 @@ def _unfolded(seen: Array, at: Array, first: Flags, inside: Flags) -> Array:
     start = np.array(
         [np.log(seen[:5].mean()), 0.0, -0.35, np.log(np.median(seen[-5:]) / len(first))]
     )
-    found = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 600}).x
-    whole = np.where(inside, law(found), 0.0)
+    phases = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 600}).x
+    whole = np.where(inside, law(phases), 0.0)
     folded = whole[:, ~first].sum(axis=1)
     whole[:, first] = np.maximum(seen - folded, LEAST_ASKED * seen)[:, None]
     return whole

@@ -51,18 +51,18 @@ class Spectra(NamedTuple):
     def of(self, some: Sequence[int]) -> Spectra:
         """Returns the spectra of some of the quantities."""
         densities = self.densities[:, :, some][:, :, :, some]
-        return self._replace(densities=densities, late=tuple(self.late[one] for one in some))
+        return self._replace(densities=densities, late=tuple(self.late[row] for row in some))
 
 
 def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     """Returns the spectra of ``streams`` in windows that begin at ``starts`` (W,) s, at the rate of the slowest one."""
-    slowest = min(streams, key=lambda one: len(one.time))
-    matched = [_matched(one, slowest.time) for one in streams]
+    slowest = min(streams, key=lambda stream: len(stream.time))
+    matched = [_matched(stream, slowest.time) for stream in streams]
     rate = (len(slowest.time) - 1) / float(np.diff(slowest.time).clip(max=1.0).sum())
     count = int(min(MAX_SHARE * rate, HIGHEST) * WINDOW_SECONDS)
     frequency = np.arange(1, count + 1) / WINDOW_SECONDS
     transforms = np.array(
-        [[_transform(one, start)[1 : count + 1] for one in matched] for start in starts]
+        [[_transform(stream, start)[1 : count + 1] for stream in matched] for start in starts]
     )
     kept = frequency >= LOWEST
     frequency = frequency[kept]
@@ -76,7 +76,7 @@ def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     densities = np.add.reduceat(products, begins[:-1], axis=1) / counts[:, None, None]
     middle = np.add.reduceat(frequency, begins[:-1]) / counts
     # windows overlap by half
-    late = tuple(one.time - matched[0].time for one in matched)
+    late = tuple(stream.time - matched[0].time for stream in matched)
     return Spectra(middle, counts / 2, np.asarray(densities, np.complex128), late, rate)
 
 
@@ -101,8 +101,8 @@ def _transform(stream: Messages, start: float) -> Complex:
     values = values - np.polyval(np.polyfit(time, values, 1), time)
     weights = np.sqrt(8 / 3 / WINDOW_SECONDS) * np.sin(np.pi * time / WINDOW_SECONDS) ** 2 * steps
     length = round(WINDOW_SECONDS / FINE_SECONDS)
-    place, share = np.divmod(time / FINE_SECONDS, 1.0)
-    whole = place.astype(np.intp)
+    row, share = np.divmod(time / FINE_SECONDS, 1.0)
+    whole = row.astype(np.intp)
     fine = np.bincount(whole, weights * values * (1 - share), length)
     fine += np.bincount((whole + 1) % length, weights * values * share, length)
     return np.fft.rfft(fine)
