@@ -29,7 +29,7 @@ def result_files(assessment: Assessment) -> Names:
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
-    """Writes the :func:`result_files`, each to its ``place``, with this ``document`` as report."""
+    """Writes the :func:`result_files`, each to its one of ``paths``, with this ``document`` as report."""
     analysis = assessment.analysis
     paths[REPORT].write_text(document + "\n")
     paths[PAGE].write_text(review_page(assessment), "utf-8", "replace")

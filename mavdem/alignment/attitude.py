@@ -83,8 +83,10 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     a stream it has no stamp of its own.
     """
     sent = sent_attitude(telemetry, axis)
+    if sent is None or telemetry.called(TUNING_MESSAGE) == TUNING_MESSAGE:
+        return sent
     tuning = tuning_rates(telemetry, axis, sent)
-    if sent is None or tuning is None or telemetry.called(TUNING_MESSAGE) == TUNING_MESSAGE:
+    if tuning is None:
         return sent
     lengths = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
     if preferred_message(lengths) == sent.message:

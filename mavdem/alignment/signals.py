@@ -61,6 +61,7 @@ from mavdem.ingest.vocabulary import (
     Injection,
     euler_angles,
     number_of,
+    wrapped,
 )
 
 CLIMB_FIELDS = {
@@ -283,7 +284,7 @@ class VehicleSignals:
             angles = np.radians(places)
             if fixed.any():
                 first = angles[np.argmax(fixed)]
-                moved = (angles - first + np.pi) % (2 * np.pi) - np.pi  # across the date line too
+                moved = wrapped(angles - first)  # across the date line too
                 plane = EARTH_RADIUS * moved * [1.0, np.cos(first[0])]
                 down = -floats(columns, "relative_alt") / 1000
                 return series(columns, np.column_stack([plane, down]), fixed)

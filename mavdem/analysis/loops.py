@@ -8,7 +8,7 @@ from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
-from mavdem.analysis.figures import AxisFigures, plant_of
+from mavdem.analysis.figures import AxisFigures, physical_of, plant_of
 from mavdem.analysis.gains import autotuned, ratings_of, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
@@ -66,14 +66,14 @@ def _plant(signals: Signals, flights: Flights, known: Physical | None) -> Physic
 
     The loops of yaw are slower than what the spectra of a loop begin with: there it is the other way round.
     """
-    is_slow = signals.axis not in TILT_AXES
-    alone = known or (physical(flights) if is_slow else None)
-    if is_slow and isinstance(alone, Physical) and alone.identifiable and not alone.bias:
-        return alone
-    try:
-        return plant_of(signals, flights)
-    except NotLearnable:
-        alone = alone or physical(flights)
-        if not (isinstance(alone, Physical) and alone.identifiable):
-            raise
-        return alone
+    if signals.axis in TILT_AXES:
+        try:
+            return plant_of(signals, flights)
+        except NotLearnable as error:
+            plant = (known or physical(flights))._replace(refusal=error.fact)
+    else:
+        plant = known or physical_of(signals, flights)
+    if isinstance(plant, Physical) and plant.identifiable:
+        return plant
+    assert plant.refusal is not None
+    raise NotLearnable(plant.refusal)

@@ -37,6 +37,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.telemetry import Array, Flags, rate_without_gaps
+from mavdem.ingest.vocabulary import wrapped
 
 LOST_ANGLE = np.radians(30.0)
 LOST_SECONDS = 0.3
@@ -150,7 +151,7 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     angles = flight.angles[:, :2]
     unasked = np.where(flight.by_rate, 0.0, angles / 2)
     apart = np.where(unknown, unasked, angles - np.clip(angles, least, most))
-    roll, pitch = np.remainder(apart + np.pi, 2 * np.pi).T - np.pi
+    roll, pitch = wrapped(apart).T
     lean = 1j * roll * np.cos(angles[:, 1]) - pitch
     lies = np.cos(angles).prod(axis=1) < np.cos(MAX_TILT)
     return AttitudeError(time, lean, abs(lean), lies, ~unknown[:, 1])

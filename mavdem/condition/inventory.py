@@ -238,7 +238,7 @@ def inventory(
     streams; None where there are none. A link loses messages of all kinds alike: where ``missing_share`` is near 0, the
     sequence numbers that do not occur are of kinds that the log leaves out. A change of rates raises ``missing_share``
     but not ``lost_share``; only both together mean a loss. The arguments are as for :func:`mavdem.read_flight`; a
-    ``vehicle`` leaves the others out, and what is ``known`` of one, by system and component, is not worked out again.
+    ``vehicle`` leaves the others out, and what is ``judged`` of one, by system and component, is not worked out again.
     Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)

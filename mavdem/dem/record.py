@@ -211,7 +211,7 @@ class Record:
         return Spread.of(self.inputs), Spread.of(self.outputs)
 
     def require_moving(self, known_inputs: bool) -> None:
-        """Raises ``NotLearnable`` for a constant output, or input if they are ``known``."""
+        """Raises ``NotLearnable`` for a constant output, or input if there are ``known_inputs``."""
         inputs, outputs = self.spread
         for name, constant in (
             ("inputs", ~inputs.moving & known_inputs),

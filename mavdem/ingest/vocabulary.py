@@ -135,6 +135,11 @@ def board_number_in_bytes(uid2: bytes, words: bool) -> str:
     return b"".join(number[at : at + WORD][::-1] for at in range(0, len(number), WORD)).hex()
 
 
+def wrapped(angle: Any) -> Any:
+    """Returns an angle, rad, or an array of angles, within half a turn of 0."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
 def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
     """Returns roll, pitch and yaw (N,), rad, of unit quaternions (N, 4): w, x, y, z, body to north-east-down, Z-Y-X."""
     w, x, y, z = attitude.T

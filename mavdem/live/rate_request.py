@@ -129,7 +129,7 @@ class RateRequest:
     ) -> list[bytes]:
         """Returns frames to send at ``now``, s of a monotonic clock.
 
-        ``measured``: Hz by message id, once known; ``known``: names of the parameters that came.
+        ``measured``: Hz by message id, once known; ``answered``: names of the parameters that came.
         """
         frames = []
         while self._parameters and self._parameters[0] in answered:

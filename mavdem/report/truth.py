@@ -18,7 +18,7 @@ NAMES = {
 
 
 def truth_blocks(comparison: TruthComparison) -> Blocks:
-    """Returns a row a parameter with the truth beside it, and how the wind torque compares, of what was ``found``."""
+    """Returns a row a parameter with the truth beside it, and how the wind torque compares, in a ``comparison``."""
     wind = comparison.wind
     compared = list(comparison.parameters)
     if wind is not None and wind.resolved:

@@ -20,6 +20,7 @@ from mavdem.condition.loop.filters import gyro_response, notched
 from mavdem.confidence import ENDS, Interval
 from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.ingest.telemetry import Flags
+from mavdem.ingest.vocabulary import wrapped
 
 Complex = NDArray[np.complex128]
 GRID = (0.02, 100.0, 500)
@@ -93,7 +94,7 @@ class OpenLoop(Margins):
 
         1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
         """
-        steps = _wrapped(np.diff(np.angle(1 + self.response), axis=1))
+        steps = wrapped(np.diff(np.angle(1 + self.response), axis=1))
         quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
         besides: Array = steps.sum(axis=1) - np.round(quarters).clip(0, 2) * np.pi / 2
         return np.abs(besides) < np.pi
@@ -108,7 +109,7 @@ class OpenLoop(Margins):
         hertz = np.exp(crossing.among(at))
         before = np.angle(-response[crossing.rows, crossing.columns])
         after = np.angle(-response[crossing.rows, crossing.columns + 1])
-        margin = _wrapped(before + crossing.share * _wrapped(after - before))
+        margin = wrapped(before + crossing.share * wrapped(after - before))
         real = _Zeros.of(response.imag)
         bears = np.where(real.among(response.real) < 0, -real.among(gain), np.nan)
         nearest = real.least(np.abs(bears))
@@ -147,15 +148,10 @@ class _Zeros(NamedTuple):
         return before + self.share * (others[self.rows, self.columns + 1] - before)
 
     def least(self, crossings: Array) -> Array:
-        """(N,) the least of what was ``found`` (K,); NaN of nothing."""
+        """(N,) the least of ``crossings`` (K,); NaN of nothing."""
         least = np.full(self.loops, np.nan)
         np.fmin.at(least, self.rows, crossings)
         return least
-
-
-def _wrapped(angles: Array) -> Array:
-    """The same angles within half a turn."""
-    return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
 def _or_infinite(values: Array) -> Array:

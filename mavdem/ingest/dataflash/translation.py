@@ -48,6 +48,7 @@ from mavdem.ingest.vocabulary import (
     attitude_target,
     heartbeat_fields,
     quaternion,
+    wrapped,
 )
 
 
@@ -362,9 +363,7 @@ def _attitude(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
     angles_rad = _onto(base, angles, np.radians(values(angles, ANGLES)), turning=True)
     speeds = _onto(base, rates, speeds)
     # To one turn about zero, as MAVLink has it.
-    angles_rad = np.where(
-        abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad
-    )
+    angles_rad = np.where(abs(angles_rad) > np.pi, wrapped(angles_rad), angles_rad)
     fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
     turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
     return stamped(base, turned), named

@@ -270,7 +270,7 @@ def _explained(
 
 
 def _chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
-    """Starts of the frames from ``place`` on, by their headers, if they lead to the goal or the end of the bytes."""
+    """Starts of the frames from ``offset`` on, by their headers, if they lead to the goal or the end of the bytes."""
     starts = array("q")
     size = len(content)
     while offset < goal and offset + 3 <= size:

@@ -159,7 +159,7 @@ def _record_end(content: bytes, offset: int) -> int:
 
 
 def _next_record(content: bytes, offset: int) -> int:
-    """The first place from ``place`` on where two records follow one another; the end without one."""
+    """The first place from ``offset`` on where two records follow one another; the end without one."""
     for head in _LIKELY_HEAD.finditer(content, offset):
         stop = _record_end(content, head.start())
         if stop and (content.startswith(MAGIC, stop) or _record_end(content, stop)):
