@@ -1,6 +1,6 @@
 """Errors whose cause is the data: each carries a fact that says why."""
 
-from mavdem.facts import Code, Fact, Figure
+from mavdem.facts import Code, Fact, Figure, Level
 from mavdem.facts.forecasts import Forecasts
 
 
@@ -45,3 +45,8 @@ def fact_of(error: BaseException) -> Fact:
         return error.fact
     kind = "" if isinstance(error, ValueError) else type(error).__name__
     return Fact(Forecasts.FAILED, error=kind, text=str(error))
+
+
+def failure(code: Code, error: Exception, finishing: bool = False) -> Fact:
+    """Returns a fact of this ``code`` that says how something failed."""
+    return Fact(code, Level.WATCH, error=cause_of(error).rstrip("."), finishing=finishing)

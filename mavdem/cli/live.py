@@ -38,6 +38,7 @@ from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.heading import Values
 from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
+from mavdem.live.advice import Adviser
 from mavdem.live.history import horizons
 from mavdem.live.link import PAUSE_SECONDS, Link
 from mavdem.live.raw_recording import RawRecording
@@ -231,6 +232,10 @@ def live_command(
         session = LiveSession(
             opened, stream, settings, *shown, executor, recording, request_rate, earlier
         )
+        if request_rate is not None and record is not None:
+            session.adviser = ends.enter_context(closing(Adviser(record, LearningProcess)))
+        elif request_rate is not None:
+            say_aside("No gains will be advised: record the stream with --record FILE.tlog.")
         restored = ends.enter_context(ExitStack())
         restored.callback(session.end)
         if dashboard.advice:
@@ -263,6 +268,7 @@ def live_command(
             code = DONE if _written(model, text, "model") else UNUSABLE
         executor.shutdown()
         learned = session.judge(learned)
+        session.advise(at_end=True)
         findings, judgement = session.judged
         status = replace(status, findings=findings, judgement=judgement)
         dashboard.report(status)
@@ -324,6 +330,7 @@ def _document(
         "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
         "obstacle": status.obstacle.advised if status.obstacle else "",
         "watched": status.watched,
+        "gains": session.adviser and session.adviser.facts,
         "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
         **(status.findings.as_dict() if status.findings else {}),
         **status.judged._asdict(),

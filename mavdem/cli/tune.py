@@ -6,6 +6,7 @@ import click
 
 from mavdem.alignment.drive import AXES
 from mavdem.analysis.figures import ALL
+from mavdem.assessment.tuning import tuned
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import (
     assessed,
@@ -15,22 +16,16 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
-from mavdem.condition.loop.advice import Advice, advise, lowered
+from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
-from mavdem.condition.loop.loop import TARGETS, Loop
-from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import NextStep
-from mavdem.facts.loops import Loops
+from mavdem.condition.loop.loop import TARGETS
+from mavdem.facts import Fact
 from mavdem.heading import Values
-from mavdem.ingest.telemetry import Parameters, Telemetry
-from mavdem.ingest.vocabulary import number_of
+from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 from mavdem.report.screen import conclusion
-
-REAL32 = number_of("MAV_PARAM_TYPE_REAL32")
 
 
 @click.command("tune")
@@ -83,70 +78,36 @@ def tune_command(
     if out is not None:
         check_folder(out)
     assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
-    telemetry = evidence.signals.telemetry
-    grounds = evidence.grounds
-    if (oscillation := evidence.condition.oscillation) is not None:
-        grounds = (*grounds, lowered(oscillation, telemetry.parameters))
-    notch = assessment.noise.notch if filters and not grounds else None
-    settings = dict(notch.figures.get("settings", ())) if notch else {}
-    measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
-    found = dict[str, Advice | Fact]()
-    for rated in AXES if axis == ALL else (axis,):
-        loop = evidence.loops[rated]
-        if isinstance(loop, Fact) and rated in measured:
-            loop = Fact(Loops.NO_LOOP, reasons=(measured[rated], loop))
-        if isinstance(loop, Loop):
-            advice = advise(loop, margins, grounds, more=more)
-            if settings and not advice.refusals:
-                advice = advise(loop.changed(settings), margins, more=more)
-            found[rated] = advice
-        elif grounds or axis == ALL:
-            found[rated] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
-        else:
-            raise NotLearnable(loop)
-    advised_axes = [advised for advised in found.values() if isinstance(advised, Advice)]
-    if not advised_axes:
-        raise NotLearnable(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values())))
-    gains = {
-        name: value for advised in advised_axes for name, value in advised.parameters.items()
-    } | settings
-    refusal = None if any(advised.gains for advised in advised_axes) else advised_axes[0].sentence
-    document = {
+    axes = AXES if axis == ALL else (axis,)
+    asked = {"more": more, "filters": filters, "is_written": out is not None}
+    tuning = tuned(assessment, evidence, axes, margins, **asked)
+    gains = tuning.parameters
+    refusal = tuning.refusal
+    document: Values = {
         "source": source,
         "margins": margins,
-        "axes": {name: axis_document(advised) for name, advised in found.items()},
+        "axes": {name: axis_document(advised) for name, advised in tuning.axes.items()},
         "parameters": gains,
-        "notch": notch,
+        "notch": tuning.notch,
     }
-    judgement = assessment.judgement
-    if gains:
-        level = judgement.headline.level
-        doubted = {caution.code for advised in advised_axes for caution in advised.before.cautions}
-        step = Fact(
-            NextStep.LOAD_GAINS,
-            level,
-            is_written=out is not None,
-            is_biased=Loops.EFFECT_BIASED in doubted and level is not Level.BAD,
-        )
-        judgement = judgement._replace(next_step=step)
-    document |= judgement._asdict()
+    document |= tuning.judgement._asdict()
     document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
-    names = ["tune.html"]
-    if gains:
-        names += ["gains.params", *["gains.param"] * (telemetry.autopilot == "ARDUPILOTMEGA")]
     if out is not None:
-        texts = tune_page(Path(source).name, found), *parameter_files(gains, telemetry)
-        with files_in(out, names) as paths:
-            for path, text in zip(paths, texts, strict=False):
+        texts = {"tune.html": tune_page(Path(source).name, tuning.axes)}
+        if gains:
+            files = parameter_files(gains, evidence.signals.telemetry)
+            texts |= {f"gains{ending}": text for ending, text in files.items()}
+        with files_in(out, [*texts]) as paths:
+            for path, text in zip(paths, texts.values(), strict=True):
                 path.write_text(text, "utf-8", "replace")
-        say_aside(f"Written: {', '.join(names)}. Nothing was sent to the vehicle.")
+        say_aside(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
     if as_json:
         print_json(document)
     else:
-        above, *lights, following = conclusion(judgement)
-        blocks = tune_blocks(found, verbose)
-        blocks += [Sentence(notch.advised, "Notch filter:")] if notch else []
-        page = [] if out is None else [Sentence(str(out / names[0]), "Page:")]
+        above, *lights, following = conclusion(tuning.judgement)
+        blocks = tune_blocks(tuning.axes, verbose)
+        blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
+        page = [] if out is None else [Sentence(str(out / "tune.html"), "Page:")]
         print_screen(None, [], lights, [*blocks, above, following, *page], verbose)
     if refusal:
         raise click.exceptions.Exit(1)
@@ -167,14 +128,3 @@ def axis_document(advice: Advice | Fact) -> Values:
         "expected": None if advice.refusals else advice.after,
         "noise": advice.noise,
     }
-
-
-def parameter_files(gains: Parameters, telemetry: Telemetry) -> tuple[str, str]:
-    """Returns ``gains`` as QGroundControl loads them, and as Mission Planner does.
-
-    The former has a line of vehicle id, component id, name, value and type, by tabs; the latter of name and value.
-    """
-    who = f"{telemetry.system}\t{telemetry.component}"
-    head = "# Gains by mavdem tune\n"
-    ground = "".join(f"{who}\t{name}\t{value:.9g}\t{REAL32}\n" for name, value in gains.items())
-    return head + ground, head + "".join(f"{name},{value:.9g}\n" for name, value in gains.items())

@@ -36,7 +36,7 @@ DOCUMENTS = {
     "order": Published(Order, 4, "`--json` of order"),
     "diff": Published(Diff, 3, "`--json` of diff"),
     "track": Published(Track, 2, "`--json` of track"),
-    "live": Published(Live, 4, "`--json` of live"),
+    "live": Published(Live, 5, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),
     "twin": Published(Twin, 4, "`--json` of twin"),
     "fly": Published(Fly, 3, "`--json` of fly"),

@@ -63,6 +63,11 @@ class Gains(Code):
     MOTOR_AT_LIMIT = auto()
     LOOP_UNSTABLE = auto()
     LOWER_GAINS = auto()
+    GAINS_ADVISED = auto()
+    GAINS_LEFT = auto()
+    GAINS_WRITTEN = auto()
+    ADVICE_WAITS = auto()
+    ADVICE_FAILED = auto()
 
 
 class Twins(Code):

@@ -14,7 +14,10 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.telemetry import Log, Parameters, repair
+from mavdem.ingest.telemetry import Log, Parameters, Telemetry, repair
+from mavdem.ingest.vocabulary import number_of
+
+REAL32 = number_of("MAV_PARAM_TYPE_REAL32")
 
 
 def read_parameters(path: PathName) -> Parameters:
@@ -43,3 +46,15 @@ def with_parameters(log: Log, path: PathName) -> Log:
         parameters = {**given, **vehicle.parameters}
         vehicles.append(replace(vehicle, parameters=parameters, repairs=(*vehicle.repairs, *added)))
     return replace(log, vehicles=tuple(vehicles))
+
+
+def parameter_files(parameters: Parameters, vehicle: Telemetry) -> dict[str, str]:
+    """Returns files with these ``parameters`` of a ``vehicle`` by their ending: .param of ArduPilot's alone."""
+    who = f"{vehicle.system}\t{vehicle.component}"
+    head = "# Gains (mavdem)\n"
+    values = {name: f"{value:.9g}" for name, value in parameters.items()}
+    lines = (f"{who}\t{name}\t{value}\t{REAL32}\n" for name, value in values.items())
+    texts = {".params": head + "".join(lines)}
+    if vehicle.autopilot == "ARDUPILOTMEGA":
+        texts[".param"] = head + "".join(f"{name},{value}\n" for name, value in values.items())
+    return texts

@@ -123,6 +123,14 @@ def _frame_of(content: bytes) -> Frame:
     return Frame(message_id, system, component, sequence, verdict, payload, content)
 
 
+class Piece(NamedTuple):
+    """Frames, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s."""
+
+    arrival: float
+    stamp: float
+    frames: list[Frame]
+
+
 class Message(NamedTuple):
     """A message that a model needs."""
 

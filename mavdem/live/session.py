@@ -12,7 +12,7 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
 from mavdem.condition.said import AGAIN_SECONDS
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
-from mavdem.errors import NotLearnable, fact_of
-from mavdem.facts import Code, Fact, Level
+from mavdem.errors import NotLearnable, fact_of, failure
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
@@ -30,6 +30,7 @@ from mavdem.facts.watch import Watch
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.live.advice import Adviser
 from mavdem.live.decisions import Setup, judged
 from mavdem.live.gusts import LiveGusts
 from mavdem.live.history import MAX_ROWS, LiveHistory, SessionStatus, horizons
@@ -41,7 +42,7 @@ from mavdem.live.link import (
     Link,
     LinkLost,
 )
-from mavdem.live.messages import Frame
+from mavdem.live.messages import Piece
 from mavdem.live.rate_request import Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
 from mavdem.live.shown import Display, ShownRow
@@ -64,14 +65,6 @@ SHED = {
 }
 
 
-class _Piece(NamedTuple):
-    """Frames, their ``arrival`` by the monotonic clock and their ``stamp``, UNIX s."""
-
-    arrival: float
-    stamp: float
-    frames: list[Frame]
-
-
 @dataclass
 class LiveSession:
     """A link and all that is done with what it receives."""
@@ -88,6 +81,7 @@ class LiveSession:
     recording: Any = None
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
     prior: Learned | None = None  # of an earlier flight of the vehicle
+    adviser: Adviser | None = None  # of gains, after a landing and at the end
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -116,7 +110,7 @@ class LiveSession:
         self._judging: Future[tuple[Findings, Judgement]] | None = None
         # the last two: whether no model has come since the last landing, and whether any sample was settled
         self._settled = self._lost = self._landed = self._kept = False
-        self._waiting: deque[_Piece] = deque()
+        self._waiting: deque[Piece] = deque()
         self._arrival = self._heard = self._emptied = now
         self._late: float | None = None  # when the analysis was behind last
         self._shed = set[Task]()
@@ -144,6 +138,7 @@ class LiveSession:
         self._request_rates()
         if now - self._reported >= PAUSE_SECONDS:
             self._judge(now)
+            self.advise()
             self._reported = now
             status = self.status
             if Task.STATUS not in self._shed:
@@ -237,6 +232,8 @@ class LiveSession:
         landing = self.stream.landing()
         if landing is not None and self.learner is not None:
             self._take_back(self.learner, landing)
+            if self.adviser is not None:
+                self.adviser.is_due = self._kept
         if self.stream.samples != self._samples:
             resumed[Missing.MOTION] = self._heard - self._sampled
             self._samples = self.stream.samples
@@ -283,6 +280,15 @@ class LiveSession:
                 own = bad & {Override.OSCILLATION, Override.MOTORS}
                 learned = disown_torque(learned, bool(own))
         return learned
+
+    def advise(self, at_end: bool = False) -> None:
+        """Says which gains are advised after a landing; ``at_end`` it waits for that."""
+        if self.adviser is None or self.stream.followed is None:
+            return
+        self.adviser.is_due |= at_end and self._kept and not self._landed
+        is_busy = bool(self._shed) and not at_end
+        for fact in self.adviser.go_on(self.stream.followed.name, is_busy, at_end):
+            self._log(fact)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -338,7 +344,7 @@ class LiveSession:
             return Fact(Rows.NOTHING_RECEIVED, subject=Missing.MOTION, duration=SILENCE_SECONDS)
         return None
 
-    def _receive(self, timeout: float) -> list[_Piece]:
+    def _receive(self, timeout: float) -> list[Piece]:
         """Receives and records; opens a lost link again."""
         began = time.monotonic()
         try:
@@ -366,7 +372,7 @@ class LiveSession:
         self._emptied = began if len(received) < MAX_PIECES else first
         # The wall clock may be set meanwhile: nothing arrived before everything had been read.
         return [
-            _Piece(min(max(now - wall + stamp, first), now), stamp, frames)
+            Piece(min(max(now - wall + stamp, first), now), stamp, frames)
             for stamp, frames in pieces
         ]
 
@@ -591,10 +597,3 @@ class LiveSession:
         self.history.events.append(Event(self.history.now, fact, since))
         if self._display is not None:
             self._display.log(self.history.events[-1])
-
-
-def failure(code: Code, error: Exception, finishing: bool = False) -> Fact:
-    """Returns a fact of this ``code`` that says how something failed."""
-    text = error.strerror if isinstance(error, OSError) else None
-    text = (text or str(error)).rstrip(".")
-    return Fact(code, Level.WATCH, error=text, finishing=finishing)

@@ -26,6 +26,7 @@ from mavdem.dem import Learned
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.event import Event
+from mavdem.facts.loops import Gains
 from mavdem.facts.session import Spent
 from mavdem.heading import Values
 from mavdem.ingest.telemetry import Telemetry
@@ -387,6 +388,9 @@ def live_page(
     head = Head(judgement.headline.level, judgement.lights, events, timeline, vehicle=name)
     above, *_, following = conclusion(judgement)
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
+    advice = Blocks(Sentence(each.sentence) for each in events if each.fact.code in set(Gains))
+    if advice:
+        chapters.insert(0, Chapter("Gains", advice))
     if learned is not None:
         blocks = [*graded(findings), *torque_blocks(learned.wind_torque, learned.physical)]
         chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -87,7 +88,7 @@ class VehicleEnd(Ground):
         yield from answers
 
 
-def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
+def run_session(scenario: Scenario, **options: Any) -> tuple[LiveSession, dict[str, float]]:
     """Flies a scenario and learns from it live; returns the session, which has not been ended, and its account."""
     wire = Wire()
     with ExitStack() as clocks:
@@ -101,6 +102,7 @@ def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
             show=lambda _: NullView(),
             report=lambda _: None,
             say=lambda _: None,
+            **options,
         )
         ground = VehicleEnd(wire, session)
         fly_live(scenario, Simulation(scenario), ground, ground.speed, lambda _: None)

@@ -1,0 +1,82 @@
+"""Tuning: gains to set of the axes of a flight, and what to do with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from mavdem.assessment.assess import Assessment
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.judgement import Judgement
+from mavdem.condition.loop.advice import Advice, advise, lowered
+from mavdem.condition.loop.loop import Loop
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.loops import Loops
+from mavdem.ingest.telemetry import Parameters
+
+
+class Tuning(NamedTuple):
+    """Gains to set."""
+
+    axes: Mapping[str, Advice | Fact]  # the advice by axis, or why there is none
+    advice: Sequence[Advice]  # of those whose loops are known, one at least
+    parameters: Parameters  # to set, by the autopilot's name, where they change
+    notch: Fact | None  # the filter to set, or why there is none; None where it was not asked for
+    judgement: Judgement  # of the flight; its next step is to load the gains, if there are some
+
+    @property
+    def refusal(self) -> Fact | None:
+        """Why no gains are advised; None where some are."""
+        first, *_ = self.advice
+        return None if any(each.gains for each in self.advice) else first.sentence
+
+
+def tuned(
+    assessment: Assessment,
+    evidence: Evidence,
+    axes: Sequence[str],
+    margins: str = "default",
+    *,
+    is_written: bool,
+    more: bool = False,
+    filters: bool = False,
+) -> Tuning:
+    """Returns gains of these ``axes`` of an assessed vehicle, with the ``margins`` of that name in ``TARGETS``.
+
+    ``more``: also of loops that have enough margin; ``filters``: with a notch filter; ``is_written``: whether a file
+    will have them. Raises NotLearnable: the loops of no axis are known.
+    """
+    grounds = evidence.grounds
+    if (oscillation := evidence.condition.oscillation) is not None:
+        grounds = (*grounds, lowered(oscillation, evidence.signals.telemetry.parameters))
+    notch = assessment.noise.notch if filters and not grounds else None
+    settings = dict(notch.figures.get("settings", ())) if notch else {}
+    measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
+    found = dict[str, Advice | Fact]()
+    for axis in axes:
+        loop = evidence.loops[axis]
+        if isinstance(loop, Fact) and axis in measured:
+            loop = Fact(Loops.NO_LOOP, reasons=(measured[axis], loop))
+        if isinstance(loop, Loop):
+            advice = advise(loop, margins, grounds, more=more)
+            if settings and not advice.refusals:
+                advice = advise(loop.changed(settings), margins, more=more)
+            found[axis] = advice
+        elif grounds or len(axes) > 1:
+            found[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
+        else:
+            raise NotLearnable(loop)
+    advised = [each for each in found.values() if isinstance(each, Advice)]
+    if not advised:
+        raise NotLearnable(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values())))
+    gains = {name: value for each in advised for name, value in each.parameters.items()} | settings
+    judgement = assessment.judgement
+    if gains:
+        level = judgement.headline.level
+        doubted = {caution.code for each in advised for caution in each.before.cautions}
+        is_biased = Loops.EFFECT_BIASED in doubted and level is not Level.BAD
+        step = Fact(NextStep.LOAD_GAINS, level, is_written=is_written, is_biased=is_biased)
+        judgement = judgement._replace(next_step=step)
+    return Tuning(found, advised, gains, notch, judgement)

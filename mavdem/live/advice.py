@@ -1,0 +1,103 @@
+"""Advice at landing: the gains that ``mavdem tune`` advises on the recording of a session, by a process of its own.
+
+That process has low priority, begins when the vehicle has landed and ends with its advice. Nothing is sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from contextlib import ExitStack
+from itertools import chain, count
+from pathlib import Path
+
+from mavdem.alignment.drive import AXES
+from mavdem.analysis import Options
+from mavdem.assessment.assess import assess
+from mavdem.assessment.tuning import tuned
+from mavdem.errors import Refusal
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.loops import Gains
+from mavdem.ingest import read_log
+from mavdem.ingest.parameter_file import parameter_files
+
+PATIENCE = 30.0  # s that the end of a session waits for advice, at most
+
+
+class Adviser:
+    """Has advice made on a growing ``recording`` by executors that ``start`` starts.
+
+    ``facts`` are the latest: which gains, what to expect of them, and the file, or why there are none. ``is_due`` is
+    set where the vehicle has landed.
+    """
+
+    def __init__(self, recording: Path, start: Callable[[], Executor]) -> None:
+        self.facts: Facts = ()
+        self.is_due = False
+        self._recording = recording
+        self._start = start
+        self._process = ExitStack()
+        self._making: Future[Facts] | None = None
+
+    def go_on(self, vehicle: str, is_busy: bool, at_end: bool) -> Facts:
+        """Begins what is due, unless the computer ``is_busy``; returns the facts of what is made, once.
+
+        ``at_end`` it waits for that, ``PATIENCE`` at most.
+        """
+        if self.is_due and is_busy:
+            return (Fact(Gains.ADVICE_WAITS, Level.WATCH),)
+        if self.is_due:
+            self.is_due = False
+            self.close()
+            executor = self._process.enter_context(self._start())
+            self._making = executor.submit(advised, self._recording, vehicle)
+        if self._making is None or not (at_end or self._making.done()):
+            return ()
+        try:
+            self.facts = self._making.result(PATIENCE)
+        except Exception as error:
+            path = str(self._recording)
+            self.facts = (Fact(Gains.ADVICE_FAILED, error=str(error), path=path),)
+        self.close()
+        return self.facts
+
+    def close(self) -> None:
+        """Ends the process, whatever it computes."""
+        self._making = None
+        self._process.close()
+
+
+def advised(recording: Path, vehicle: str) -> Facts:
+    """Returns the advice on all axes of a ``vehicle`` in a recording, as ``mavdem tune`` makes it.
+
+    Writes the gains into a new file beside the recording. Raises OSError: it cannot be written.
+    """
+    try:
+        assessment = assess(read_log(recording), vehicle, AXES[0], Options(whole=False))
+        assert assessment.evidence is not None
+        tuning = tuned(assessment, assessment.evidence, AXES, is_written=True)
+    except Refusal as error:
+        return (Fact(Gains.GAINS_LEFT, because=error.fact),)
+    facts = [
+        Fact(
+            Gains.GAINS_ADVISED,
+            Level.WATCH,
+            subject=advice.before.axis,
+            changes=[(name, *gain) for name, gain in advice.gains.items()],
+            because=advice.sentence,
+            expected_error=advice.after.lean_in_wind,
+            present_error=advice.before.lean_in_wind,
+        )
+        for advice in tuning.advice
+        if advice.parameters
+    ]
+    if not facts:
+        least = min(tuning.advice, key=lambda advice: advice.sure)
+        return (Fact(Gains.GAINS_LEFT, subject=least.before.axis, because=least.sentence),)
+    files = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
+    names = chain([".gains.params"], map(".gains-{}.params".format, count(2)))
+    path = next(path for path in map(recording.with_suffix, names) if not path.exists())
+    path.write_text(files[".params"])
+    following = tuning.judgement.next_step
+    written = Fact(Gains.GAINS_WRITTEN, Level.GOOD, path=str(path), because=following)
+    return (*facts, written)
