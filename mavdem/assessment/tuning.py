@@ -29,8 +29,7 @@ class Tuning(NamedTuple):
     @property
     def refusal(self) -> Fact | None:
         """Why no gains are advised; None where some are."""
-        first, *_ = self.advice
-        return None if any(each.gains for each in self.advice) else first.sentence
+        return None if any(each.gains for each in self.advice) else self.advice[0].sentence
 
 
 def tuned(

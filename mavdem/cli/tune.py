@@ -79,8 +79,10 @@ def tune_command(
         check_folder(out)
     assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
     axes = AXES if axis == ALL else (axis,)
-    asked = {"more": more, "filters": filters, "is_written": out is not None}
-    tuning = tuned(assessment, evidence, axes, margins, **asked)
+    is_written = out is not None
+    tuning = tuned(
+        assessment, evidence, axes, margins, more=more, filters=filters, is_written=is_written
+    )
     gains = tuning.parameters
     refusal = tuning.refusal
     document: Values = {

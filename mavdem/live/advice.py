@@ -21,28 +21,29 @@ from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import parameter_files
 
-PATIENCE = 30.0  # s that the end of a session waits for advice, at most
-
 
 class Adviser:
-    """Has advice made on a growing ``recording`` by executors that ``start`` starts.
+    """Has advice made on a growing ``recording`` by executors that ``start`` starts; it is waited for ``patience`` s.
 
     ``facts`` are the latest: which gains, what to expect of them, and the file, or why there are none. ``is_due`` is
     set where the vehicle has landed.
     """
 
-    def __init__(self, recording: Path, start: Callable[[], Executor]) -> None:
+    def __init__(
+        self, recording: Path, start: Callable[[], Executor], patience: float = 30.0
+    ) -> None:
         self.facts: Facts = ()
         self.is_due = False
         self._recording = recording
         self._start = start
+        self._patience = patience
         self._process = ExitStack()
         self._making: Future[Facts] | None = None
 
     def go_on(self, vehicle: str, is_busy: bool, at_end: bool) -> Facts:
         """Begins what is due, unless the computer ``is_busy``; returns the facts of what is made, once.
 
-        ``at_end`` it waits for that, ``PATIENCE`` at most.
+        ``at_end`` it waits for that.
         """
         if self.is_due and is_busy:
             return (Fact(Gains.ADVICE_WAITS, Level.WATCH),)
@@ -54,7 +55,7 @@ class Adviser:
         if self._making is None or not (at_end or self._making.done()):
             return ()
         try:
-            self.facts = self._making.result(PATIENCE)
+            self.facts = self._making.result(self._patience)
         except Exception as error:
             path = str(self._recording)
             self.facts = (Fact(Gains.ADVICE_FAILED, error=str(error), path=path),)

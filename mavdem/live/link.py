@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
 from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1
@@ -51,13 +51,12 @@ class LinkLost(Exception):
     """The TCP connection or the serial port is lost, as its ``fact`` says."""
 
     def __init__(self, link: str, cause: LinkError, error: OSError | None = None) -> None:
-        text = None if error is None else error.strerror or str(error)
         self.fact = Fact(
             LinkFact.CONNECTION_LOST,
             Level.WATCH,
             name=link,
             cause=cause,
-            error=text,
+            error=error and cause_of(error),
             reopening=False,
         )
         super().__init__(self.fact)
@@ -269,8 +268,7 @@ class Link:
             cause = LinkError.NO_REPLY
         else:
             cause = REFUSALS.get(error.errno or 0, LinkError.FAILED)
-        text = error.strerror or str(error)
-        raise _cannot_open(self.name, cause, host, port, text) from error
+        raise _cannot_open(self.name, cause, host, port, cause_of(error)) from error
 
 
 def _parsed(name: str) -> tuple[str, str, int]:

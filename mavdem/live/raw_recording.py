@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, cause_of
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
 from mavdem.ingest.mcap.records import raw_channel, started, write_message
@@ -27,8 +27,8 @@ class RawRecording:
         except FileExistsError:
             raise Unreadable(LinkFact.STREAM_FILE_EXISTS, path=str(path)) from None
         except OSError as error:
-            text = error.strerror or str(error)
-            raise Unreadable(LinkFact.STREAM_FILE_FAILED, path=str(path), error=text) from None
+            why = cause_of(error)
+            raise Unreadable(LinkFact.STREAM_FILE_FAILED, path=str(path), error=why) from None
         self.frames = 0  # in it; bytes that belong to no frame are not
         self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)

@@ -372,7 +372,10 @@ class LiveStream:
             self._phase.idle = any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
         vehicle = self._telemetry(sender)
         collective = None if self._inputs is None else self._inputs.collective
+        flew = self._phase.flying
         self._phase.review(now, vehicle, collective)
+        if self._phase.flying and not flew:
+            self.air.restart()
         yield
         phase = self._phase.flying, self._phase.settled_since(now)
         for fact in self._watchdog.review(now, vehicle, *phase, self._motion()):

@@ -112,24 +112,24 @@ class WindRow(NamedTuple):
 
 
 class LiveWind:
-    """Makes rows of attitude and velocity in free flight: the latest ``row``, their ``mean``, or the ``obstacle``.
+    """Makes rows of a flight's attitude and velocity: the latest ``row``, their ``mean``, or the ``obstacle``.
 
     The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.
     """
 
     drag: Drag | None = None
+    flags = VELOCITY_KNOWN
 
     def __init__(self) -> None:
         self.set_drag = Drag.of_parameters()
         self.restart()
 
     def restart(self) -> None:
-        """Forgets the flight, whose clock is over."""
+        """Forgets the flight: another begins, or its clock is over."""
         self.row: WindRow | None = None
         self.mean: WindRow | None = None
         self.obstacle: Fact | None = None
         self._rows = 0  # in the mean
-        self.flags = VELOCITY_KNOWN
         self._said = False
         self._last = -inf
         kept = round(2 * FIRST_FIT_SECONDS / SAMPLE)

@@ -213,11 +213,10 @@ def _estimate(response: StepResponse, key: str) -> str:
 
 def _advice(evidence: Evidence) -> dict[str, Advice]:
     """Gains to set of roll and pitch, where their loops are known."""
-    loops = {axis: evidence.loops.get(axis) for axis in TILT_AXES}
     return {
         axis: advise(loop, doubts=evidence.grounds)
-        for axis, loop in loops.items()
-        if isinstance(loop, Loop)
+        for axis in TILT_AXES
+        if isinstance(loop := evidence.loops.get(axis), Loop)
     }
 
 

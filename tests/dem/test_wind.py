@@ -321,6 +321,17 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert online.filter is of, "nothing is fitted to weak motors"
 
 
+def test_what_was_identified_stays_where_later_samples_identify_nothing():
+    part = WINDY[:1000]
+    of = wind_filter(Record.of(part))
+    assert np.isnan(followed(*online_wind(), part)).all()
+    online, memory = online_wind()
+    known = of.physical._replace(status=dict.fromkeys(of.physical.status, Status.REPORTED))
+    online.filter = kept = of._replace(physical=known)
+    assert np.isfinite(followed(online, memory, part)[BEGINS + 1 :]).all()
+    assert online.filter is kept
+
+
 def test_a_fit_that_fails_leaves_the_last_one():
     still = Flight(WINDY.time, np.full_like(WINDY.inputs, 1500.0), WINDY.outputs)
     online, memory = online_wind()

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hover import Hover
+from live_hover import Flight, replay
 from pytest import approx
 
 from mavdem.alignment.drive import Signal
@@ -11,6 +13,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND
 from mavdem.live.decisions import Phase
 from mavdem.live.recent import Recent
+from mavdem.live.wind import WindRow
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 
@@ -90,3 +93,14 @@ def test_a_landing_is_dated_by_the_last_heartbeat_in_flight_and_of_two_the_earli
     assert one.phase.landing() == approx(first - 1.0 - TRANSIENT_SECONDS), (
         "the last report in the air, as offline"
     )
+
+
+def test_the_mean_of_the_wind_is_of_one_flight():
+    """It stays after a landing, until the next take-off."""
+    hover = Hover(hovering=8.0)
+    made = replay(Flight(hover).frames(end=hover.end))
+    made.stream.air.mean = mean = WindRow(10.0, np.ones(2), np.ones(2))
+    replay(Flight(hover, clock=60.0).frames(end=6.0), made.stream)
+    assert made.stream.status().mean_wind is mean
+    replay(Flight(hover, clock=60.0).frames(6.0, end=9.0), made.stream)
+    assert made.stream.status().mean_wind is None and made.stream.boot == 0

@@ -8,6 +8,7 @@ next block bring what it says of those a delay before them.
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
 from functools import partial
 from typing import NamedTuple
 
@@ -198,10 +199,11 @@ class OnlineWind:
             return  # The executor is gone; the learner says so.
 
     def _adopt(self, made: Callable[[], WindFilter]) -> None:
-        try:
-            self.filter = made()
-        except (ValueError, RuntimeError, CancelledError):  # LinAlgError is a ValueError
-            return
+        """Takes a new filter; what was identified before is kept where the new samples identify nothing."""
+        with suppress(ValueError, RuntimeError, CancelledError):  # LinAlgError is a ValueError
+            new = made()
+            if self.filter is None or new.physical.identifiable:
+                self.filter = new
 
     def _follow(self) -> None:
         """What the samples of the next block bring."""
