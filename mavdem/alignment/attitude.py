@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from mavdem.alignment.drive import (
     AXES,
@@ -82,6 +81,8 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     The angle is then the integral of the rate, held to the angles sent. Only a log's PID_TUNING is taken: in
     a stream it has no stamp of its own.
     """
+    from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
+
     sent = sent_attitude(telemetry, axis)
     if sent is None or telemetry.called(TUNING_MESSAGE) == TUNING_MESSAGE:
         return sent

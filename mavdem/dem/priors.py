@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import default_rng
-from scipy.integrate import cumulative_trapezoid
 
 from mavdem.dem.engine.linalg import Array, Indices, Pair
 from mavdem.dem.engine.model import LinearModel, pack, unpack
@@ -117,6 +116,8 @@ KINEMATIC_SHARE = 0.5
 
 def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     """Pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
+    from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
+
     span = max(1, round(CONSISTENCY_SPAN / record.dt))
     moved = []
     for _, outputs in record.segments:

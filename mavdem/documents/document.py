@@ -44,6 +44,7 @@ class Document(BaseModel):
     """A record of a document: immutable, of exactly these keys."""
 
     model_config = ConfigDict(
+        defer_build=True,
         extra="forbid",
         from_attributes=True,
         frozen=True,

@@ -13,7 +13,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from mavdem.confidence import Interval, half_width
 from mavdem.dem.engine.kalman import SteadyFilter
@@ -62,6 +61,8 @@ class WindFilter(NamedTuple):
         no wind, but what the commands do between them. Of the slopes by the motors' effects those of the answer to
         each command are taken; what turns the vehicle otherwise, or lifts it, is by motors that differ.
         """
+        from scipy.signal import lfilter  # it takes half a second to import
+
         plant = self.physical
         moved = inputs - self.trim
         commanded = moved @ plant.effect + self.constant
