@@ -119,10 +119,16 @@ USED_BY = {
 
 
 @cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """All syntax nodes of a file, which several tests look at."""
+    return list(ast.walk(ast.parse((ROOT / path).read_text())))
+
+
+@cache
 def imported(path: Path) -> frozenset[str]:
     """Full names of what a file imports, also inside functions and for type checkers only."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -237,17 +243,17 @@ class Size(NamedTuple):
 
 def size_of(path: Path) -> Size:
     text = (ROOT / path).read_text()
-    tree = ast.parse(text)
+    nodes = nodes_of(path)
     described = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     documented = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, described) and ast.get_docstring(node, clean=False) is not None:
             docstring = node.body[0]
             documented.update(range(docstring.lineno, docstring.end_lineno + 1))
     stripped = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
     lines = [line for number, line in stripped if line and number not in documented]
     code = [line for line in lines if not line.startswith("#")]
-    return Size(sum(1 for _ in ast.walk(tree)), len(code))
+    return Size(len(nodes), len(code))
 
 
 @cache
@@ -283,7 +289,7 @@ def has_number(value: ast.expr) -> bool:
 
 
 def constants_of(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+    for node in nodes_of(path):
         if isinstance(node, ast.Assign):
             targets = node.targets
         elif isinstance(node, ast.AnnAssign) and node.value is not None:
