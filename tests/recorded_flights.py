@@ -13,6 +13,13 @@ SLOW = LOGS / "ardupilot_default_rates.tlog"
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[2] / "shared/data"))
 
 
+def short_flight(folder):
+    """The first third of ``FLIGHT``, 19 s in the air, of which all is said that is said of the whole."""
+    path = folder / FLIGHT.name
+    path.write_bytes(FLIGHT.read_bytes()[:250_000])
+    return path
+
+
 def shared(name):
     """A recorded log, by its path within the shared data."""
     path = SHARED / name

@@ -143,7 +143,7 @@ def test_the_help_says_of_each_command_what_it_says_itself():
 
 def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    Path("COM3").write_bytes(FLIGHT.read_bytes())
+    Path("COM3").write_bytes(FLIGHT.read_bytes()[:250_000])
     assert run("info", "COM3") == 0
     assert run("info", "COM4") == 2
     assert "link" in capsys.readouterr().err

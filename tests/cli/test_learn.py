@@ -9,7 +9,7 @@ import pytest
 from command_line import run, strict_json
 from numpy.testing import assert_allclose
 from pytest import approx
-from recorded_flights import FLIGHT, SLOW
+from recorded_flights import FLIGHT, SLOW, short_flight
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
@@ -64,7 +64,8 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
 @pytest.mark.slow
 def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ["learn", FLIGHT, "--axis", "roll", "--order", "2", "--train", "400", "--test", "100"]
+    log = short_flight(tmp_path)
+    words = ["learn", log, "--axis", "roll", "--order", "2", "--train", "400", "--test", "100"]
     assert run(*words) == 0
     screen = capsys.readouterr()
     *_, above, following, page = screen.out.splitlines()
@@ -177,24 +178,23 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
-    words = [FLIGHT, "--start", "50", "--preset", "paper"]
+    log = str(short_flight(tmp_path))
     out = tmp_path / "out"
-    assert run("learn", *words, "--out", out) == 0
+    assert run("learn", log, "--preset", "paper", "--out", out) == 0
     screen = capsys.readouterr().out
-    assert run("info", FLIGHT) == 0
+    assert run("info", log) == 0
     contents = " ".join(capsys.readouterr().out.split())
-    assert run("review", FLIGHT, "--out", tmp_path / "review") == 0
+    assert run("review", log, "--out", tmp_path / "review") == 0
     reviewed = " ".join(capsys.readouterr().out.split())
     page = (out / "report.html").read_text()
     document = (out / "report.json").read_text()
-    options = Options(start=50.0, settings=Settings.paper())
-    found = assess(read_log(FLIGHT), axis="roll", options=options)
+    found = assess(read_log(log), axis="roll", options=Options(settings=Settings.paper()))
     assert found.headline.subject == alarm.name and found.headline.level is Level.BAD
     headline = words_of(found.headline)
     remedy = str(found.next_step)
     report = found.analysis.as_dict() | found.of_documents | {"headline_fact": found.headline}
-    rows = [FlightRow.of(report, file=FLIGHT)]
-    told = [screen, contents, page, document, flight_page(FLIGHT, found), reviewed]
+    rows = [FlightRow.of(report, file=log)]
+    told = [screen, contents, page, document, flight_page(log, found), reviewed]
     for place in told:
         read = " ".join(place.replace("&#39;", "'").split())
         assert headline in read and "GOOD" not in read.replace("GOOD_", "")

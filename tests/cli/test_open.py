@@ -5,7 +5,7 @@ import sys
 
 import pytest
 from command_line import PATIENCE, run
-from recorded_flights import LOGS
+from recorded_flights import SLOW, short_flight
 from rerun.chunk import RrdReader
 
 from mavdem.cli.open import INCOMPATIBLE, load
@@ -15,15 +15,15 @@ from mavdem.cli.open import INCOMPATIBLE, load
 @pytest.mark.parametrize(
     ("log", "shown", "application"),
     [
-        ("ardupilot_wind5_steps", "/flight/0/", "dropped"),
-        ("ardupilot_default_rates", "/report", "mavdem"),
+        (short_flight, "/flight/0/", "dropped"),
+        (lambda _: SLOW, "/report", "mavdem"),
     ],
 )
 def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
     log, shown, application, tmp_path
 ):
     """In a process of its own, which can be ended where Rerun never answers; a viewer that waits sees what is done."""
-    words = [f"{LOGS / log}.tlog", "--recording-id", "any"]
+    words = [log(tmp_path), "--recording-id", "any"]
     words += ["--application-id", application] if application == "dropped" else []
     loading = "import sys; from mavdem.cli.open import load; sys.exit(load(sys.argv[1:]))"
     with (tmp_path / "shown.rrd").open("wb") as file:
@@ -47,4 +47,4 @@ def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
 def test_a_log_is_learned_from_and_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mavdem.view.show", lambda path: path.unlink())
-    assert run("open", LOGS / "ardupilot_wind5_steps.tlog", "--axis", "pitch") == 0
+    assert run("open", short_flight(tmp_path), "--axis", "pitch") == 0

@@ -19,10 +19,11 @@ from sitl_scenarios.files import in_toml, load
 @pytest.mark.slow
 def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     log = tmp_path / "legs.tlog"
-    (tmp_path / "legs.toml").write_text(
-        in_toml(load("wind_legs")).replace("\nrate = 20.0", "\nrate = 50")
-    )
-    assert run("fly", tmp_path / "legs.toml", "--out", log) == 0
+    legs = load("wind_legs")
+    course = legs.excitation.model_copy(update={"moves": legs.excitation.moves[:4]})
+    legs = legs.model_copy(update={"height": 6.0, "excitation": course})
+    (tmp_path / "legs.toml").write_text(in_toml(legs).replace("\nrate = 20.0", "\nrate = 50"))
+    assert run("fly", tmp_path / "legs.toml", "--duration", "62", "--out", log) == 0
     found = wind(log)
     assert run("learn", log, "--out", tmp_path / "learnt", "--train", "5s", "--test", "25") == 0
     said = capsys.readouterr().out

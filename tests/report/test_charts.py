@@ -12,7 +12,7 @@ import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
-from recorded_flights import FLIGHT
+from recorded_flights import FLIGHT, short_flight
 
 import mavdem
 from mavdem.analysis.residuals import correlation
@@ -139,7 +139,7 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
 def test_no_command_that_writes_a_page_loads_matplotlib(tmp_path):
     said = (
         "import sys, mavdem\nfrom mavdem.cli.commands import main\n"
-        f"main(['review', {str(FLIGHT)!r}, '--out', {str(tmp_path / 'out')!r}])\n"
+        f"main(['review', {str(short_flight(tmp_path))!r}, '--out', {str(tmp_path / 'out')!r}])\n"
         "import mavdem.serve.app\nsys.exit('matplotlib' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", said], capture_output=True).returncode == 0
