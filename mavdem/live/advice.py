@@ -45,7 +45,7 @@ class Adviser:
 
         ``at_end`` it waits for that.
         """
-        if self.is_due and is_busy:
+        if self.is_due and is_busy and not at_end:
             return (Fact(Gains.ADVICE_WAITS, Level.WATCH),)
         if self.is_due:
             self.is_due = False

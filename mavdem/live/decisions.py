@@ -147,7 +147,8 @@ class InputChoice:
 
     def _columns(self, name: str, port: int, stream: Samples) -> Fields:
         """The outputs of one port as columns."""
-        every = 1 + len(stream.time) // MAX_ROWS
+        # Of more, half as many show the same, and no row waits for them.
+        every = 1 + len(stream.time) // (MAX_ROWS // 2)
         recent = zip(stream.time[::every], stream.values[::every], strict=True)
         rows = [*self._extremes.get((name, port), ()), *recent]
         times, values = zip(*rows, strict=True)

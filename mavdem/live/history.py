@@ -201,11 +201,9 @@ class LiveHistory:
             self._segment = segment
             self._pending.clear()
         predicted = self._compare(time, outputs)
-        torque = (
-            (np.nan, np.nan)
-            if estimate is None
-            else (estimate.wind_torque, estimate.wind_torque_band)
-        )
+        torque = nan, nan
+        if estimate is not None:
+            torque = estimate.wind_torque, estimate.wind_torque_band
         self._taken += 1
         if self._taken % self._stride == 0:
             row = segment, time, float(outputs[0]), *predicted, *torque, *beside
@@ -217,14 +215,10 @@ class LiveHistory:
             return
         joins = self.learned and not new and time - self.learned[-1][1] < GAP_SECONDS
         self.learned.append((self.learned.pop()[0] if joins else time, time))
-        for ahead, values, width in zip(
-            estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True
-        ):
-            if np.isfinite(values).all() and np.isfinite(width).all():
-                ahead = float(ahead) + self.shift
-                self._pending.setdefault(round(ahead - time, 6), deque()).append(
-                    (ahead, values, width, outputs)
-                )
+        times = (estimate.ahead_times + self.shift).tolist()
+        for ahead, values, width in zip(times, estimate.ahead, estimate.ahead_band, strict=True):
+            waiting = self._pending.setdefault(round(ahead - time, 6), deque())
+            waiting.append((ahead, values, width, outputs))
 
     def disown_torque(self, since: float) -> None:
         """The wind torque from ``since``, s of its time, on was that of a motor: it is unknown."""
@@ -256,12 +250,13 @@ class LiveHistory:
         for seconds, waiting in self._pending.items():
             while waiting and waiting[0][0] < time + ROUNDING:
                 ahead, predicted, band, last = waiting.popleft()
-                if ahead < time - ROUNDING:
+                if ahead < time - ROUNDING or not np.isfinite(predicted + band).all():
                     continue
-                error = outputs - predicted
-                sums = np.stack([error**2, (outputs - last) ** 2, np.abs(error) <= band])
-                count, before = self._sums.get(seconds, (0, np.zeros_like(sums)))
-                self._sums[seconds] = count + 1, before + sums
+                errors = outputs - np.array([predicted, last])
+                count, sums = self._sums.get(seconds) or (0, np.zeros((3, len(outputs))))
+                sums[:2] += errors * errors
+                sums[2] += abs(errors[0]) <= band
+                self._sums[seconds] = count + 1, sums
                 if seconds == nearest:
                     shown = float(predicted[0]), float(band[0])
         return shown

@@ -286,8 +286,7 @@ class LiveSession:
         if self.adviser is None or self.stream.followed is None:
             return
         self.adviser.is_due |= at_end and self._kept and not self._landed
-        is_busy = bool(self._shed) and not at_end
-        for fact in self.adviser.go_on(self.stream.followed.name, is_busy, at_end):
+        for fact in self.adviser.go_on(self.stream.followed.name, bool(self._shed), at_end):
             self._log(fact)
 
     def end(self) -> None:

@@ -387,7 +387,7 @@ def live_page(
     head = Head(judgement.headline.level, judgement.lights, events, timeline, vehicle=name)
     above, *_, following = conclusion(judgement)
     chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
-    advice = Blocks(Sentence(each.sentence) for each in events if each.fact.code in set(Gains))
+    advice = Blocks(Sentence(each.sentence) for each in events if isinstance(each.fact.code, Gains))
     if advice:
         chapters.insert(0, Chapter("Gains", advice))
     if learned is not None:

@@ -1,7 +1,6 @@
 """Gains that are advised after a landing: those of ``mavdem tune`` on the recording, in a file that is new."""
 
-from concurrent.futures import Executor, Future
-from itertools import count
+from unittest.mock import MagicMock, Mock
 
 import pytest
 from command_line import run, strict_json
@@ -26,61 +25,43 @@ TUNED_BADLY = {
 }
 
 
-class AtOnce(Executor):
-    """Runs a job where it is submitted; counts those that are running and those that are over."""
-
-    def __init__(self):
-        self.started = self.ended = 0
-
-    def __call__(self):
-        self.started += 1
-        return self
-
-    def submit(self, job, /, *args):
-        made = Future()
-        try:
-            made.set_result(job(*args))
-        except Exception as error:
-            made.set_exception(error)
-        return made
-
-    def shutdown(self, wait=True, *, cancel_futures=False):
-        self.ended += 1
+def at_once():
+    """An executor that runs a job when its result is asked for."""
+    made = lambda job, *given: Mock(**{"result.side_effect": lambda _: job(*given)})  # noqa: E731
+    executor = MagicMock(submit=made)
+    executor.__enter__.return_value = executor
+    return executor
 
 
-def codes(facts):
-    return [fact.code for fact in facts]
+def adviser_of(tmp_path):
+    return Adviser(tmp_path / "flight.tlog", Mock(side_effect=at_once))
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_wind_fits")
 def test_after_a_landing_the_gains_are_those_of_tune_on_the_recording(tmp_path, capsys):
     long = load("ardupilot_faults").model_dump(mode="json")
-    recorded = tmp_path / "flight.tlog"
-    (tmp_path / "flight.gains.params").write_text("# of an earlier flight\n")
-    start = AtOnce()
-    recording = RawRecording(recorded)
-    adviser = Adviser(recorded, start)
-    session, _ = run_session(
-        scenario_of({**long, **TUNED_BADLY}), recording=recording, adviser=adviser
-    )
-    session.recording.close()
-    first = [event for event in session.history.events if event.fact.code in set(Gains)]
-    assert first and first[0].seconds < session.history.now - 20.0, "after the first landing"
+    before = tmp_path / "flight.gains.params"
+    before.write_text("# of an earlier flight\n")
+    recording = RawRecording(tmp_path / "flight.tlog")
+    adviser = adviser_of(tmp_path)
+    scenario = scenario_of({**long, **TUNED_BADLY})
+    session, _ = run_session(scenario, recording=recording, adviser=adviser)
+    recording.close()
+    said = [event for event in session.history.events if isinstance(event.fact.code, Gains)]
+    assert said and said[0].seconds < session.history.now - 20.0, "after the first landing"
     session.advise(at_end=True)
     session.advise(at_end=True)
-    facts = adviser.facts
-    roll = next(fact for fact in facts if fact.subject == "roll")
-    assert roll.code is Gains.GAINS_ADVISED and codes(facts)[-1] is Gains.GAINS_WRITTEN
+    roll, *_, written = adviser.facts
+    assert (roll.code, roll.subject) == (Gains.GAINS_ADVISED, "roll")
     assert roll.figures["expected_error"] > 0 and "ATC_ANG_RLL_P 16 → " in roll.sentence
-    assert run("tune", recorded, "--axis", "all", "--json") == 0
+    assert run("tune", tmp_path / "flight.tlog", "--axis", "all", "--json") == 0
     told = strict_json(capsys.readouterr().out)
-    path = facts[-1].figures["path"]
-    assert read_parameters(path) == approx(told["parameters"])
+    assert read_parameters(written.figures["path"]) == approx(told["parameters"])
     assert told["axes"]["roll"]["sentence"] in roll.sentence
-    assert facts[-1].figures["because"].code == told["next_step_fact"]["code"] == "load_gains"
-    assert (tmp_path / "flight.gains.params").read_text() == "# of an earlier flight\n"
-    assert start.started == start.ended == 2, "no process stays"
+    assert written.figures["because"].code == told["next_step_fact"]["code"] == "load_gains"
+    assert before.read_text() == "# of an earlier flight\n"
+    assert adviser._start.call_count == 2
 
 
 def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
@@ -92,25 +73,21 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
 
 
 def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
-    start = AtOnce()
-    adviser = Adviser(tmp_path / "flight.tlog", start)
-    assert adviser.go_on("1:1", False, False) == () and not start.started
+    adviser = adviser_of(tmp_path)
+    assert adviser.go_on("1:1", False, True) == (), "nothing has landed"
     adviser.is_due = True
-    assert codes(adviser.go_on("1:1", True, False)) == [Gains.ADVICE_WAITS] and not start.started
-    numbers = count()
-    monkeypatch.setattr("mavdem.live.advice.advised", lambda *_: (next(numbers),))
-    assert adviser.go_on("1:1", False, False) == (0,) and start.ended == 1
+    assert [fact.code for fact in adviser.go_on("1:1", True, False)] == [Gains.ADVICE_WAITS]
+    assert not adviser._start.called
+    monkeypatch.setattr("mavdem.live.advice.advised", lambda *_: ("gains",))
+    assert adviser.go_on("1:1", False, False) == ("gains",)
     assert adviser.go_on("1:1", False, True) == ()
 
 
 @pytest.mark.parametrize("error", [TimeoutError(), OSError(28, "No space left on device")])
 def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
-    def fail(*_):
-        raise error
-
-    monkeypatch.setattr("mavdem.live.advice.advised", fail)
-    adviser = Adviser(tmp_path / "flight.tlog", AtOnce())
+    monkeypatch.setattr("mavdem.live.advice.advised", Mock(side_effect=error))
+    adviser = adviser_of(tmp_path)
     adviser.is_due = True
-    (failed,) = adviser.go_on("1:1", False, True)
+    (failed,) = adviser.go_on("1:1", True, True)
     assert failed.code is Gains.ADVICE_FAILED and str(error) in failed.sentence
-    assert "mavdem tune" in failed.remedy and "flight.tlog" in failed.remedy
+    assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."
