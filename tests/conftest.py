@@ -2,6 +2,8 @@
 
 import faulthandler
 import os
+import pickle
+from hashlib import sha256
 
 import pytest
 from hypothesis import settings
@@ -43,4 +45,23 @@ def without_wind_fits():
     """For tests of other things: a learner that follows the wind spends half its time on physical parameters."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mavdem.dem.online.wind.FIRST_FIT_SECONDS", 1e9)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def fits_once():
+    """Fits physical parameters to the same windows once in a process: many tests ask for those of the sample flight."""
+    from mavdem.dem.graybox import estimation
+
+    fit = estimation._estimated
+    known = {}
+
+    def once(*given):
+        key = sha256(pickle.dumps(given)).digest()
+        if key not in known:
+            known[key] = fit(*given)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimation, "_estimated", once)
         yield

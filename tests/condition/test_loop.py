@@ -42,7 +42,7 @@ from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.ingest.vocabulary import Injection
-from mavdem.paper.runner import logged
+from mavdem.paper.runner import write_log
 from mavdem.report.vehicle_files import vehicle_text
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.scenario import SteadyWind
@@ -224,15 +224,17 @@ def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot):
+def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot, tmp_path):
     steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
     vehicle = {"model": "iris", "rate_gain": 1.4}
     stream = {"autopilot": autopilot, "rates": {"ATTITUDE_TARGET": 100}}
     scenario = scenario_of(
         {"seed": 5, "duration": 45, "vehicle": vehicle, "excitation": steered, "stream": stream}
     )
-    record = Record.of(logged(scenario))
-    known = truth(scenario, fly(scenario))
+    motion = fly(scenario)
+    write_log(tmp_path / "flight.tlog", scenario, motion)
+    record = Record.of(mavdem.read_flight(tmp_path / "flight.tlog"))
+    known = truth(scenario, motion)
     plant = physical(record)
     loop = loop_of(plant, record)
     crossover, phase, gain, ms = known["roll_rate_margins"]
