@@ -23,27 +23,24 @@ from mavdem.ingest.parameter_file import parameter_files
 
 
 class Adviser:
-    """Has advice made on a growing ``recording`` by executors that ``start`` starts; it is waited for ``patience`` s.
+    """Has advice made on a growing ``recording`` by executors that ``start`` starts.
 
     ``facts`` are the latest: which gains, what to expect of them, and the file, or why there are none. ``is_due`` is
     set where the vehicle has landed.
     """
 
-    def __init__(
-        self, recording: Path, start: Callable[[], Executor], patience: float = 30.0
-    ) -> None:
+    def __init__(self, recording: Path, start: Callable[[], Executor]) -> None:
         self.facts: Facts = ()
         self.is_due = False
         self._recording = recording
         self._start = start
-        self._patience = patience
         self._process = ExitStack()
         self._making: Future[Facts] | None = None
 
     def go_on(self, vehicle: str, is_busy: bool, at_end: bool) -> Facts:
         """Begins what is due, unless the computer ``is_busy``; returns the facts of what is made, once.
 
-        ``at_end`` it waits for that.
+        ``at_end`` it waits for that, half a minute at most.
         """
         if self.is_due and is_busy and not at_end:
             return (Fact(Gains.ADVICE_WAITS, Level.WATCH),)
@@ -55,7 +52,7 @@ class Adviser:
         if self._making is None or not (at_end or self._making.done()):
             return ()
         try:
-            self.facts = self._making.result(self._patience)
+            self.facts = self._making.result(30.0)  # s: a vehicle's user waits for no more
         except Exception as error:
             path = str(self._recording)
             self.facts = (Fact(Gains.ADVICE_FAILED, error=str(error), path=path),)

@@ -14,11 +14,6 @@ from mavdem.report.numbers import named, readable
 from mavdem.report.words import begin, go_on, section
 
 
-def spent_on(kind: Spent) -> Fact:
-    """Returns the fact of what seconds of this ``kind`` were."""
-    return Fact(Session.SECONDS_SPENT, kind=kind)
-
-
 def watching(watched: Sequence[Fact]) -> str:
     """Returns what is ``watched`` without a model since when, and why the rest is not, in one line."""
     return "".join(f"{begin(said.text)}." for said in section("live_watched", watched=watched))
@@ -44,7 +39,11 @@ def live_report(
         how = "in flight, without the motors of the time ahead. Baseline: the last sample held."
         made = [_errors(errors, axis), Sentence(how, "How they were made:")]
     whole = {kind: round(seconds) for kind, seconds in account.items()}
-    spent = [[begin(spent_on(kind)), f"{whole[kind]} s"] for kind in Spent if whole[kind]]
+    spent = [
+        [begin(Fact(Session.SECONDS_SPENT, kind=kind)), f"{whole[kind]} s"]
+        for kind in Spent
+        if whole[kind]
+    ]
     parts = history.learned
     total = float(np.diff(parts).sum()) if parts else 0.0
     is_weak = any(alarm.weak for alarm in status.alarms)
