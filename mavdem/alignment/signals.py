@@ -172,8 +172,8 @@ class VehicleSignals:
         return {}
 
     @cached_property
-    def plants(self) -> dict[Hashable, Any]:
-        """Plants by axis, inputs and flights, or why there are none, where it was looked for them."""
+    def in_loop(self) -> dict[Hashable, Any]:
+        """What was identified in its loop, by axis, inputs and flights, or why there is none."""
         return {}
 
     @cached_property
@@ -349,7 +349,7 @@ class Signals(VehicleSignals):
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
         other = replace(self, axis=axis, inputs=inputs)
-        known = {"settled": self.settled, "plants": self.plants, **vars(self)}
+        known = {"settled": self.settled, "in_loop": self.in_loop, **vars(self)}
         vars(other).update({name: known[name] for name in known if name in vars(VehicleSignals)})
         return other
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -262,22 +262,6 @@ def physical_values(physical: Physical | None) -> Values | None:
     }
 
 
-def plant_of(signals: Signals, flights: Flights) -> Physical:
-    """Returns what :func:`plant_in_loop` returns or raises, which takes half a second: once for the same flights."""
-    plants = signals.plants
-    spans = [(flight.provenance["segment"]["boot"], *flight.time[[0, -1]]) for flight in flights]
-    gains = frozenset(flights[0].provenance["parameters"].items())
-    key = signals.axis, signals.inputs, *spans, gains
-    if key not in plants:
-        try:
-            plants[key] = plant_in_loop(signals, flights)
-        except NotLearnable as error:
-            plants[key] = error.fact
-    if isinstance(plants[key], Fact):
-        raise NotLearnable(plants[key])
-    return cast(Physical, plants[key])
-
-
 def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiable:
     """Returns the physical parameters of the axis of ``signals`` in ``flights``, or why there are none.
 
@@ -288,7 +272,7 @@ def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiabl
     if isinstance(alone, Physical) and alone.identifiable and not alone.bias:
         return alone
     try:
-        return plant_of(signals, with_one_set_of_gains(flights, signals)[0])
+        return plant_in_loop(signals, with_one_set_of_gains(flights, signals)[0])
     except NotLearnable as error:
         return alone._replace(refusal=error.fact)
 

@@ -8,9 +8,10 @@ from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
-from mavdem.analysis.figures import AxisFigures, physical_of, plant_of
+from mavdem.analysis.figures import AxisFigures, physical_of
 from mavdem.analysis.gains import autotuned, ratings_of, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
+from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.condition.loop.loop import Loop
 from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
@@ -68,7 +69,7 @@ def _plant(signals: Signals, flights: Flights, known: Physical | None) -> Physic
     """
     if signals.axis in TILT_AXES:
         try:
-            return plant_of(signals, flights)
+            return plant_in_loop(signals, flights)
         except NotLearnable as error:
             plant = (known or physical(flights))._replace(refusal=error.fact)
     else:

@@ -21,7 +21,6 @@ class Loops(Code):
     AUTOTUNED = auto()
     NO_RATE_SETPOINT = auto()
     LOOP_TOO_SHORT = auto()
-    MOTORS_LIMITED = auto()
     LOOP_NOT_FOUND = auto()
     NOT_STEERED = auto()
     MARGIN_UNCERTAIN = auto()

@@ -1,5 +1,6 @@
 """The closed loop: spectra against simulation at any rate, slopes against differences, plants given back."""
 
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.random import default_rng
 from pytest import approx
 from scipy.signal import cont2discrete
 
-from mavdem.dem.closed_loop.identification import identified
+from mavdem.dem.closed_loop.identification import ALIKE, Identified, identified, pooled
 from mavdem.dem.closed_loop.likelihood import MEAN, NAMES, PLANT, SD, Axis, KnownController
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, spectra
 
@@ -143,3 +144,36 @@ def test_messages_of_several_rates_count_at_the_slowest():
     whole = spectra([Messages(STAMPS[::4], FLOWN.rate[::4])], STARTS)
     few = min(len(lossy.frequency), len(whole.frequency), 10)
     assert np.log(lossy.mean[:few] / whole.mean[:few]).real == approx(0.0, abs=0.3)
+
+
+def test_pooling_adds_what_the_other_axis_saw_of_lag_and_delay_and_no_prior_twice():
+    """One lag and delay seen twice, from one prior: precisions add, less that of the prior, for what is alike."""
+    late = list(PLANT[2:])
+    own, other = np.diag(SD**2), np.diag(SD**2)
+    own[np.ix_(late, late)] = np.diag([0.1, 0.2]) ** 2
+    other[np.ix_(late, late)] = np.diag([0.2, 0.1]) ** 2
+    lag, delay = MEAN[late]
+    here, there = MEAN.copy(), MEAN.copy()
+    here[late], there[late] = [lag + 0.1, delay], [lag - 0.1, delay + 0.3]
+    both = pooled(Identified(None, here, own), Identified(None, there, other))
+    before = SD[late] ** -2.0
+    seen = 1 / (1 / (np.array([0.2, 0.1]) ** -2.0 - before) + ALIKE**2)
+    precision = np.array([0.1, 0.2]) ** -2.0 + seen
+    assert 1 / both.covariance.diagonal()[late] == approx(precision)
+    means = there[late] + before / (np.array([0.2, 0.1]) ** -2.0 - before) * (there - MEAN)[late]
+    assert both.theta[late] == approx(here[late] + seen / precision * (means - here[late]))
+    rest = np.delete(np.arange(len(MEAN)), late)
+    assert both.theta[rest] == approx(here[rest])
+
+
+def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
+    theta = MEAN.copy()
+
+    def of(gain, limited):
+        theta[NAMES.index("controller")] = np.log(gain)
+        return Identified(SimpleNamespace(limited=limited), theta, np.eye(len(theta)))
+
+    assert of(0.5, 0.6).explains and of(0.5, 0.6).cut_off == approx(0.5)
+    assert of(0.5, 0.3).cut_off == 0.3
+    assert not of(0.5, 0.0).explains and of(0.9, 0.0).explains and of(0.9, 0.0).cut_off == 0.0
+    assert not of(2.0, 0.9).explains and of(2.0, 0.9).cut_off == 0.0

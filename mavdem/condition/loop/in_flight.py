@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import Motors, Signal
+from mavdem.alignment.drive import TILT_AXES, Motors, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
-from mavdem.condition.loop.controllers import Controller
+from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
-from mavdem.condition.loop.from_flight import demand_directions, known_controller
+from mavdem.condition.loop.from_flight import demand_directions
 from mavdem.condition.loop.margins import rate_loop, transfer
-from mavdem.confidence import SURE_DEVIATIONS
-from mavdem.dem.closed_loop.identification import Identified, identified
+from mavdem.dem.closed_loop.identification import Identified, identified, pooled
 from mavdem.dem.closed_loop.likelihood import (
-    CONTROLLER,
-    MEAN,
     NAMES,
     OUTPUT,
     PLANT,
     RATE,
-    SD,
     Axis,
     KnownController,
 )
@@ -42,14 +40,18 @@ from mavdem.facts.loops import Loops
 from mavdem.flight import Flight
 
 FEWEST_WINDOWS = 4
-MOST_LIMITED = 0.1  # of a window's outputs, at a limit
-MODEL_ERRORS = {"effect": 0.05, "damping": 0.3, "lag": 0.02, "delay": 0.04}
-"""Standard deviations of the logarithm of each parameter, beside the likelihood's: rotors spin up faster than they slow
-down, and what is sampled does not change evenly between its stamps. Chosen on half of the flights of
-``tools/validation/loops.py``."""
+MODEL_ERRORS = {"effect": 0.02, "damping": 0.3, "lag": 0.0, "delay": 0.04}
+"""Standard deviations of the logarithm of each parameter, beside the likelihood's: what is sampled does not change
+evenly between its stamps. Chosen on half of the flights of ``tools/validation/loops.py``, as the two below."""
+BY_WIND, BY_LIMITS = 0.4, 0.17
+"""Likewise of the effect, by the wind's share of the torque and by what limits cut off: no wind is as the model has it,
+and rotors spin up faster than they slow down."""
+SHORTER = 0.2
+"""Of a lag: how much shorter a delay comes with an effect too large by one in its logarithm, and with a lag as much too
+long. What a flight shows best is the response to quick changes."""
 BETWEEN = 1 / 16
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
-there, and of the delay by itself."""
+there, and of the delay by itself. It triples where limits cut off all that is asked: outputs jump unseen then."""
 WIDEST = 15.0  # degrees, of the phase margin's 90 % interval to each side
 MOST_ROUNDED = 0.2
 """Of the outputs' power, by resolution: ArduCopter's simulator, hardly moving at 20 Hz, had 66° for 19° beyond."""
@@ -62,25 +64,65 @@ SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     """Returns the plant of the axis of ``signals`` in ``flights``, identified with the controller that flew it.
 
-    Its delay has that of the gyro's filters. Of several boots, that of the longest flight counts. Raises
-    ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, motors at their
-    limits, too little was asked of it, or the phase margin stays unknown.
+    Its delay has that of the gyro's filters. Of several boots, that of the longest flight counts. Roll and pitch have
+    the same motors: either's lag and delay count for the other. Raises ``NotLearnable``: no controller, no setpoints
+    that change several times a second, too few seconds, too little was asked of it, or the phase margin stays unknown.
     """
     boot = max(flights, key=len).provenance["segment"]["boot"]
     flights = [flight for flight in flights if flight.provenance["segment"]["boot"] == boot]
+    found = _in_loop(signals, flights)
+    fit = found.fit
+    with one_thread(), np.errstate(all="ignore"):
+        try:
+            for other in set(TILT_AXES) - {signals.axis} if signals.axis in TILT_AXES else ():
+                with suppress(NotLearnable):
+                    about = signals.about(other, signals.inputs)
+                    fit = pooled(fit, _in_loop(about, flights).fit)
+            plant = _physical(fit, found.directions)
+            _check(plant, found.directions, found.controller)
+        except np.linalg.LinAlgError:
+            raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
+    return plant._replace(delay=plant.delay + gyro_delay(found.controller))
+
+
+class _InLoop(NamedTuple):
+    """The most probable parameters of one axis with its controller, and the inputs of a demand of 1."""
+
+    fit: Identified
+    controller: Controller
+    directions: Array
+
+
+def _in_loop(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
+    """Of the axis of ``signals``, once for the same flights; what it takes is that of :func:`plant_in_loop`."""
+    segments = [(flight.provenance["segment"]["boot"], *flight.time[[0, -1]]) for flight in flights]
+    parameters = flights[0].provenance["parameters"]
+    key = signals.axis, signals.inputs, *segments, frozenset(parameters.items())
+    found = signals.in_loop
+    if key not in found:
+        try:
+            found[key] = _identified(signals, flights)
+        except NotLearnable as error:
+            found[key] = error.fact
+    if isinstance(found[key], Fact):
+        raise NotLearnable(found[key])
+    return cast(_InLoop, found[key])
+
+
+def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
+    boot = flights[0].provenance["segment"]["boot"]
     record = Record.of(flights)
-    controller = known_controller(record)
+    controller = _controller_of(signals, record)
     directions = demand_directions(controller, record)
-    streams, limited, rounding = _streams(signals, boot, controller, record, directions)
+    streams, limited, rounding = _streams(signals, boot, controller, directions)
     starts = np.array(list(_windows(flights, streams)))
-    shares = [limited.values[_inside(limited, start)].mean() for start in starts]
-    free = starts[np.array(shares, float) <= MOST_LIMITED]
-    if len(free) < FEWEST_WINDOWS:
-        code = Loops.MOTORS_LIMITED if len(starts) >= FEWEST_WINDOWS else Loops.LOOP_TOO_SHORT
-        raise NotLearnable(Fact(code, least_duration=(FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2))
+    if len(starts) < FEWEST_WINDOWS:
+        least_duration = (FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2
+        raise NotLearnable(Fact(Loops.LOOP_TOO_SHORT, least_duration=least_duration))
+    limited_share = _limited_share(streams[OUTPUT], limited, starts)
     known = _known(controller)
     with one_thread(), np.errstate(all="ignore"):
-        seen = spectra(streams, free)
+        seen = spectra(streams, starts)
         if seen.rate < SLOW_MOTION_RATE:
             raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
         power = np.average(seen.mean[:, OUTPUT, OUTPUT].real, weights=seen.counts) * seen.rate
@@ -97,27 +139,37 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
                     unit=scale.unit,
                 )
             )
-        axis = Axis(_used(seen, known), known, rounding)
+        axis = Axis(_used(seen, known), known, rounding, limited_share)
         try:
             fit = identified(axis)
             steered = axis.steered_share(fit.theta)
-            if not steered >= LEAST_STEERED:
-                raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
-            # A controller of another gain than its parameters': the model makes up for something else.
-            if abs((fit.theta - MEAN) / SD)[CONTROLLER] > SURE_DEVIATIONS:
-                raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
-            plant = _physical(fit, directions)
-            _check(plant, directions, controller)
         except np.linalg.LinAlgError:
             raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
-        return plant._replace(delay=plant.delay + gyro_delay(controller))
+    # An output at a limit answers no wind.
+    if not steered + fit.cut_off >= LEAST_STEERED:
+        raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
+    # A controller of another gain than its parameters': the model makes up for something else.
+    if not fit.explains:
+        raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
+    return _InLoop(fit, controller, directions)
+
+
+def _controller_of(signals: Signals, record: Record) -> Controller:
+    """The controller of the axis of ``signals``, by the parameters of a record of any axis."""
+    if not record.parameters:
+        raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
+    assert signals.drive is not None
+    layout = signals.drive.layout
+    weights = None if layout.positions_assumed else layout.effect(signals.axis)
+    return controller_of(
+        record.parameters, signals.axis, () if weights is None else weights.tolist()
+    )
 
 
 def _streams(
     signals: Signals,
     boot: int,
     controller: Controller,
-    record: Record,
     directions: Array,
 ) -> tuple[list[Messages], Messages, float]:
     """Rate, output as a demand, each setpoint with what was asked; whether an output was at a limit; its steps."""
@@ -170,6 +222,17 @@ def _inside(stream: Messages, start: float) -> slice:
     return slice(*np.searchsorted(stream.time, [start, start + WINDOW_SECONDS]).tolist())
 
 
+def _limited_share(output: Messages, limited: Messages, starts: Array) -> float:
+    """Of the output's power in windows from ``starts`` on: what came while an output was at a limit."""
+    power = at_limit = 0.0
+    for start in starts:
+        rows = _inside(output, start)
+        squared = np.square(output.values[rows] - output.values[rows].mean())
+        power += float(squared.sum())
+        at_limit += float(squared @ limited.values[rows])
+    return at_limit / power if power else 0.0
+
+
 def _known(controller: Controller) -> KnownController:
     return KnownController(
         lambda at: transfer(controller, at)[0],
@@ -210,16 +273,12 @@ def _physical(fit: Identified, directions: Array) -> Physical:
     """Without the gyro's filters, and with what the model lacks."""
     values = dict(zip(NAMES, np.exp(fit.theta).tolist(), strict=True))
     effect, damping, lag, delay = (values[name] for name in MODEL_ERRORS)
+    seen = fit.axis.spectra
     motors = effect * directions / (directions @ directions)
     slopes = np.zeros((len(motors) + 3, 4))
     slopes[:-3, 0] = motors
     slopes[-3:, 1:] = np.diag([damping, lag, delay])
     whole = slopes @ fit.covariance[np.ix_(PLANT, PLANT)] @ slopes.T
-    # a longer lag with a shorter delay is made up for by more effect
-    slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
-    unseen = BETWEEN * fit.axis.between / np.array([np.inf, np.inf, lag, delay])
-    errors = np.square(list(MODEL_ERRORS.values())) + unseen**2
-    whole += slopes * errors @ slopes.T
     plant = Physical(
         effect=motors,
         damping=damping,
@@ -236,13 +295,21 @@ def _physical(fit: Identified, directions: Array) -> Physical:
         ),
         noise=float(np.hypot(values["noise"], values["unfiltered"])),
         refinements={},
-        windows=len(fit.axis.spectra.densities),
+        windows=len(seen.densities),
         filtered=False,
     )
-    seen = fit.axis.spectra
     at = seen.frequency[seen.frequency <= BAND_HZ[1]]
     motor = np.abs(effect / (1 + 2j * np.pi * at * lag)) ** 2
     width = np.gradient(at)
     by_wind = width @ wind_density(plant, at)
     by_motors = 2 * width @ (motor * seen.mean[: len(at), OUTPUT, OUTPUT].real)
-    return plant._replace(wind_share=float(by_wind / (by_wind + by_motors)))
+    wind_share = float(by_wind / (by_wind + by_motors))
+    slopes[-2:, 0] = lag, -SHORTER * lag
+    # a longer lag with a shorter delay is made up for by more effect
+    slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
+    between = BETWEEN * (1 + 2 * fit.cut_off) * fit.axis.between
+    unseen = between / np.array([np.inf, np.inf, lag, delay])
+    variances = np.square(list(MODEL_ERRORS.values())) + unseen**2
+    variances[0] += (BY_WIND * wind_share) ** 2 + (BY_LIMITS * fit.cut_off) ** 2
+    covariance = whole + slopes * variances @ slopes.T
+    return plant._replace(wind_share=wind_share, covariance=covariance)

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.closed_loop.likelihood import MEAN, NAMES, PLANT, SD, Axis
+from mavdem.confidence import SURE_DEVIATIONS
+from mavdem.dem.closed_loop.likelihood import CONTROLLER, MEAN, NAMES, PLANT, SD, Axis
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
     RELATIVE_STEP,
@@ -20,6 +21,7 @@ from mavdem.dem.engine.linalg import Array, inverse
 STARTS = tuple(product((3.0, 10.0), ((0.05, 0.009), (0.02, 0.005))))
 """Crossover, Hz, with lag and delay, s, to begin with: of large and of small vehicles."""
 FIRST_STEPS = 8  # from each start, of which the two best go on
+ALIKE = 0.03  # standard deviation of the logarithm of a lag or delay over that of an axis with the same motors
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
@@ -30,13 +32,25 @@ class Identified(NamedTuple):
     theta: Array  # (k,) in the order of ``likelihood.NAMES``
     covariance: Array  # (k, k)
 
+    @property
+    def cut_off(self) -> float:
+        """The share of what the controller asked that limits kept from coming."""
+        return float(np.clip(1 - np.exp(self.theta[CONTROLLER]), 0.0, self.axis.limited))
+
+    @property
+    def explains(self) -> bool:
+        """Whether the controller has the gain of its parameters, or as much less as limits may make of it."""
+        gain = self.theta[CONTROLLER]
+        unsure = SURE_DEVIATIONS * SD[CONTROLLER]
+        return bool(np.log1p(-self.axis.limited) - unsure <= gain <= unsure)
+
 
 def identified(axis: Axis) -> Identified:
     """Returns the most probable parameters of an ``axis``; ``LinAlgError`` where there are none."""
     objective = _LogJoint(axis)
     begun = []
     for crossover, (lag, delay) in STARTS:
-        theta = MEAN.copy()
+        theta = axis.mean.copy()
         back = abs(axis.known.back(np.array([crossover]))[0])
         effect, _, *late = PLANT
         theta[[effect, *late]] = np.log([2 * np.pi * crossover / back, lag, delay])
@@ -52,6 +66,23 @@ def identified(axis: Axis) -> Identified:
     return Identified(axis, best.at, inverse(best.curvature))
 
 
+def pooled(own: Identified, other: Identified) -> Identified:
+    """Returns what the lag and delay of an axis with the same motors add to those of one's ``own``, to first order."""
+    late = PLANT[2:]
+    before = np.diag(SD[[*late]] ** -2.0)
+    precision = inverse(other.covariance[np.ix_(late, late)])
+    weighted = precision @ other.theta[[*late]] - before @ MEAN[[*late]]
+    # What is known beforehand counts once, and what the other axis says as far as they are alike.
+    share = inverse(np.eye(len(late)) + (precision - before) * ALIKE**2)
+    added = np.zeros_like(own.covariance)
+    added[np.ix_(late, late)] = share @ (precision - before)
+    slope = np.zeros_like(own.theta)
+    slope[[*late]] = share @ weighted
+    covariance = inverse(inverse(own.covariance) + added)
+    theta = own.theta + covariance @ (slope - added @ own.theta)
+    return Identified(own.axis, theta, covariance)
+
+
 class _LogJoint(NamedTuple):
     """The log joint of an axis's spectra and parameters, an ``Objective`` of Fisher's scoring."""
 
@@ -59,14 +90,15 @@ class _LogJoint(NamedTuple):
 
     def value(self, at: Array) -> tuple[float, Array]:
         """The value; of residuals there is no use."""
-        return self.axis.value(at) + _log_prior(at), at
+        return self.axis.value(at) + self._log_prior(at), at
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """To second order, the information for the curvature."""
         del residuals
         value, slope, information = self.axis.scores(at, RELATIVE_STEP * SD)
-        curvature = information + np.diag(SD**-2.0)
-        return Quadratic(at, value + _log_prior(at), slope - (at - MEAN) / SD**2, curvature)
+        precision = self.axis.sd**-2.0
+        slope -= precision * (at - self.axis.mean)
+        return Quadratic(at, value + self._log_prior(at), slope, information + np.diag(precision))
 
     def ascended(self, start: Quadratic, steps: int) -> Quadratic:
         """After so many damped steps, or where there is nothing to gain."""
@@ -80,11 +112,10 @@ class _LogJoint(NamedTuple):
         others = [theta + at * (MEAN + far * SD - theta) for far in (-2, -1, 1, 2)]
         return max([theta, *others], key=lambda parameters: self.value(parameters)[0])
 
+    def _log_prior(self, at: Array) -> float:
+        return -0.5 * float(np.sum(((at - self.axis.mean) / self.axis.sd) ** 2))
+
     def _limited(self, step: Array) -> Array:
         """A step that changes no parameter by more than ``LONGEST_STEP``."""
         longest = np.minimum(SD, LONGEST_STEP)
         return step / max(1.0, float(np.abs(step / longest).max()))
-
-
-def _log_prior(at: Array) -> float:
-    return -0.5 * float(np.sum(((at - MEAN) / SD) ** 2))

@@ -87,10 +87,22 @@ CONTROLLER = NAMES.index("controller")
 class Axis:
     """Densities of one axis's spectra as its controller, and parameters in the order of ``NAMES``, have them."""
 
-    def __init__(self, spectra: Spectra, controller: KnownController, rounding: float) -> None:
-        """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand."""
+    def __init__(
+        self, spectra: Spectra, controller: KnownController, rounding: float, limited: float = 0.0
+    ) -> None:
+        """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand.
+
+        ``limited`` is the share of the output's power while it is at a limit. What the controller asks beyond does not
+        come: it acts as one of less gain, by all of that share where all of the output is cut (J. J. Bussgang, MIT RLE
+        Report 216, 1952), by less where other motors make up for it.
+        """
         self.spectra = spectra.of((RATE, OUTPUT, SETPOINT))
         self.known = controller
+        self.limited = min(limited, 0.95)
+        less = -np.log1p(-self.limited) / 2
+        of_controller = np.arange(len(NAMES)) == CONTROLLER
+        self.mean = MEAN - less * of_controller
+        self.sd = SD + less * of_controller
         # beyond 1 kHz gyro filters leave nothing, and folds cost time
         highest = min(0.5 / controller.cycle, 1000.0)
         folds = np.arange(-np.ceil(highest / spectra.rate), np.ceil(highest / spectra.rate) + 1)
