@@ -22,7 +22,7 @@ turn counter-clockwise seen from above
 
 from collections.abc import Callable
 from math import asin, atan2, ceil, exp, hypot, sqrt
-from operator import sub
+from operator import mul, sub
 from typing import Literal, NamedTuple
 
 from sitl_scenarios.scenario import Scenario, VehicleSpec
@@ -368,30 +368,28 @@ class Body:
             slope = battery * body.speed[0] * body.full / span
             offset = battery * body.speed[1]
             speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
-        kept = zip(speeds, self.condition.speed, strict=True)
-        return tuple(speed * left for speed, left in kept)
+        return tuple(map(mul, speeds, self.condition.speed))
 
-    def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
-        """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
+    def moved(self, state: State, targets: Four, air: AirState) -> State:
+        """The state a step later in the air; ``targets``: what the rotors' commands settle at, rad/s."""
         h = self._step
         half = self._step / 2
         position, velocity, attitude, rates, rotors, last = state
-        for _ in range(steps):
-            middle_rotors, rotors = self.lagged(rotors, targets)
-            p, q, r = rates
-            # Half a step of rotation by the rates; their own change would be of higher order.
-            quarter = p * half / 2, q * half / 2, r * half / 2
-            middle_attitude = turned(attitude, quarter)
-            middle_velocity = _along(velocity, last[:3], half)
-            middle_rates = _along(rates, last[3:6], half)
-            last = self.dynamics(middle_attitude, middle_velocity, middle_rates, middle_rotors, air)
-            mean_velocity = _along(velocity, last[:3], half)
-            position = _along(position, mean_velocity, h)
-            velocity = _along(velocity, last[:3], h)
-            p, q, r = _along(rates, last[3:6], half)
-            half_turn = (half * p, half * q, half * r)
-            attitude = unit(turned(attitude, half_turn))
-            rates = _along(rates, last[3:6], h)
+        middle_rotors, rotors = self.lagged(rotors, targets)
+        p, q, r = rates
+        # Half a step of rotation by the rates; their own change would be of higher order.
+        quarter = p * half / 2, q * half / 2, r * half / 2
+        middle_attitude = turned(attitude, quarter)
+        middle_velocity = _along(velocity, last[:3], half)
+        middle_rates = _along(rates, last[3:6], half)
+        last = self.dynamics(middle_attitude, middle_velocity, middle_rates, middle_rotors, air)
+        mean_velocity = _along(velocity, last[:3], half)
+        position = _along(position, mean_velocity, h)
+        velocity = _along(velocity, last[:3], h)
+        p, q, r = _along(rates, last[3:6], half)
+        half_turn = (half * p, half * q, half * r)
+        attitude = unit(turned(attitude, half_turn))
+        rates = _along(rates, last[3:6], h)
         return State(position, velocity, attitude, rates, rotors, last)
 
     def lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:

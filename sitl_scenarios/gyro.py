@@ -9,7 +9,7 @@ from operator import add
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import bilinear, butter, sosfilt, sosfreqz
+from scipy.signal import bilinear, butter, sosfreqz
 
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import HIGHEST
@@ -40,7 +40,8 @@ class Gyro:
                 section = bilinear(above, below, 0.5)
                 sections.append(np.hstack(section))
         self._sections = np.array(sections)
-        self._last = np.zeros((len(sections), 3, 2))
+        self._filters = self._sections[1:].tolist()
+        self._pasts = [[[0.0, 0.0] for _ in self._filters] for _ in STILL]
         self._step = step
 
     def response(self, frequency: Array) -> Complex:
@@ -58,13 +59,17 @@ class Gyro:
         noise: RotorNoise | None = None,
     ) -> State:
         """Returns the state after some steps of the ``body`` (``Body.moved``), whose rates it senses with ``noise``."""
-        rates = []
         for _ in range(steps):
-            state = body.moved(state, targets, air, 1)
+            state = body.moved(state, targets, air)
             shaken = noise.at(state.rotors) if noise else STILL
-            rates.append(tuple(map(add, state.rates, shaken)))
-        self.rates = self.felt = rates[-1]
-        if len(self._sections) > 1:
-            felt, self._last = sosfilt(self._sections, np.transpose(rates), zi=self._last)
-            self.rates = tuple(felt[:, -1].tolist())
+            self.felt = tuple(map(add, state.rates, shaken))
+            self.rates = tuple(map(self._filtered, self._pasts, self.felt))
         return state
+
+    def _filtered(self, pasts: list[list[float]], rate: float) -> float:
+        # A call of scipy's takes longer than a cycle of the physics.
+        for (b0, b1, b2, _, a1, a2), past in zip(self._filters, pasts, strict=True):
+            after = b0 * rate + past[0]
+            past[:] = b1 * rate - a1 * after + past[1], b2 * rate - a2 * after
+            rate = after
+        return rate

@@ -78,12 +78,8 @@ class Sensing:
 
     def estimate(self, state: State) -> State:
         """What is known, not of the rotors, in ``state``; one call each cycle."""
-        self._seen.append(state)
-        last = len(self._seen) - 1
-        newest = max(last - self._whole, 0)
-        new = self._seen[newest]
-        oldest = max(last - self._whole - 1, 0)
-        old = self._seen[oldest]
+        self._seen.extend([state] * (1 if self._seen else self._whole + 2))
+        old, new, *_ = self._seen
         kept = 1.0 - self._share
         position, velocity, (a, b, c, d), rates = (
             [kept * now + self._share * before for now, before in zip(*pair, strict=True)]

@@ -95,11 +95,7 @@ class Simulation:
 
     def advance(self, cycles: int) -> Motion:
         """The next ``cycles`` rows, fewer at the end, unless it is ``finished``; raises ValueError: it tumbles."""
-        rows = []
-        for _ in range(cycles):
-            if self.finished:
-                break
-            rows.append(self._row())
+        rows = (self._row() for _ in range(cycles) if not self.finished)
         return Motion(*map(np.array, zip(*rows, strict=True)))
 
     def _row(self) -> tuple[Any, ...]:
@@ -118,11 +114,10 @@ class Simulation:
             self.armed = False
         # Every flight begins with all of the battery.
         state = self._state
-        air = self._weather.at(flown + self._boot, self._state.position)
+        air = self._weather.at(flown + self._boot, state.position)
         share = min(max(flown / self._flight, 0.0), 1.0)
         battery = 1.0 - self.scenario.vehicle.battery_sag * share
-        sensed = state._replace(rates=self._gyro.rates)
-        estimate = self._sensing.estimate(sensed)
+        estimate = self._sensing.estimate(state._replace(rates=self._gyro.rates))
         reference = self._plan.at(flown * self.cycle)
         landed = reference.landed_state
         takes_off = self.armed and landed == 3
@@ -240,8 +235,7 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     state = State(rotors=(body.hover_speed,) * 4)
     known = []
     for wanted_roll, wanted_pitch, _, p, q, r, *moments in columns.tolist():
-        sensed = state._replace(rates=gyro.rates)
-        estimate = sensing.estimate(sensed)
+        estimate = sensing.estimate(state._replace(rates=gyro.rates))
         roll, pitch, yaw = angles = euler(estimate.attitude)
         known.append((angles, estimate.rates))
         held = GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2]

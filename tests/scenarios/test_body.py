@@ -39,7 +39,8 @@ def flown(steps):
     body = Body(VehicleSpec(model="iris"), CYCLE / steps)
     state = normed(begun())
     for cycle in range(CYCLES):
-        state = body.moved(state, targets(cycle), GUSTY, steps)
+        for _ in range(steps):
+            state = body.moved(state, targets(cycle), GUSTY)
     return np.concatenate(state[:5])
 
 
