@@ -144,6 +144,7 @@ def test_slow_messages_show_no_margins():
     assert light.figures["rate"] == approx(10.0) and light.figures["because"] is refusal
 
 
+@pytest.mark.slow
 def test_the_worst_loop_of_a_flight_is_rated():
     log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
     loops = loops_of_axes(log, Signals(log.vehicles[0]))

@@ -141,6 +141,7 @@ def test_the_help_says_of_each_command_what_it_says_itself():
         assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
 
 
+@pytest.mark.slow
 def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("COM3").write_bytes(FLIGHT.read_bytes()[:250_000])

@@ -131,6 +131,7 @@ def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_re
     assert report["error"]["reason"] in said.out and report["error"]["reason"] not in said.err
 
 
+@pytest.mark.slow
 def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):
     breaks_down = Mock(side_effect=np.linalg.LinAlgError("Singular matrix"))
     monkeypatch.setattr("mavdem.analysis.analysis.learn", breaks_down)

@@ -462,6 +462,7 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert refused.value.fact == Fact(Twins.NO_HOVER, share=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.004, 0.0])
 def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     loop = made_up()

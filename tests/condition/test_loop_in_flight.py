@@ -24,6 +24,7 @@ from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
+pytestmark = pytest.mark.slow
 SCENARIO = scenario_of(
     {
         "seed": 11,
@@ -184,7 +185,6 @@ def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
     assert refusal(signals, [other]) is Loops.LOOP_NOT_FOUND
 
 
-@pytest.mark.slow
 def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
     """Limits cut off most of what the controller asks for in quick doublets: it acts as one of less gain."""
     hard = SCENARIO.model_dump(mode="json")
@@ -202,7 +202,6 @@ def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
     assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5
 
 
-@pytest.mark.slow
 def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     flight = mavdem.read_flight(shared("sitl_events/ap_quiet10.BIN"))
     measured = mavdem.learn(flight).loop().measured

@@ -258,6 +258,7 @@ def followed(online, memory, flight, weak=None):
     return found
 
 
+@pytest.mark.slow
 def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     online, memory = online_wind()
     online.filter = of = wind_filter(Record.of(WINDY))
@@ -321,6 +322,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert online.filter is of, "nothing is fitted to weak motors"
 
 
+@pytest.mark.slow
 def test_what_was_identified_stays_where_later_samples_identify_nothing():
     part = WINDY[:1000]
     of = wind_filter(Record.of(part))

@@ -137,6 +137,7 @@ def hanging(tmp_path):
     run.kill()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     run, names = hanging
@@ -295,6 +296,7 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     assert track(out, folder / "log_0.bin").read == 1 and len(read_rows(out)) == 2
 
 
+@pytest.mark.slow
 def test_what_a_file_system_lacks_is_said(tmp_path):
     for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
         (problem,) = find_logs([url])[1]

@@ -443,6 +443,7 @@ def test_a_silent_link_watches_nothing(now):
     assert {fact.figures["because"].code for fact in watched} == {Rows.NOTHING_RECEIVED}
 
 
+@pytest.mark.slow
 def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
     real = mavdem.dem.OnlineLearner.update
 

@@ -69,6 +69,7 @@ def hot():
     return replay(Flight(Hot(hovering=30.0)).frames(end=38.0))
 
 
+@pytest.mark.slow
 def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_over(hot):
     off = next(fact.time for fact in hot.facts if fact.code is Reported.OFF_GROUND)
     alarm, over, *_ = said(hot, MarginsLight.OSCILLATES)
@@ -130,6 +131,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     assert {fact.subject for fact in made.stream.status().watched} == {*Watched}
 
 
+@pytest.mark.slow
 def test_what_is_watched_is_always_shown():
     frames = Flight(Hover(hovering=20.0)).frames(0.0, 25.0)
     ground, *_ = replay([each for each in frames if each[0] < 5.0]).stream.status().watched
@@ -181,6 +183,7 @@ def test_slow_messages_show_no_limit_cycle_and_that_is_said():
     assert because.code is Watch.MESSAGE_MISSING and because.figures["rate"] < 20
 
 
+@pytest.mark.slow
 def test_every_vehicle_on_a_link_is_watched():
     frames = [
         each

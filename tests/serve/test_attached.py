@@ -47,6 +47,7 @@ def heard(tmp_path, monkeypatch):
     live.stop()
 
 
+@pytest.mark.slow
 def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     begin, library, warned, come = heard
     live = begin()
@@ -62,6 +63,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fails", ["take", "close"])
 def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, fails):
     """In the terminal and on the page; what was recorded before is kept."""

@@ -70,6 +70,7 @@ def documents(path):
     return found
 
 
+@pytest.mark.slow
 def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, assessed):
     drawn = lines(recording)
     flight = assessed.analysis.flights[0]
