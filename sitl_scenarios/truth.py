@@ -221,7 +221,7 @@ def _response(
 
 def margins(frequency: Array, loop: Complex) -> Array:
     """Gain crossover (Hz), phase and gain margin (°, dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz."""
-    response = loop[np.newaxis]
+    response = loop[None]
     closed = response / (1 + response)
     figures = OpenLoop(frequency, response, closed, closed).figures
     names = ("crossover", "phase_margin", "gain_margin", "ms")

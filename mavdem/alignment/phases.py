@@ -135,9 +135,10 @@ def settled(signals: Signals, boot: int) -> Intervals:
 
     Neither take-off nor landing, where it reports them, nor what the ground holds; both axes must stay upright.
     """
-    if boot not in signals.settled:
-        signals.settled[boot] = _settled(signals, boot)
-    return signals.settled[boot]
+    if boot not in signals.known:
+        signals.known[boot] = _settled(signals, boot)
+    intervals: Intervals = signals.known[boot]
+    return intervals
 
 
 def _settled(signals: Signals, boot: int) -> Intervals:

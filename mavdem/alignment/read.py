@@ -18,7 +18,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.files import AnyPath
-from mavdem.flight import Flight
+from mavdem.flight import Flight, Flights
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
@@ -59,7 +59,7 @@ def read_segments(
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-) -> tuple[Flight, ...]:
+) -> Flights:
     """Returns all usable segments of settled flight in a log, in the order of time.
 
     >>> [flight.duration > 50 for flight in mavdem.read_segments("flight.tlog")]
@@ -101,31 +101,36 @@ def learnable_flight(
 
 def usable_segments(
     signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
-) -> tuple[tuple[Flight, ...], Learnability]:
+) -> tuple[Flights, Learnability]:
     """Returns all usable segments, none if the longest is not learnable; both streams need ``least_rate``, Hz."""
-    judged = list(learnabilities(signals, components, least_rate))
-    first = judged[0]
-    usable = [part for part in judged if part.learnable]
-    taken = [part.segment for part in usable]
-    lost = [segment.duration for segment in first.segments if segment not in taken]
-    left_out = []
-    if 0 < len(lost) < len(first.segments):
-        left_out = [
-            Fact(
-                Caution.SEGMENTS_LEFT_OUT,
-                Level.WATCH,
-                count=len(lost),
-                segments=len(first.segments),
-                duration=sum(lost),
-                settled=sum(segment.duration for segment in first.segments),
-                least_duration=MINIMUM_DURATION,
-            )
-        ]
-    flights = [_with_cautions(part, *left_out) for part in usable]
-    in_time = sorted(
-        flights, key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0]))
-    )
-    return tuple(in_time), first
+    key = signals.axis, signals.inputs, least_rate
+    if key not in signals.known:
+        judged = list(learnabilities(signals, components, least_rate))
+        first = judged[0]
+        usable = [part for part in judged if part.learnable]
+        taken = [part.segment for part in usable]
+        lost = [segment.duration for segment in first.segments if segment not in taken]
+        left_out = []
+        if 0 < len(lost) < len(first.segments):
+            left_out = [
+                Fact(
+                    Caution.SEGMENTS_LEFT_OUT,
+                    Level.WATCH,
+                    count=len(lost),
+                    segments=len(first.segments),
+                    duration=sum(lost),
+                    settled=sum(segment.duration for segment in first.segments),
+                    least_duration=MINIMUM_DURATION,
+                )
+            ]
+        flights = [_with_cautions(part, *left_out) for part in usable]
+        in_time = sorted(
+            flights,
+            key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0])),
+        )
+        signals.known[key] = tuple(in_time), first
+    segments: tuple[Flights, Learnability] = signals.known[key]
+    return segments
 
 
 def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:

@@ -42,7 +42,6 @@ from mavdem.alignment.drive import (
     recorded,
     series,
 )
-from mavdem.confidence import Interval
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -167,13 +166,8 @@ class VehicleSignals:
     telemetry: Telemetry
 
     @cached_property
-    def settled(self) -> dict[int, list[Interval]]:
-        """Settled flight by boot, where ``phases.settled`` has worked it out."""
-        return {}
-
-    @cached_property
-    def in_loop(self) -> dict[Hashable, Any]:
-        """What was identified in its loop, by axis, inputs and flights, or why there is none."""
+    def known(self) -> dict[Hashable, Any]:
+        """Settled flight by boot, usable segments and loops by what they are of, where they were looked for."""
         return {}
 
     @cached_property
@@ -349,7 +343,7 @@ class Signals(VehicleSignals):
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
         other = replace(self, axis=axis, inputs=inputs)
-        known = {"settled": self.settled, "in_loop": self.in_loop, **vars(self)}
+        known = {"known": self.known, **vars(self)}
         vars(other).update({name: known[name] for name in known if name in vars(VehicleSignals)})
         return other
 

@@ -61,7 +61,7 @@ def found_by_projection(segments: Segments, order: int) -> Fitted:
     (k, m) = (table.shape[1] for table in segments[0])
     windows = np.concatenate(
         [
-            sliding_window_view(np.hstack(segment), 2 * horizon, axis=0).swapaxes(1, 2)
+            sliding_window_view(np.hstack(segment), 2 * horizon, axis=0).mT
             for segment in segments
             if len(segment[0]) >= 2 * horizon
         ]

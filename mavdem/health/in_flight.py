@@ -96,7 +96,7 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
     ``prior``: long-run variance (a,) of a block, with so many degrees of ``freedom``.
     """
     number = np.arange(len(blocks))
-    lengths = windows[:, np.newaxis]
+    lengths = windows[:, None]
     is_after = number >= len(blocks) - lengths
     remembered = np.exp(number * (BLOCK_SECONDS / MEMORY_SECONDS))
     weights = np.where(is_after, 0.0, remembered)
@@ -107,7 +107,7 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
     noise = _long_run(blocks, ~is_after, before, prior, freedom)
     noise_after = _long_run(blocks, is_after, after, noise, PRIOR_FREEDOM)
     noise_here = np.maximum(noise, noise_after)
-    variance_before = noise / weighed[:, np.newaxis]
+    variance_before = noise / weighed[:, None]
     variance_after = noise_here / lengths
     variance = variance_before + variance_after + WANDER_SD**2
     return _Changes(after - before, variance, freedom + weighed / 4, noise)
@@ -301,7 +301,7 @@ class MotorWatch:
         self._weights = signatures.weights[1:]
         # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
         self._own = np.diag(signatures.weak_motor_commands)
-        self._signatures = self._weights.T / self._own[:, np.newaxis]
+        self._signatures = self._weights.T / self._own[:, None]
         self._mixer = np.linalg.pinv(signatures.weights)
         # What loads change
         is_flat = [axis != "yaw" for axis in signatures.axes[1:]]
@@ -402,7 +402,7 @@ class MotorWatch:
             + [np.outer(-RETURNS, motor) for motor in ends]
         )
         balances = rises @ self._signatures
-        sized = balances.swapaxes(0, 1)[:, :, np.newaxis]
+        sized = balances.swapaxes(0, 1)[:, :, None]
         likelihoods = _log_t(changes, sized)
         by_window = _log_sum(likelihoods) - log(len(SIZES)) - null  # (h, w)
         kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)

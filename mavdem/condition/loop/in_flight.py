@@ -98,7 +98,7 @@ def _in_loop(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
     segments = [(flight.provenance["segment"]["boot"], *flight.time[[0, -1]]) for flight in flights]
     parameters = flights[0].provenance["parameters"]
     key = signals.axis, signals.inputs, *segments, frozenset(parameters.items())
-    found = signals.in_loop
+    found = signals.known
     if key not in found:
         try:
             found[key] = _identified(signals, flights)

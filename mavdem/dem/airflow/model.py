@@ -326,16 +326,16 @@ class Filter:
         slope = drag[:, :, None] * PLANE + (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
         A = slope @ axes[:, :2]  # the errors' slope by the wind, gusts and mean alike
         error = force + drag * u - self._lean
-        PH = (P[:, :, WIND] + P[:, :, MEAN]) @ A.transpose(0, 2, 1)
+        PH = (P[:, :, WIND] + P[:, :, MEAN]) @ A.mT
         S = A @ (PH[:, WIND] + PH[:, MEAN]) + self._noise + doubt**2 * PLANE
-        S = (S + S.transpose(0, 2, 1)) / 2  # else rounding grows
+        S = (S + S.mT) / 2  # else rounding grows
         inverse = np.linalg.inv(S)
         squares = (error[:, None] @ inverse @ error[:, :, None])[:, 0, 0]
         self.total -= np.log(np.linalg.det(S)) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
         K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
         self.states, self.spreads = (
             x + (K @ error[:, :, None])[:, :, 0],
-            P - K @ PH.transpose(0, 2, 1),
+            P - K @ PH.mT,
         )
         return error, S
 
@@ -359,12 +359,12 @@ class Filtered(NamedTuple):
         """Returns states (T, G, 4) and covariances given all steps (Rauch, Tung and Striebel, 1965)."""
         x_before, states = self.states
         P_before, spreads = self.spreads
-        decayed = (spreads[:-1] * self.decay[:, None, :]).swapaxes(2, 3)
-        gains = np.linalg.solve(P_before[1:], decayed).swapaxes(2, 3)
+        decayed = (spreads[:-1] * self.decay[:, None, :]).mT
+        gains = np.linalg.solve(P_before[1:], decayed).mT
         for t in range(len(states) - 2, -1, -1):
             K = gains[t]
             states[t] += np.einsum("gij,gj->gi", K, states[t + 1] - x_before[t + 1])
-            spreads[t] += K @ (spreads[t + 1] - P_before[t + 1]) @ K.transpose(0, 2, 1)
+            spreads[t] += K @ (spreads[t + 1] - P_before[t + 1]) @ K.mT
         return states, spreads
 
 

@@ -236,7 +236,7 @@ class Axis:
         score = np.einsum("j,kjab,jba->k", self.weights, slopes, unlike).real
         weighted = slopes * self.weights[:, None, None]
         flat = weighted.reshape(len(steps), -1)
-        other = np.swapaxes(slopes, 2, 3).reshape(len(steps), -1)
+        other = slopes.mT.reshape(len(steps), -1)
         return self._log_likelihood(here), score, (flat @ other.T).real
 
     def steered_share(self, theta: Array) -> float:

@@ -41,25 +41,21 @@ def steady_gain(
     n = A.shape[-1]
     crossed = np.zeros((n, C.shape[-2])) if S is None else S
     heard = np.linalg.solve(R, C)
-    step = _transposed(A - crossed @ heard)
-    seen = _transposed(C) @ heard
-    P = (Q + _transposed(Q)) / 2 - crossed @ np.linalg.solve(R, _transposed(crossed))
+    step = (A - crossed @ heard).mT
+    seen = C.mT @ heard
+    P = (Q + Q.mT) / 2 - crossed @ np.linalg.solve(R, crossed.mT)
     with np.errstate(all="ignore"):  # what has no bound overflows
         for _ in range(MOST_DOUBLINGS):
             solved = np.linalg.solve(np.eye(n) + seen @ P, np.concatenate([step, seen], axis=-1))
-            more = _transposed(step) @ P @ solved[..., :n]
-            seen = seen + step @ solved[..., n:] @ _transposed(step)
+            more = step.mT @ P @ solved[..., :n]
+            seen = seen + step @ solved[..., n:] @ step.mT
             step = step @ solved[..., :n]
             P = P + more
             sizes = (abs(part).max(axis=(-1, -2)) for part in (more, P))
             if np.all(np.divide(*sizes) <= STEADY):
-                gain = A @ P @ _transposed(C) + crossed
-                return gain @ np.linalg.inv(C @ P @ _transposed(C) + R), P
+                gain = A @ P @ C.mT + crossed
+                return gain @ np.linalg.inv(C @ P @ C.mT + R), P
     raise LinAlgError("there is no steady filter: an unstable state may not be seen")
-
-
-def _transposed(matrices: Array) -> Array:
-    return np.swapaxes(matrices, -1, -2)
 
 
 class SteadySmoothed(NamedTuple):
@@ -169,7 +165,7 @@ class KalmanFilter(NamedTuple):
         places = np.minimum(np.arange(samples), len(self.gains) - 1)
         states = np.empty((*measured.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = start
-        closed = np.swapaxes(self.A - self.gains @ self.C, 1, 2)
+        closed = (self.A - self.gains @ self.C).mT
         driven = pushes + np.einsum("...tm,tnm->...tn", measured, self.gains[places])
         for t, row in enumerate(places):
             states[..., t + 1, :] = states[..., t, :] @ closed[row] + driven[..., t, :]

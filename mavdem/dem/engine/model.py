@@ -90,11 +90,14 @@ def recursion(F: Array, pushes: Array, first: Array) -> Array:
         return np.array(
             [*accumulate(pushes, lambda state, push: F @ state + push, initial=first)][1:]
         )
-    inward = np.linalg.inv(modes)
-    start = inward @ first
-    driven = pushes @ inward.T
+    # Of a conjugate pair one is enough: the other has the same real part.
+    kept = eigenvalues.imag >= 0
+    shares = 1.0 + (eigenvalues.imag[kept] > 0)
+    inward = np.linalg.inv(modes)[kept]
+    starts = inward @ first
+    driven = inward @ pushes.T
     states = [
-        lfilter([1.0], [1.0, -value], driven[:, i].astype(complex), zi=[value * start[i]])[0]
-        for i, value in enumerate(eigenvalues)
+        lfilter([1.0], [1.0, -value], row, zi=[value * start])[0]
+        for value, start, row in zip(eigenvalues[kept], starts, driven, strict=True)
     ]
-    return np.asarray((np.stack(states, axis=1) @ modes.T).real)
+    return np.asarray((np.array(states).T @ (shares * modes[:, kept]).T).real)

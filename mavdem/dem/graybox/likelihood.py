@@ -42,8 +42,8 @@ def step_covariance(A: Array, drive: Array, dt: float) -> Array:
     Van Loan, "Computing integrals involving the matrix exponential", 1978.
     """
     n = A.shape[-1]
-    flow = expm(np.block([[-A, drive], [np.zeros_like(A), np.swapaxes(A, -1, -2)]]) * dt)
-    return np.swapaxes(flow[..., n:, n:], -1, -2) @ flow[..., :n, n:]
+    flow = expm(np.block([[-A, drive], [np.zeros_like(A), A.mT]]) * dt)
+    return flow[..., n:, n:].mT @ flow[..., :n, n:]
 
 
 def _autoregressive(coefficients: Array) -> Coloured:
@@ -228,7 +228,7 @@ class Parameters(NamedTuple):
         gains = np.concatenate(
             [of.step.input_now, of.step.input_next, gain, step[:, :, :2]], axis=2
         )
-        effects = np.swapaxes(gains, 1, 2) @ np.swapaxes(responses(step, number), 1, 2)
+        effects = gains.mT @ responses(step, number).mT
         # A constant acceleration of 1 rad/s² acts like a steady torque.
         steady = np.cumsum(effects[:, 0] + effects[:, 1], axis=1) + effects[:, 4]
         settled = round(SETTLING_SECONDS / windows.dt)
@@ -364,5 +364,5 @@ def plant(
     B[..., 1, 0] = 1 / np.asarray(lag)
     A[..., 1, 1] = -B[..., 1, 0]
     process = step_covariance(A, drive, dt)
-    process = (process + np.swapaxes(process, -1, -2)) / 2
+    process = (process + process.mT) / 2
     return Plant(discretize(A, B, dt), process, wind, jumps)

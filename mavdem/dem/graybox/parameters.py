@@ -136,7 +136,7 @@ def wind_density(physical: Physical, frequency: Array) -> Array:
     for colour, size, time in physical.components:
         resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
         seen = np.tile(colour.C[:, None], (len(frequency), 1, 1))
-        across = np.linalg.solve(np.swapaxes(resolvent, 1, 2), seen)[..., 0]
+        across = np.linalg.solve(resolvent.mT, seen)[..., 0]
         density += (
             2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
         )
