@@ -9,7 +9,13 @@ from numpy.random import default_rng
 from pytest import approx
 from scipy.signal import cont2discrete
 
-from mavdem.dem.closed_loop.identification import ALIKE, Identified, identified, pooled
+from mavdem.dem.closed_loop.identification import (
+    ALIKE,
+    Identified,
+    identified,
+    lag_first,
+    pooled,
+)
 from mavdem.dem.closed_loop.likelihood import MEAN, NAMES, PLANT, SD, Axis, KnownController
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, spectra
 
@@ -164,6 +170,23 @@ def test_pooling_adds_what_the_other_axis_saw_of_lag_and_delay_and_no_prior_twic
     assert both.theta[late] == approx(here[late] + seen / precision * (means - here[late]))
     rest = np.delete(np.arange(len(MEAN)), late)
     assert both.theta[rest] == approx(here[rest])
+    there[late] += 1.0
+    unlike = Identified(None, here, own)
+    assert pooled(unlike, Identified(None, there, other)) is unlike
+
+
+def test_the_quicker_pole_is_the_lags():
+    def response(theta):
+        effect, damping, lag, _ = np.exp(theta[list(PLANT)])
+        return effect / (lag * turn + 1) / (turn + damping)
+
+    turn = 2j * np.pi * np.geomspace(0.1, 100, 20)
+    theta = MEAN.copy()
+    theta[list(PLANT)] = np.log([3e5, 1650.0, 0.4, 0.001])
+    assert response(lag_first(theta)) == approx(response(theta))
+    _, damping, lag, _ = np.exp(lag_first(theta)[list(PLANT)])
+    assert (damping, lag) == approx((2.5, 1 / 1650))
+    assert np.array_equal(lag_first(lag_first(theta)), lag_first(theta))
 
 
 def test_limits_explain_a_controller_of_less_gain_and_none_of_more():

@@ -58,7 +58,7 @@ def identified(axis: Axis) -> Identified:
         begun.append(objective.ascended(objective.quadratic(theta, theta), FIRST_STEPS))
     ended = []
     for fit in sorted(begun, key=lambda fit: fit.value)[-2:]:
-        theta = objective.moved(fit.at)
+        theta = objective.moved(lag_first(fit.at))
         ended.append(objective.ascended(objective.quadratic(theta, theta), MAX_STEPS))
     best = max(ended, key=lambda fit: fit.value)
     if not np.isfinite(best.value):
@@ -66,9 +66,25 @@ def identified(axis: Axis) -> Identified:
     return Identified(axis, best.at, inverse(best.curvature))
 
 
+def lag_first(theta: Array) -> Array:
+    """Returns parameters (k,) of the same response as ``theta`` whose quicker pole is the lag's, not the damping's."""
+    effect, damping, lag, _ = PLANT
+    excess = theta[damping] + theta[lag]
+    if excess <= 0:
+        return theta
+    swapped = theta.copy()
+    swapped[[damping, lag]] -= excess
+    swapped[effect] -= excess
+    return swapped
+
+
 def pooled(own: Identified, other: Identified) -> Identified:
-    """Returns what the lag and delay of an axis with the same motors add to those of one's ``own``, to first order."""
+    """Returns ``own`` with what an axis with the same motors says of lag and delay, to first order, if it agrees."""
     late = PLANT[2:]
+    unlike = (other.theta - own.theta)[[*late]]
+    covariance = (own.covariance + other.covariance)[np.ix_(late, late)]
+    if not unlike @ np.linalg.solve(covariance, unlike) <= SURE_DEVIATIONS**2:
+        return own
     before = np.diag(SD[[*late]] ** -2.0)
     precision = inverse(other.covariance[np.ix_(late, late)])
     weighted = precision @ other.theta[[*late]] - before @ MEAN[[*late]]
