@@ -52,12 +52,13 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     mixer = np.linalg.pinv(signatures.weights)[:, 1:]
     apart = mixer @ level
     half = quantile() * np.sqrt(mixer**2 @ variance)
-    most = int(np.argmax(abs(apart) - half))
+    sure = abs(apart) - half
+    most = int(np.argmax(sure))
     known = {"shift": level, "deviation": apart[most], "half": half[most]}
     known["assumed"] = layout.positions_assumed
-    if half.max() > FAULT_RISE >= abs(apart[most]) - half[most]:
+    if half.max() > FAULT_RISE >= sure[most]:
         return Fact(Trim.TRIM_UNSURE, **known)
-    if abs(apart[most]) - half[most] <= FAULT_RISE:
+    if sure[most] <= FAULT_RISE:
         return Fact(Trim.TRIM_EVEN, Level.GOOD, **known)
     scale = np.sqrt(SCATTER**2 + variance)
     lean = float(np.linalg.norm(balance.lean))

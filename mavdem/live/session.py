@@ -364,7 +364,7 @@ class LiveSession:
                 self.recording.take(stamp, frames)
         except OSError as error:
             self.recording = None
-            self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=False))
+            self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error))
         now = time.monotonic()
         wall = time.time()
         first = self._emptied

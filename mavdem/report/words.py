@@ -119,7 +119,7 @@ def _environment() -> Environment:
         "bare": bare,
         "begin": begin,
         "below": below,
-        "degrees": lambda angle: degrees(angle),
+        "degrees": degrees,
         "fixed": lambda value, digits=0: f"{value:z.{digits}f}",
         "few": few,
         "from_point": from_point,

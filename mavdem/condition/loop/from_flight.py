@@ -19,6 +19,7 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Loops
+from mavdem.ingest.telemetry import Parameters
 
 DRAWS = 400  # of the plant's posterior
 # of a step of the stream: standard deviation of a delay by the times between its samples
@@ -38,11 +39,13 @@ def loop(learned: Learned, controller: Controller | None = None) -> Loop:
 def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
     if plant.caution is not None:
-        raise NotLearnable(Fact(Loops.NO_MARGINS, because=plant.caution))
-    controller = controller or known_controller(record)
+        raise NotLearnable(Loops.NO_MARGINS, because=plant.caution)
+    axis = axis_of(record)
+    weights = record.effect_directions
+    controller = controller or known_controller(record.parameters, axis, weights)
     if not controller.p > 0:
         name = controller.names["p"]
-        raise NotLearnable(Fact(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p))
+        raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
     filters = gyro_delay(controller)
     if plant.filtered:
         drawn = _drawn(plant, filters, record.dt)
@@ -52,9 +55,9 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     per_demand = demand_directions(controller, record)
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:
-        raise NotLearnable(Fact(Loops.MIXER_REVERSED))
+        raise NotLearnable(Loops.MIXER_REVERSED)
     draws = np.maximum(drawn[:, -3:], LEAST)
-    loop = Loop(axis_of(record), plant, record, controller, gains, draws)
+    loop = Loop(axis, plant, record, controller, gains, draws)
     rate = loop.rate
     cautions = list[Fact]()
     if plant.bias:
@@ -78,12 +81,14 @@ def axis_of(record: Record) -> str:
     return record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
 
 
-def known_controller(record: Record) -> Controller:
-    """Returns the controller of a record's parameters; raises ``NotLearnable``: they do not say it."""
-    if not record.parameters:
-        raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
-    weights = [] if record.effect_directions is None else record.effect_directions.tolist()
-    return controller_of(record.parameters, axis_of(record), weights)
+def known_controller(parameters: Parameters, axis: str, weights: Array | None) -> Controller:
+    """Returns the controller of a record's ``parameters``; raises ``NotLearnable``: they do not say it.
+
+    ``weights`` (r,) are those of the inputs in the torque about the ``axis``, where they are known.
+    """
+    if not parameters:
+        raise NotLearnable(Loops.CONTROLLER_UNKNOWN)
+    return controller_of(parameters, axis, () if weights is None else weights.tolist())
 
 
 def _drawn(plant: Physical, filters: float, dt: float) -> Array:
@@ -124,6 +129,6 @@ def demand_directions(controller: Controller, record: Record) -> Array:
     if len(trim) == 1 and record.input_range == (-1.0, 1.0):
         return np.ones(1)
     if len(trim) != MOTORS or len(record.input_range) != 2:
-        raise NotLearnable(Fact(Controllers.MIXER_UNKNOWN, autopilot=None, motors=len(trim)))
+        raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot=None, motors=len(trim))
     low, high = record.input_range
     return (high - low) * np.array(controller.per_demand(((trim - low) / (high - low)).tolist()))

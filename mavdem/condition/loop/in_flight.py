@@ -11,9 +11,9 @@ import numpy as np
 from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import TILT_AXES, Motors, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
-from mavdem.condition.loop.controllers import Controller, controller_of
+from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
-from mavdem.condition.loop.from_flight import demand_directions
+from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
 from mavdem.dem.closed_loop.identification import Identified, identified, pooled
 from mavdem.dem.closed_loop.likelihood import (
@@ -81,7 +81,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
             plant = _physical(fit, found.directions)
             _check(plant, found.directions, found.controller)
         except np.linalg.LinAlgError:
-            raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
+            raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     return plant._replace(delay=plant.delay + gyro_delay(found.controller))
 
 
@@ -112,58 +112,46 @@ def _in_loop(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
 def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
     boot = flights[0].provenance["segment"]["boot"]
     record = Record.of(flights)
-    controller = _controller_of(signals, record)
+    assert signals.drive is not None
+    layout = signals.drive.layout
+    weights = None if layout.positions_assumed else layout.effect(signals.axis)
+    controller = known_controller(record.parameters, signals.axis, weights)
     directions = demand_directions(controller, record)
     streams, limited, rounding = _streams(signals, boot, controller, directions)
     starts = np.array(list(_windows(flights, streams)))
     if len(starts) < FEWEST_WINDOWS:
         least_duration = (FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2
-        raise NotLearnable(Fact(Loops.LOOP_TOO_SHORT, least_duration=least_duration))
+        raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
     limited_share = _limited_share(streams[OUTPUT], limited, starts)
     known = _known(controller)
     with one_thread(), np.errstate(all="ignore"):
         seen = spectra(streams, starts)
         if seen.rate < SLOW_MOTION_RATE:
-            raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
+            raise NotLearnable(Loops.NO_RATE_SETPOINT)
         power = np.average(seen.mean[:, OUTPUT, OUTPUT].real, weights=seen.counts) * seen.rate
         if rounding**2 / 12 > MOST_ROUNDED * power:
-            assert signals.drive is not None
             scale = signals.drive.scale
             command = scale.step * float(np.sqrt(power)) / rounding
             raise NotLearnable(
-                Fact(
-                    Reason.COMMAND_ROUNDED,
-                    axis=signals.axis,
-                    command=command,
-                    command_step=scale.step,
-                    unit=scale.unit,
-                )
+                Reason.COMMAND_ROUNDED,
+                axis=signals.axis,
+                command=command,
+                command_step=scale.step,
+                unit=scale.unit,
             )
         axis = Axis(_used(seen, known), known, rounding, limited_share)
         try:
             fit = identified(axis)
             steered = axis.steered_share(fit.theta)
         except np.linalg.LinAlgError:
-            raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND)) from None
+            raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     # An output at a limit answers no wind.
     if not steered + fit.cut_off >= LEAST_STEERED:
-        raise NotLearnable(Fact(Loops.NOT_STEERED, share=steered))
+        raise NotLearnable(Loops.NOT_STEERED, share=steered)
     # A controller of another gain than its parameters': the model makes up for something else.
     if not fit.explains:
-        raise NotLearnable(Fact(Loops.LOOP_NOT_FOUND))
+        raise NotLearnable(Loops.LOOP_NOT_FOUND)
     return _InLoop(fit, controller, directions)
-
-
-def _controller_of(signals: Signals, record: Record) -> Controller:
-    """The controller of the axis of ``signals``, by the parameters of a record of any axis."""
-    if not record.parameters:
-        raise NotLearnable(Fact(Loops.CONTROLLER_UNKNOWN))
-    assert signals.drive is not None
-    layout = signals.drive.layout
-    weights = None if layout.positions_assumed else layout.effect(signals.axis)
-    return controller_of(
-        record.parameters, signals.axis, () if weights is None else weights.tolist()
-    )
 
 
 def _streams(
@@ -186,7 +174,7 @@ def _streams(
     asked = {given.unit: here(given.signal, given.signal.values) for given in signals.setpoints}
     asked = {unit: messages for unit, messages in asked.items() if np.diff(messages.values).any()}
     if "rad/s" not in asked:
-        raise NotLearnable(Fact(Loops.NO_RATE_SETPOINT))
+        raise NotLearnable(Loops.NO_RATE_SETPOINT)
     setpoint = asked["rad/s"]
     turned = controller.angle * np.interp(setpoint.time, *angle)
     candidates = [setpoint.values]
@@ -266,7 +254,7 @@ def _check(plant: Physical, directions: Array, controller: Controller) -> None:
     # what flew settled was not unstable
     if not (high - low <= 2 * WIDEST and rate.stable[0]):
         within = np.clip([low, high], -180.0, 180.0)  # infinite where nothing crosses over
-        raise NotLearnable(Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within))
+        raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within)
 
 
 def _physical(fit: Identified, directions: Array) -> Physical:

@@ -83,7 +83,7 @@ def twin_of(
     controller = roll.controller
     begin, end = controller.spin
     if not max(0.1, begin) < hover < end:
-        raise NotLearnable(Fact(Twins.NO_HOVER, share=hover))
+        raise NotLearnable(Twins.NO_HOVER, share=hover)
     drag = None if air is None else air.drag
     wind = air if air is not None and air.sized and air.directed else None
     autopilot = "px4" if px4 else "ardupilot"
