@@ -54,7 +54,7 @@ class MotorSignatures:
     def weak_motor_commands(self) -> Array:
         """(k, k) the same as commands of all motors: of four motors the identity, of more also the neighbours'."""
         inverse = np.linalg.pinv(self.weights)
-        return np.asarray(inverse @ self.weights).T
+        return (inverse @ self.weights).T
 
     @cached_property
     def names_a_motor(self) -> bool:

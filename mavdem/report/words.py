@@ -79,7 +79,7 @@ def _rendered(fact: Fact, part: str) -> str:
 
 def sentence(fact: Fact | str) -> str:
     """Returns the sentence of a ``fact``; text that is no fact yet as it is."""
-    return str(fact) if isinstance(fact, str) else words(fact).sentence
+    return fact if isinstance(fact, str) else words(fact).sentence
 
 
 @cache

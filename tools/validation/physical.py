@@ -80,13 +80,13 @@ def cases(seed: int, every: int = 1) -> list[Case]:
 
 def varied(rng: Generator) -> dict[str, float]:
     """Thrust curve, lag, inertia and battery that are not the published ones."""
-    up = float(rng.uniform(0.015, 0.06))
+    up = rng.uniform(0.015, 0.06)
     return {
-        "quadratic_thrust": float(rng.uniform(0.3, 1.0)),
+        "quadratic_thrust": rng.uniform(0.3, 1.0),
         "lag_up": up,
-        "lag_down": up * float(rng.uniform(1.0, 2.0)),
-        "inertia_scale": float(rng.uniform(0.7, 1.6)),
-        "battery_sag": float(rng.uniform(0.0, 0.15)),
+        "lag_down": up * rng.uniform(1.0, 2.0),
+        "inertia_scale": rng.uniform(0.7, 1.6),
+        "battery_sag": rng.uniform(0.0, 0.15),
     }
 
 
