@@ -35,7 +35,6 @@ from mavdem.facts.session import Session
 from mavdem.heading import Numbers, Values
 from mavdem.health.assessment import lost_thrust
 from mavdem.health.balance import LEAST_SECONDS, motor_signatures
-from mavdem.ingest.vocabulary import wrapped
 
 Places = NDArray[np.int_]
 _log_sum = np.logaddexp.reduce  # logarithm of the sum along the first axis, of logarithms
@@ -112,6 +111,11 @@ def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _C
     variance_after = noise_here / lengths
     variance = variance_before + variance_after + WANDER_SD**2
     return _Changes(after - before, variance, freedom + weighed / 4, noise)
+
+
+def _turn(heading: Any, before: Any) -> Any:
+    """The change of a heading, rad, the shorter way round."""
+    return (heading - before + np.pi) % (2 * np.pi) - np.pi
 
 
 def _long_run(blocks: Array, chosen: Flags, mean: Array, prior: Array, freedom: float) -> Array:
@@ -362,7 +366,7 @@ class MotorWatch:
             return
         self._times.append(time)
         self._blocks.append(self._weights @ (commands / mean))
-        turned = wrapped(heading - self._heading)
+        turned = _turn(heading, self._heading)
         is_steady = abs(turned) <= MAX_TURN * BLOCK_SECONDS
         self._headings.append(heading if is_steady else nan)
         self._steady_blocks += is_steady
@@ -457,7 +461,7 @@ class MotorWatch:
         now = blocks[-n:].mean(axis=0)
         whole = changes.moved[window] @ weights
         shown = (blocks - now) @ weights / whole
-        turned = wrapped(np.array(self._headings) - self._headings[-1])
+        turned = _turn(np.array(self._headings), self._headings[-1])
         sector_width = 2 * np.pi / SECTORS
         sectors = np.round(turned / sector_width) % SECTORS
         is_after = np.arange(len(blocks)) >= len(blocks) - n
