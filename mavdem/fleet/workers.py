@@ -203,12 +203,13 @@ def side_by_side(
     try:
         busy = {executor.submit(read, job): read for read, job in zip(reads, jobs, strict=False)}
         while busy:
-            future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
-            read = busy.pop(future)
-            if (outcome := future.result()) is not None:
-                yield outcome
-            for job in islice(jobs, 1):
-                busy[executor.submit(read, job)] = read
+            # Not for ever: another thread may have received a signal, which Python handles in this one when it wakes.
+            for future in islice(wait(busy, LOOK_SECONDS, FIRST_COMPLETED).done, 1):
+                read = busy.pop(future)
+                if (outcome := future.result()) is not None:
+                    yield outcome
+                for job in islice(jobs, 1):
+                    busy[executor.submit(read, job)] = read
     finally:
         end()
         with blocked(*ENDS):
