@@ -203,34 +203,34 @@ def test_a_file_is_not_long():
 
 NODES = {
     "alignment": 19200,
-    "analysis": 8900,
-    "assessment": 17800,
+    "analysis": 8700,
+    "assessment": 18400,
     "baselines": 5250,
-    "cli": 17050,
-    "condition": 39600,
-    "dem": 66750,
-    "documents": 10200,
+    "cli": 16550,
+    "condition": 40050,
+    "dem": 67350,
+    "documents": 10250,
     "evaluate": 8150,
     "export": 2550,
-    "facts": 5400,
+    "facts": 5450,
     "fleet": 15100,
-    "health": 10700,
-    "ingest": 40400,
-    "live": 31000,
-    "mavdem": 5400,
+    "health": 10650,
+    "ingest": 40600,
+    "live": 31650,
+    "mavdem": 5450,
     "paper": 11400,
     "report": 32250,
     "serve": 12700,
     "sitl_scenarios": 31550,
-    "tools": 16800,
+    "tools": 15950,
     "view": 10900,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 418_600
-TEST_NODES = 247_800
+ALL_NODES = 419_550
+TEST_NODES = 250_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
-ALL_CONSTANTS = 696
+ALL_CONSTANTS = 693
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 
