@@ -74,7 +74,8 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     fit = found.fit
     with one_thread(), np.errstate(all="ignore"):
         try:
-            for other in set(TILT_AXES) - {signals.axis} if signals.axis in TILT_AXES else ():
+            if signals.axis in TILT_AXES:
+                (other,) = {*TILT_AXES} - {signals.axis}
                 with suppress(NotLearnable):
                     about = signals.about(other, signals.inputs)
                     fit = pooled(fit, _in_loop(about, flights).fit)

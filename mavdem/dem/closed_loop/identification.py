@@ -80,20 +80,20 @@ def lag_first(theta: Array) -> Array:
 
 def pooled(own: Identified, other: Identified) -> Identified:
     """Returns ``own`` with what an axis with the same motors says of lag and delay, to first order, if it agrees."""
-    late = PLANT[2:]
-    unlike = (other.theta - own.theta)[[*late]]
+    late = list(PLANT[2:])
+    unlike = (other.theta - own.theta)[late]
     covariance = (own.covariance + other.covariance)[np.ix_(late, late)]
     if not unlike @ np.linalg.solve(covariance, unlike) <= SURE_DEVIATIONS**2:
         return own
-    before = np.diag(SD[[*late]] ** -2.0)
+    before = np.diag(SD[late] ** -2.0)
     precision = inverse(other.covariance[np.ix_(late, late)])
-    weighted = precision @ other.theta[[*late]] - before @ MEAN[[*late]]
+    weighted = precision @ other.theta[late] - before @ MEAN[late]
     # What is known beforehand counts once, and what the other axis says as far as they are alike.
     share = inverse(np.eye(len(late)) + (precision - before) * ALIKE**2)
     added = np.zeros_like(own.covariance)
     added[np.ix_(late, late)] = share @ (precision - before)
     slope = np.zeros_like(own.theta)
-    slope[[*late]] = share @ weighted
+    slope[late] = share @ weighted
     covariance = inverse(inverse(own.covariance) + added)
     theta = own.theta + covariance @ (slope - added @ own.theta)
     return Identified(own.axis, theta, covariance)
