@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 
 from mavdem.alignment.drive import AXES
@@ -25,7 +25,7 @@ from mavdem.ingest.parameter_file import parameter_files
 class Adviser:
     """Has advice made on a growing ``recording`` by executors that ``start`` starts.
 
-    ``facts`` are the latest: which gains, what to expect of them, and the file, or why there are none. ``is_due`` is
+    ``facts`` are the latest: which gains, what to expect of them, and the files, or why there are none. ``is_due`` is
     set where the vehicle has landed.
     """
 
@@ -68,7 +68,8 @@ class Adviser:
 def advised(recording: Path, vehicle: str) -> Facts:
     """Returns the advice on all axes of a ``vehicle`` in a recording, as ``mavdem tune`` makes it.
 
-    Writes the gains into a new file beside the recording. Raises OSError: it cannot be written.
+    Writes the gains into new files beside the recording, for the ground stations that ``mavdem tune`` writes for.
+    Raises OSError: they cannot be written.
     """
     try:
         assessment = assess(read_log(recording), vehicle, AXES[0], Options(whole=False))
@@ -93,9 +94,11 @@ def advised(recording: Path, vehicle: str) -> Facts:
         least = min(tuning.advice, key=lambda advice: advice.sure)
         return (Fact(Gains.GAINS_LEFT, subject=least.before.axis, because=least.sentence),)
     files = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
-    names = chain([".gains.params"], map(".gains-{}.params".format, count(2)))
-    path = next(path for path in map(recording.with_suffix, names) if not path.exists())
-    path.write_text(files[".params"])
+    names = (f"{recording.with_suffix('.gains')}{-number or ''}" for number in count())
+    name = next(name for name in names if not any(Path(name + end).exists() for end in files))
+    for end, text in files.items():
+        Path(name + end).write_text(text)
     following = tuning.judgement.next_step
-    written = Fact(Gains.GAINS_WRITTEN, Level.GOOD, path=str(path), because=following)
+    path = name + " and ".join(files)
+    written = Fact(Gains.GAINS_WRITTEN, Level.GOOD, path=path, because=following)
     return (*facts, written)

@@ -415,10 +415,13 @@ class LiveSession:
         speed, _, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
         beside = speed, high - speed, *setup.scale.fraction(row.inputs)
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
+        self._put(row, estimate=estimate, learned=learner.learned, wind=self.stream.air.row)
+
+    def _put(self, row: AlignedRow, **latest: Any) -> None:
+        """Shows a row, with the ``latest`` estimate, model and wind."""
         if self._display is not None:
             sample = row.time, self.history.shift, row.segment, row.outputs, row.inputs
-            latest = estimate, learner.learned, self.stream.air.row, self.stream.pose
-            self._display.put(ShownRow(*sample, *latest))
+            self._display.put(ShownRow(*sample, **latest, pose=self.stream.pose))
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them."""
@@ -472,9 +475,8 @@ class LiveSession:
             self._open(setup)
         # Not of inputs that are others than those that are shown.
         is_alike = self._setup is None or self._setup.layout.names == setup.layout.names
-        if self._display is not None and is_alike:
-            sample = row.time, self.history.shift, row.segment, row.outputs, row.inputs
-            self._display.put(ShownRow(*sample, pose=self.stream.pose))
+        if is_alike:
+            self._put(row)
 
     def _take_back(self, learner: OnlineLearner, since: float) -> None:
         """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""

@@ -28,6 +28,7 @@ from mavdem.facts.watch import Watch
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.link import LinkLost
+from mavdem.live.messages import Piece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.flight_page import live_page
@@ -189,7 +190,8 @@ def test_rates_are_asked_for_and_given_back(now):
 
 @pytest.mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
-    one, _, said = session_of(batches(9.0))
+    adviser = Mock(is_due=False, **{"go_on.return_value": ()})
+    one, _, said = session_of(batches(9.0), adviser=adviser)
     run(one)
     record = one.learner._memory.record()
     early, late, next_flight, climbing = (
@@ -208,8 +210,14 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
         one._take(row._replace(time=at))
     assert one._named(late).model is one._models[-1][1].model
-    one._take_back(learner, 55.0)
+    one.stream.landing = lambda: 55.0
+    one._waiting.append(Piece(0.0, 0.0, []))
+    one._analyse()
     learner.forget_since.assert_called_with(55.0)
+    assert adviser.is_due, "gains are advised after a landing"
+    adviser.is_due = False
+    one.advise(at_end=True)
+    assert not adviser.is_due, "and once"
     assert one.final_model().settings.seed == 0
     one._take(row._replace(time=70.0))
     assert one.final_model().settings.seed == 0, (
@@ -217,6 +225,8 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     )
     learner.learned = next_flight
     one._take(row._replace(time=80.0))
+    one.advise(at_end=True)
+    assert adviser.is_due
     assert one.final_model().settings.seed == 2 and said[-1].code is Session.FORMER_MODEL_KEPT
     assert said[-1].figures["because"] == TOO_FEW
     learner.learn_now.side_effect = TimeoutError
