@@ -219,7 +219,7 @@ NODES = {
     "live": 31700,
     "mavdem": 5450,
     "paper": 11400,
-    "report": 32250,
+    "report": 32300,
     "serve": 12700,
     "sitl_scenarios": 31550,
     "tools": 15950,

@@ -10,19 +10,21 @@ from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.drive import AXES
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise import GYRO, Noise
 from mavdem.assessment.responses import Responses
 from mavdem.assessment.tracking import tracking_of
+from mavdem.assessment.tuning import tuned
 from mavdem.condition.inventory import inventory
-from mavdem.condition.loop.advice import Advice, advise
+from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.step_response import Estimate, StepResponse
 from mavdem.dem import Learned
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.event import Event
@@ -148,8 +150,7 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
             [Group(columns)],
         )
     yield responses_chapter(assessment.responses)
-    advice = _advice(evidence) if whole else {}
-    yield _loops(evidence, advice)
+    yield _loops(evidence, _advice(assessment, evidence) if whole else {})
     yield _noise(assessment, timeline, whole)
     others = (_spectra(assessment.noise, name, timeline, whole) for name in OTHERS)
     yield Chapter(
@@ -211,16 +212,15 @@ def _estimate(response: StepResponse, key: str) -> str:
     return value if estimate.low >= last else f"{value} ({low} to {high})"
 
 
-def _advice(evidence: Evidence) -> dict[str, Advice]:
-    """Gains to set of roll and pitch, where their loops are known."""
-    return {
-        axis: advise(loop, doubts=evidence.grounds)
-        for axis in TILT_AXES
-        if isinstance(loop := evidence.loops.get(axis), Loop)
-    }
+def _advice(assessment: Assessment, evidence: Evidence) -> Mapping[str, Advice | Fact]:
+    """What ``mavdem tune`` advises of all axes; of a grounded vehicle whose loops are not known, why nothing."""
+    try:
+        return tuned(assessment, evidence, AXES, is_written=False).axes
+    except NotLearnable as error:
+        return {"all axes": error.fact} if evidence.grounds else {}
 
 
-def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
+def _loops(evidence: Evidence, advice: Mapping[str, Advice | Fact]) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
     said = []
     for margin in evidence.margins:
@@ -229,16 +229,18 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice]) -> Chapter:
             facts = [margin.loop]
         said += [(margin.axis, fact) for fact in facts]
     blocks: Blocks = [*together(said)]
-    for axis, gains in advice.items():
-        blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
-        blocks += gain_blocks(gains)
     loops = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
+    shown = {axis: {"now": loop} for axis, loop in loops.items()}
+    for axis, gains in advice.items():
+        if isinstance(gains, Advice):
+            blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
+            blocks += gain_blocks(gains)
+            shown[axis] = loops_of(gains)
+        elif not shown:
+            blocks.append(Sentence(gains.sentence, f"Gains of {axis}:"))
     if not loops:
         return Chapter("Control loops", blocks)
-    columns = [
-        loop_charts(loops_of(advice[axis]) if axis in advice else {"now": loop})
-        for axis, loop in loops.items()
-    ]
+    columns = [*map(loop_charts, shown.values())]
     caption = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     groups = [Group(tuple(columns), caption)]
     return Chapter("Control loops", [*margin_tables(loops), *blocks], groups)
@@ -289,15 +291,14 @@ def _wind(assessment: Assessment, timeline: Timeline | None) -> Chapter:
     learned = None if analysis is None else analysis.learned
     blocks = air_blocks(assessment)
     wind = assessment.wind
-    is_known = wind is not None and wind.directed and wind.sized
     panels = [
-        rose_of_wind(wind) if wind is not None and is_known else None,
+        rose_of_wind(wind) if wind is not None and wind.directed and wind.sized else None,
         flown_path(timeline),
     ]
     if learned is not None:
         blocks += torque_blocks(learned.wind_torque, learned.physical)
     truth = None if analysis is None else analysis.truth
-    blocks += [] if truth is None else truth_blocks(truth)
+    blocks += truth_blocks(truth) if truth else []
     return Chapter("Wind and path", blocks, [Group.of(panels)] if any(panels) else [], beside=True)
 
 

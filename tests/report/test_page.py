@@ -16,6 +16,7 @@ from recorded_flights import FLIGHT
 
 from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
+from mavdem.condition.oscillation import Oscillation
 from mavdem.facts import Fact
 from mavdem.facts.event import Event
 from mavdem.facts.session import Rows, Spent, VehicleFact
@@ -36,7 +37,7 @@ NOTHING = dict.fromkeys(Spent, 0.0)
 
 
 class Balanced(HTMLParser):
-    """Raises ``AssertionError`` for tags that do not close in order, and collects them."""
+    """Raises ``AssertionError`` for tags that do not close in order and ids that are two; collects them."""
 
     def __init__(self, text):
         super().__init__()
@@ -44,7 +45,7 @@ class Balanced(HTMLParser):
         self.seen: list[str] = []
         self.ids: list[str] = []
         self.feed(text)
-        assert not self.open
+        assert not self.open and len(self.ids) == len(set(self.ids))
 
     def handle_starttag(self, tag, attrs):
         self.seen.append(tag)
@@ -94,7 +95,7 @@ def test_the_same_result_makes_the_same_bytes_small_though_its_lines_are_long(pa
 
 def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(pages):
     seen = Balanced(pages[0])
-    assert len(seen.ids) == len(set(seen.ids)) and {"figure", "table", "details"} <= set(seen.seen)
+    assert {"figure", "table", "details"} <= set(seen.seen)
     assert not {"link", "img", "iframe"} & set(seen.seen)
     assert "@import" not in pages[0] and "default-src 'none'" in pages[0]
     # What comes from a log is text.
@@ -134,14 +135,22 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
     text = flight_page("flight.tlog", replace(analysed, analyses=two))
     assert len(text.encode()) < 500_000
     assert '<a href="../index.html">' in text and "Model of pitch" in text
-    ids = Balanced(text).ids
-    assert len(ids) == len(set(ids))
+    assert Balanced(text).ids
 
 
 @pytest.fixture(scope="module")
 def flight(analysed):
     """The page of a log with all chapters."""
     return log_page(HOSTILE, analysed, inventory(analysed.log))
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_oscillates_is_advised_on_its_page_as_by_tune(analysed):
+    evidence = analysed.evidence
+    swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
+    found = replace(evidence, condition=replace(evidence.condition, oscillation=swinging))
+    text = log_page("", replace(analysed, evidence=found), inventory(analysed.log))
+    assert "ATC_RAT_PIT_D from 0.004 to 0.002667" in text
 
 
 ZOOM = """
@@ -190,8 +199,7 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
 def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_four_sheets(
     flight, tmp_path
 ):
-    seen = Balanced(flight)
-    assert len(seen.ids) == len(set(seen.ids)) and "default-src 'none'" in flight
+    assert Balanced(flight).ids and "default-src 'none'" in flight
     assert len(flight.encode()) < 700_000
     shown(
         flight,
