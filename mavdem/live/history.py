@@ -96,9 +96,10 @@ class SessionStatus:
     @property
     def judged(self) -> Judgement:
         """What is judged of the flight, by its model and without."""
-        judgement = self.judgement or self._unjudged
-        seen = dict(self.lights)
         weak = [alarm.fact for alarm in self.alarms if alarm.weak]
+        refusal, *_ = [*weak, *filter(None, [self.obstacle]), Fact(Session.NOT_FLYING)]
+        judgement = self.judgement or unjudged(refusal)
+        seen = dict(self.lights)
         if weak:
             seen[Light.MOTORS] = worst([*weak, seen.get(Light.MOTORS, weak[0])])
         if self.mean_wind is not None:
@@ -114,13 +115,6 @@ class SessionStatus:
         if self.flying and headline.level is Level.BAD:
             following = Fact(NextStep.LAND_NOW, Level.BAD, because=headline)
         return Judgement(headline, following, lights)
-
-    @property
-    def _unjudged(self) -> Judgement:
-        """What the alarms or the obstacle say, before anything is judged."""
-        weak = [alarm.fact for alarm in self.alarms if alarm.weak]
-        refusal, *_ = [*weak, *filter(None, [self.obstacle]), Fact(Session.NOT_FLYING)]
-        return unjudged(refusal)
 
     @property
     def slow(self) -> Fact | None:

@@ -36,6 +36,7 @@ EVERYONE = dialect.MAV_COMP_ID_ALL  # Target id of messages to all, and of those
 STOPPED = -1
 SHORTEST_INTERVAL = 1000  # µs: shorter ones, also 0, which means an unknown message, are ignored
 MOTION = dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+SETPOINTS = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET  # at less than their rate loops are known worse
 EVIDENCE = (
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
@@ -95,18 +96,19 @@ class _Interval:
 class RateRequest:
     """Makes a vehicle send attitude and motor outputs at a rate, Hz, and restores its former rates at the end.
 
-    ``evidence``, messages that distinguish flight from landing, are asked for at ``EVIDENCE_RATE``. Each interval is
-    queried, then set until the message comes as fast, ``MAX_TRIES`` times at most; what then comes is enough. What
-    comes much slower later, after a reboot or by a ground station, is set again, at most every ``PAUSE_SECONDS``. Where
-    the vehicle never reports the interval, the one measured before is restored. ``parameters`` are asked for by name,
-    ``MAX_TRIES`` times at most, until they come. ``events``: facts to report; the caller removes them.
+    So are ``SETPOINTS``, without a word of what becomes of that. ``evidence``, messages that distinguish flight from
+    landing, are asked for at ``EVIDENCE_RATE``. Each interval is queried, then set until the message comes as fast,
+    ``MAX_TRIES`` times at most; what then comes is enough. What comes much slower later, after a reboot or by a ground
+    station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the interval, the one
+    measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most, until they come.
+    ``events``: facts to report; the caller removes them.
     """
 
     def __init__(
         self,
         vehicle: FrameSender,
         rate: float,
-        messages: Sequence[int] = MOTION,
+        messages: Sequence[int] = (*MOTION, SETPOINTS),
         evidence: Sequence[int] = EVIDENCE,
         parameters: Sequence[str] = (),
     ) -> None:
@@ -116,7 +118,7 @@ class RateRequest:
         # s: when the next parameter, and the next setting may be asked for; a confirmation does not name the message
         self._next = self._free = -np.inf
         names = {number: definitions()[number].name for number in (*messages, *evidence)}
-        self._intervals = [_Interval(id, names[id], rate, rate, True) for id in messages]
+        self._intervals = [_Interval(id, names[id], rate, rate, id != SETPOINTS) for id in messages]
         least = SLOW * EVIDENCE_RATE
         self._intervals += [
             _Interval(id, names[id], EVIDENCE_RATE, least, False) for id in evidence
