@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import click
@@ -100,27 +101,30 @@ def twin_command(
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
-    known = {
-        name: ", ".join(f"{value:.3g}" for value in np.ravel(getattr(twin, name)))
-        for name in SHOWN
-        if getattr(twin, name) is not None
-    }
-    rows = [[SHOWN[name], value, str(twin.notes.get(name, ""))] for name, value in known.items()]
+    known = {name: getattr(twin, name) for name in SHOWN}
+    rows = [
+        [
+            SHOWN[name],
+            ", ".join(f"{each:.3g}" for each in np.ravel(value)),
+            str(twin.notes.get(name, "")),
+        ]
+        for name, value in known.items()
+        if value is not None
+    ]
     blocks: list[Sentence | Table] = [Sentence(sentence) for sentence in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     compared = _flown_again(twin, loops)
     drag = twin.drag and twin.drag.as_dict()
     document = {"vehicle": vars(twin) | {"drag": drag}, "missing": missing, "alike": compared}
     for axis, figures in compared.items():
-        bands = zip(BANDS[:-1], BANDS[1:], figures["levels"], strict=True)
         cells = [
             [f"{axis} rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"]
-            for low, high, level in bands
+            for (low, high), level in zip(pairwise(BANDS), figures["levels"], strict=True)
         ]
-        shown = {key: name for key, name in FIGURES.items() if key in figures}
         cells += [
             [f"{axis}{name}", *(f"{value:.2f}" for value in figures[key])]
-            for key, name in shown.items()
+            for key, name in FIGURES.items()
+            if key in figures
         ]
         blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
     if not compared:
