@@ -1,5 +1,7 @@
 """What drives the vehicle: motor outputs or the controller's demand, from columns of a vehicle's Telemetry."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import tau
@@ -39,6 +41,10 @@ class Signal:
     values: Array
     sent: int = 0
     left_out: int = 0
+
+    def at(self, rows: Flags) -> Signal:
+        """Returns the samples of these ``rows`` (N,)."""
+        return Signal(self.time[rows], self.boot[rows], self.values[rows])
 
 
 def floats(columns: Columns, field: str) -> Array:

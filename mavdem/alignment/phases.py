@@ -330,7 +330,7 @@ def of_boot(signal: Signal | None, boot: int) -> Signal | None:
     if signal is None or not np.any(signal.boot == boot):
         return None
     here = signal.boot == boot
-    return Signal(signal.time[here], signal.boot[here], signal.values[here])
+    return signal.at(here)
 
 
 def average(signal: Signal) -> Array:

@@ -85,7 +85,7 @@ class Evidence:
             for flight in self.flights(int(boot)):
                 rows = here & phases.during(signal.time, [flight])
                 if rows.any():
-                    yield Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
+                    yield signal.at(rows)
 
     def averaged(self, signal: Signal | None) -> Array:
         """Returns the means over 2 s of a ``signal`` in flight."""

@@ -243,7 +243,7 @@ def _trusted(signals: Signals, boot: int, flight: Interval) -> Signal | None:
     if climb is None or height is None:
         return climb
     above = np.interp(climb.time, height.time, height.values) > -GROUND_HEIGHT
-    return Signal(climb.time[above], climb.boot[above], climb.values[above])
+    return climb.at(above)
 
 
 def _fastest(climb: Signal | None, since: float, until: float) -> float | None:

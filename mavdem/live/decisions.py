@@ -113,22 +113,19 @@ class InputChoice:
         self._boot = boot
         self._extremes: dict[tuple[str, int], list[tuple[float, Values]]] = {}
 
-    def choose(
-        self,
-        streams: Mapping[tuple[str, int], Samples],
-        vehicle: Telemetry,
-        staying: str | None,
-        now: float,
-    ) -> Inputs | None:
-        """Returns the motors as of ``now``, s, by the rule of ``Signals.motors``; None without any.
-
-        ``streams`` are by message and port; ``staying`` is the only message to consider.
-        """
+    def shown(
+        self, streams: Mapping[tuple[str, int], Samples], staying: str | None
+    ) -> dict[str, Fields]:
+        """Returns what to choose from of ``streams`` by message and port; only of ``staying``, if there is one."""
         messages: dict[str, Fields] = {}
         for (name, port), stream in sorted(streams.items()):
             if name in MOTOR_MESSAGES and staying in (None, name) and stream.time:
                 columns = self._columns(name, port, stream)
                 messages[name] = joined([messages[name], columns]) if name in messages else columns
+        return messages
+
+    def choose(self, messages: dict[str, Fields], vehicle: Telemetry, now: float) -> Inputs | None:
+        """Returns the motors as of ``now``, s, by the rule of ``Signals.motors``; None without any in ``messages``."""
         signals = Signals(replace(vehicle, messages=messages))
         motors = signals.motors
         collective = signals.collective
@@ -142,8 +139,7 @@ class InputChoice:
         parts = {name: getattr(motors, name)[recent] for name in ("time", "boot", "outputs")}
         motors = replace(motors, scale=replace(motors.scale, stop=scale.stop), **parts)
         recent = collective.time >= now - KEPT_SECONDS
-        shown = collective.time[recent], collective.boot[recent], collective.values[recent]
-        return Inputs(motors, picks, Signal(*shown) if recent.any() else None)
+        return Inputs(motors, picks, collective.at(recent) if recent.any() else None)
 
     def _columns(self, name: str, port: int, stream: Samples) -> Fields:
         """The outputs of one port as columns."""
@@ -152,7 +148,7 @@ class InputChoice:
         recent = zip(stream.time[::every], stream.values[::every], strict=True)
         rows = [*self._extremes.get((name, port), ()), *recent]
         times, values = zip(*rows, strict=True)
-        table = np.array(values)
+        table = np.array(values, np.float64)
         sent = (table != 0) & np.isfinite(table)  # 0 is "no output yet"
         lowest = np.where(sent, table, inf).argmin(axis=0)
         highest = np.where(sent, table, -inf).argmax(axis=0)

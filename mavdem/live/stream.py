@@ -364,7 +364,7 @@ class LiveStream:
             counts = {name: stream.count(now) for (name, _), stream in self._streams.items()}
             counts = {name: counts[name] for name in ATTITUDE_MESSAGES if name in counts}
             self._attitude = preferred_message(counts) or self._attitude
-        self._choose_inputs(sender)
+        yield from self._choose_inputs(sender)
         yield
         if connected >= DECISION_SECONDS:
             self._judge(sender, now)
@@ -377,8 +377,10 @@ class LiveStream:
         if self._phase.flying and not flew:
             self.air.restart()
         yield
+        motion = self._motion()
+        yield
         phase = self._phase.flying, self._phase.settled_since(now)
-        for fact in self._watchdog.review(now, vehicle, *phase, self._motion()):
+        for fact in self._watchdog.review(now, vehicle, *phase, motion):
             if fact is None:
                 yield
             else:
@@ -386,18 +388,19 @@ class LiveStream:
         because = self.alarms.obstacle(now, self._phase.flying)
         self._watchdog.watches(Watched.MOTORS, because, now)
 
-    def _choose_inputs(self, sender: Sender) -> None:
-        """Chooses the inputs again, by the rates of messages and by what moves."""
+    def _choose_inputs(self, sender: Sender) -> Iterator[None]:
+        """Chooses the inputs again, by the rates of messages and by what moves, in two parts."""
         if sender.kind not in (*MULTIROTORS, UNNAMED):
             self._inputs = None
             return
-        before = self._inputs
-        running = self._grid.running
         self._settings = parameters = self.parameters
         self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
-        staying = before.motors.message if running and before else None
-        vehicle = self._telemetry(sender)
-        inputs = self._choice.choose(self._streams, vehicle, staying, self._clock.now)
+        before = self._inputs
+        staying = before.motors.message if self._grid.running and before else None
+        shown = self._choice.shown(self._streams, staying)
+        yield
+        running = self._grid.running
+        inputs = self._choice.choose(shown, self._telemetry(sender), self._clock.now)
         if inputs is None:
             return  # after a silence there is no evidence of a change
         self._inputs = inputs

@@ -132,7 +132,7 @@ def _of(signal: Signal, part: Segment) -> Signal | None:
     rows = within(signal, part, slack=0)
     if np.count_nonzero(rows) < 2:
         return None
-    return Signal(signal.time[rows], signal.boot[rows], signal.values[rows])
+    return signal.at(rows)
 
 
 def _of_axis(signals: Signals, part: Segment) -> Iterator[Chart]:
