@@ -216,7 +216,7 @@ NODES = {
     "fleet": 15100,
     "health": 10650,
     "ingest": 40600,
-    "live": 31700,
+    "live": 31750,
     "mavdem": 5450,
     "paper": 11400,
     "report": 32300,

@@ -98,7 +98,6 @@ def advised(recording: Path, vehicle: str) -> Facts:
     name = next(name for name in names if not any(Path(name + end).exists() for end in files))
     for end, text in files.items():
         Path(name + end).write_text(text)
-    following = tuning.judgement.next_step
     path = name + " and ".join(files)
-    written = Fact(Gains.GAINS_WRITTEN, Level.GOOD, path=path, because=following)
-    return (*facts, written)
+    because = tuning.judgement.next_step
+    return (*facts, Fact(Gains.GAINS_WRITTEN, Level.GOOD, path=path, because=because))

@@ -25,6 +25,7 @@ from mavdem.errors import NotLearnable, fact_of, failure
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
+from mavdem.facts.loops import Gains
 from mavdem.facts.session import LinkFact, Missing, RateFact, Rows, Session, Spent, Task
 from mavdem.facts.watch import Watch
 from mavdem.ingest.mavlink.definitions import FrameSender
@@ -282,12 +283,16 @@ class LiveSession:
         return learned
 
     def advise(self, at_end: bool = False) -> None:
-        """Says which gains are advised after a landing; ``at_end`` it waits for that."""
+        """Says which gains are advised after a landing, the next step then; ``at_end`` it waits for that."""
         if self.adviser is None or self.stream.followed is None:
             return
         self.adviser.is_due |= at_end and self._kept and not self._landed
         for fact in self.adviser.go_on(self.stream.followed.name, bool(self._shed), at_end):
             self._log(fact)
+        findings, judgement = self.judged
+        for fact in self.adviser.facts[-1:]:
+            if judgement is not None and fact.code is Gains.GAINS_WRITTEN:
+                self.judged = findings, judgement._replace(next_step=fact.figures["because"])
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -551,9 +556,8 @@ class LiveSession:
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
         self._send(self.request.due(now, rates, vehicle.parameters))
-        for fact in self.request.events:
-            self._log(fact)
-        self.request.events.clear()
+        while self.request.events:
+            self._log(self.request.events.pop(0))
 
     def _restore_rates(self, request: RateRequest) -> None:
         for _ in range(0 if self._lost else MAX_TRIES):

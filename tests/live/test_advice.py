@@ -41,8 +41,8 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     before.write_text("# of an earlier flight\n")
     capsys.readouterr()
     roll, *_, written = advised(recording, "1:1")
-    assert (roll.code, roll.subject) == (Gains.GAINS_ADVISED, "roll")
-    assert roll.figures["expected_error"] > 0 and "ATC_ANG_RLL_P 16 → " in roll.sentence
+    assert roll.code is Gains.GAINS_ADVISED and roll.figures["expected_error"] > 0
+    assert "ATC_ANG_RLL_P 16 → " in roll.sentence
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     told = strict_json(capsys.readouterr().out)
     assert told["axes"]["roll"]["sentence"] in roll.sentence

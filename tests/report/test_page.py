@@ -80,7 +80,7 @@ def page(name="flight.tlog"):
         Chapter("Pictures", (), [group]),
         Chapter(name, [Table([name], [[name]])], folded=True),
     ]
-    return document(name, name, blocks, chapters, [(name, "8.3 ± 0.7")] * 7)
+    return document(name, name, blocks, chapters)
 
 
 @pytest.fixture(scope="module")
